@@ -1,0 +1,69 @@
+"""The vocabulary of markerseek: values, protocols, events and errors. Pure, and on the floor of the house."""
+
+from markerseek.core.array import LinearArray
+from markerseek.core.errors import (
+    AcquisitionError,
+    ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
+    LaserError,
+    LimitError,
+    MarkerseekError,
+    MissingExtraError,
+    MoveError,
+    NotConnectedError,
+    RecordError,
+    SearchError,
+)
+from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
+from markerseek.core.events import Event, Failed, Finished, Measured, Refused, Started
+from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
+from markerseek.core.interval import PAPER_RANGE, Interval
+from markerseek.core.permit import Permit
+from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
+from markerseek.core.reading import Reading, Sample
+
+__all__ = [
+    "PAPER_RANGE",
+    "AcquisitionError",
+    "Ambiguous",
+    "AtBound",
+    "ChannelFrame",
+    "Clock",
+    "ConfigError",
+    "DeviceError",
+    "DeviceTimeoutError",
+    "Estimate",
+    "Event",
+    "Failed",
+    "Finished",
+    "Floor",
+    "Found",
+    "Frame",
+    "FrameHeader",
+    "Interval",
+    "IntervalKind",
+    "Laser",
+    "LaserError",
+    "LimitError",
+    "LinearArray",
+    "MarkerseekError",
+    "Measured",
+    "MissingExtraError",
+    "MoveError",
+    "NotConnectedError",
+    "NotFound",
+    "Permit",
+    "Policy",
+    "Reader",
+    "Reading",
+    "ReadingFrame",
+    "Receiver",
+    "RecordError",
+    "Refused",
+    "Sample",
+    "SearchError",
+    "Stage",
+    "Started",
+    "Unsure",
+]

@@ -1,0 +1,37 @@
+"""The row of elements, as far as the forward model and the imaging chain must agree on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearArray:
+    """Elements in a row, evenly spaced, centred on the image's middle.
+
+    Attributes
+    ----------
+    elements
+        Number of elements.
+    pitch_m
+        Distance from one element's centre to the next, in metres.
+    """
+
+    elements: int = 128
+    pitch_m: float = 0.43e-3
+
+    def __post_init__(self) -> None:
+        if self.elements < 2:
+            raise ConfigError(f"array: elements is {self.elements}, at least 2 are needed to form an image")
+        if not 0 < self.pitch_m < np.inf:
+            raise ConfigError(f"array: pitch_m is {self.pitch_m} m, it must be positive and finite")
+
+    @property
+    def lateral_m(self) -> Float64[np.ndarray, " elements"]:
+        """Centre of each element along the array, in metres."""
+        return (np.arange(self.elements) - (self.elements - 1) / 2) * self.pitch_m

@@ -1,0 +1,33 @@
+"""Compile a kernel with Numba, keeping the machine code on disk where that is possible.
+
+The only place that calls Numba's decorator: kernels of `acoustics` and `signals` go through it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def compiled(kernel: Kernel) -> Kernel:
+    """Return the kernel as machine code, made at its first call and kept on disk.
+
+    Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled anew in each
+    process, and a warning says so.
+    """
+    options = {"fastmath": {"nsz", "arcp", "contract", "reassoc"}, "nogil": True}
+    try:
+        return cast("Kernel", njit(cache=True, **options)(kernel))
+    except RuntimeError:
+        warnings.warn(
+            "no folder for compiled code can be written, so each start takes some seconds more; "
+            "set NUMBA_CACHE_DIR to a folder that can be written",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return cast("Kernel", njit(**options)(kernel))

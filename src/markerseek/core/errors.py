@@ -1,0 +1,84 @@
+"""The errors of markerseek, one tree.
+
+::
+
+    MarkerseekError
+    ├── ConfigError            an argument, option or rig file is wrong
+    │   └── MissingExtraError  an optional package is not installed
+    ├── RecordError            a file cannot be read or written
+    ├── SearchError            a policy was used against its rules
+    └── DeviceError            a device, or what it sent, cannot be trusted
+        ├── NotConnectedError  it does not answer
+        ├── DeviceTimeoutError it answered too late
+        ├── LimitError         it was asked to leave its limits
+        ├── MoveError          the stage did not arrive
+        ├── LaserError         the laser did not do what was permitted
+        └── AcquisitionError   a frame was refused
+
+A message names the argument, its value with the unit, the limit, and what to do about it.
+Programs tell the classes apart; the command line maps them to exit codes by ``exit_code``.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class MarkerseekError(Exception):
+    """Whatever markerseek raises on purpose."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class ConfigError(MarkerseekError, ValueError):
+    """An argument, an option or a rig file holds something that cannot be used."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class MissingExtraError(ConfigError):
+    """An optional package is needed and not installed."""
+
+    def __init__(self, *, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package {package}, which is not installed; "
+            f"install it with: pip install 'markerseek[{extra}]'"
+        )
+
+
+class RecordError(MarkerseekError):
+    """A file that was named cannot be read or written."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class SearchError(MarkerseekError):
+    """A policy was asked or told something against its rules."""
+
+
+class DeviceError(MarkerseekError):
+    """A device, or what it sent, cannot be trusted: the run ends without an angle."""
+
+
+class NotConnectedError(DeviceError):
+    """The device does not answer."""
+
+
+class DeviceTimeoutError(DeviceError):
+    """The device did not answer in time."""
+
+
+class LimitError(DeviceError):
+    """The device was asked to leave its limits; nothing was moved or fired."""
+
+
+class MoveError(DeviceError):
+    """The stage did not arrive where it was sent."""
+
+
+class LaserError(DeviceError):
+    """The laser did not do what was permitted."""
+
+
+class AcquisitionError(DeviceError):
+    """A frame was refused, or none came."""

@@ -1,0 +1,94 @@
+"""What a search can answer. Each kind has ``mean_deg``; only `Found` claims a marker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from markerseek.core.interval import Interval
+
+IntervalKind: TypeAlias = Literal["posterior", "bracket", "propagated"]
+"""Where an interval comes from: a probability, the width left of a bracket, or noise propagated through a formula."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Floor:
+    """What noise alone can reach: an intensity that is not above ``level`` is no evidence of a marker.
+
+    Attributes
+    ----------
+    level
+        Threshold, in the unit of the intensities; None where the floor is unknown.
+    source
+        What it was made from.
+    """
+
+    level: float | None
+    source: Literal["dark frames", "noise of the frames", "lower quartile", "unknown"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """There is a marker, and this is its angle.
+
+    Attributes
+    ----------
+    mean_deg
+        Angle of the marker in degrees.
+    sigma_deg
+        Standard deviation of that angle in degrees.
+    interval95_deg
+        Interval that is meant to hold the marker in 95 of 100 searches.
+    interval_kind
+        Where the interval comes from; only ``posterior`` is a probability.
+    floor
+        The noise floor that the evidence had to exceed; None in the paper's form of a method, which asks for none.
+    """
+
+    mean_deg: float
+    sigma_deg: float
+    interval95_deg: Interval
+    interval_kind: IntervalKind
+    floor: Floor | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotFound:
+    """Nothing was seen that could not be noise; ``mean_deg`` is where the rule would have pointed."""
+
+    mean_deg: float
+    reason: str
+    floor: Floor | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ambiguous:
+    """More than one marker explains what was seen; ``modes_deg`` lists them, ``mean_deg`` is the likeliest."""
+
+    mean_deg: float
+    modes_deg: tuple[float, ...]
+    floor: Floor | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AtBound:
+    """The intensity still rises at an end of the range: the marker lies there or beyond."""
+
+    mean_deg: float
+    side: Literal["low", "high"]
+    floor: Floor | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unsure:
+    """There is a marker, and its angle is not known well enough to call it found."""
+
+    mean_deg: float
+    sigma_deg: float
+    interval95_deg: Interval
+    interval_kind: IntervalKind
+    reason: str
+    floor: Floor | None = None
+
+
+Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure

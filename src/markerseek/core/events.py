@@ -1,0 +1,73 @@
+"""What a run reports while it goes: Started, then Measured or Refused, then Finished or Failed.
+
+`Measured` is handed out before the policy is told: whoever keeps a record commits it first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from markerseek.core.errors import MarkerseekError
+from markerseek.core.estimate import Estimate
+from markerseek.core.interval import Interval
+from markerseek.core.reading import Sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Started:
+    """The search begins: where the probe stands, and the angles that may be searched."""
+
+    start_deg: float
+    limits: Interval
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """One acquisition was made; number ``index``, counted from 1, dark ones apart."""
+
+    index: int
+    sample: Sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """A frame was refused and will be tried again."""
+
+    angle_deg: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """The search is over.
+
+    Attributes
+    ----------
+    estimate
+        The answer.
+    confirmation
+        One acquisition at the angle found, after the last move; None unless the answer is `Found`.
+    acquisitions
+        Number of acquisitions that the policy was told, dark ones and the confirmation apart.
+    travel_deg
+        Rotation from the first place to the last by the stage's readback, in degrees.
+    elapsed_s
+        Time on the rig's clock from `Started`, in seconds.
+    """
+
+    estimate: Estimate
+    confirmation: Sample | None
+    acquisitions: int
+    travel_deg: float
+    elapsed_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failed:
+    """The run ends with an error and without an angle; the error is raised next."""
+
+    error: MarkerseekError
+
+
+Event: TypeAlias = Started | Measured | Refused | Finished | Failed

@@ -1,0 +1,89 @@
+"""What a receiver hands over: one acquisition, of one of two kinds, under one header."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Int16
+
+from markerseek.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameHeader:
+    """When, where and by whose leave a frame was taken.
+
+    Attributes
+    ----------
+    sequence
+        Number of the acquisition on this receiver, rising by one.
+    token
+        Name of the permit under which it was taken.
+    pulses
+        Laser pulses that were averaged; 0 is a dark frame.
+    commanded_deg
+        Angle that the stage was sent to, in degrees.
+    started_s, ended_s
+        First and last moment of the acquisition on the rig's clock, in seconds.
+    angle_before_deg, angle_after_deg
+        Readback of the stage just before and just after, in degrees; None until the scanner adds them.
+    """
+
+    sequence: int
+    token: str
+    pulses: int
+    commanded_deg: float
+    started_s: float
+    ended_s: float
+    angle_before_deg: float | None = None
+    angle_after_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChannelFrame:
+    """Channel data of one acquisition, before beamforming.
+
+    Attributes
+    ----------
+    header
+        See `FrameHeader`.
+    samples
+        ADC counts, shape (channels, samples); channel 0 is the first element along the array. Sample 0 is the trigger.
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+
+    header: FrameHeader
+    samples: Int16[np.ndarray, "channels samples"]
+    sampling_hz: float
+
+    def __post_init__(self) -> None:
+        if self.samples.ndim != 2 or self.samples.dtype != np.int16:
+            raise ConfigError(
+                f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, "
+                "they must be int16 of shape (channels, samples)"
+            )
+        if not 0 < self.sampling_hz < np.inf:
+            raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingFrame:
+    """A frame that somebody else has already reduced to one intensity (a row of a CSV).
+
+    Attributes
+    ----------
+    header
+        See `FrameHeader`.
+    intensity
+        Peak of the photoacoustic image, in any unit that stays the same over a scan.
+    """
+
+    header: FrameHeader
+    intensity: float
+
+
+Frame: TypeAlias = ChannelFrame | ReadingFrame
+"""Any frame; B-mode and radio-frequency frames join here with their readers."""

@@ -1,0 +1,56 @@
+"""A closed interval of probe angles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markerseek.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """Angles from ``low_deg`` to ``high_deg``, both included.
+
+    Attributes
+    ----------
+    low_deg, high_deg
+        The two ends in degrees; finite, the first below the second.
+
+    Raises
+    ------
+    ConfigError
+        If an end is not finite or the two are in the wrong order.
+    """
+
+    low_deg: float
+    high_deg: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low_deg) and math.isfinite(self.high_deg)):
+            raise ConfigError(f"interval [{self.low_deg}, {self.high_deg}] deg: both ends must be finite numbers")
+        if not self.low_deg < self.high_deg:
+            raise ConfigError(
+                f"interval [{self.low_deg}, {self.high_deg}] deg: the low end must lie below the high end; swap them?"
+            )
+
+    @property
+    def width_deg(self) -> float:
+        """Distance between the ends in degrees."""
+        return self.high_deg - self.low_deg
+
+    @property
+    def centre_deg(self) -> float:
+        """Middle of the interval in degrees."""
+        return (self.low_deg + self.high_deg) / 2
+
+    def __contains__(self, angle_deg: float) -> bool:
+        """Whether the angle lies inside or on an end; NaN never does."""
+        return self.low_deg <= angle_deg <= self.high_deg
+
+    def __str__(self) -> str:
+        return f"[{self.low_deg:g}, {self.high_deg:g}] deg"
+
+
+PAPER_RANGE = Interval(low_deg=-35.0, high_deg=35.0)
+"""The rotation range of the paper (section 2.2)."""

@@ -1,0 +1,64 @@
+"""What a frame says (`Reading`), and where it said it (`Sample`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markerseek.core.frame import FrameHeader
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """The features of one frame; all but the intensity may be unknown (None).
+
+    Attributes
+    ----------
+    intensity
+        Largest envelope in the image, in the unit of the frame (ADC counts for channel data).
+    lateral_m, depth_m
+        Where that is: along the array from its centre, and from the array's face, in metres.
+    arrival_s
+        When that sound reached the array after the laser's trigger, in seconds.
+    noise_sigma
+        Standard deviation of the beamformed signal where there is no source (one quadrature), same unit as the intensity.
+    cells
+        Number of independent envelope cells over which the maximum was taken.
+    coherence
+        Share of the channels' energy at the peak that is in phase, 0 to 1.
+    saturated_fraction
+        Share of the channels that touch full scale in the marker's window, 0 to 1.
+    dead_channels
+        Numbers of channels without any signal, counted from 0.
+    """
+
+    intensity: float
+    lateral_m: float | None = None
+    depth_m: float | None = None
+    arrival_s: float | None = None
+    noise_sigma: float | None = None
+    cells: int | None = None
+    coherence: float | None = None
+    saturated_fraction: float | None = None
+    dead_channels: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """One acquisition as a policy hears of it.
+
+    Attributes
+    ----------
+    angle_deg
+        Angle that the stage reached, in degrees: not the one it was sent to.
+    reading
+        What the frame said.
+    dark
+        Whether the laser was kept off: such a sample tells the noise floor and nothing of a marker.
+    header
+        Origin of the frame; None for samples that no rig took.
+    """
+
+    angle_deg: float
+    reading: Reading
+    dark: bool = False
+    header: FrameHeader | None = None

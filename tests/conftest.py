@@ -1,0 +1,26 @@
+"""Shapes and types of every public function of the pure packages are checked while the tests run."""
+
+from __future__ import annotations
+
+import pkgutil
+
+from jaxtyping import install_import_hook
+
+PURE = ("core", "search", "signals", "acoustics")
+
+
+def _pure_modules() -> list[str]:
+    """Modules of the pure packages but for compiled kernels, which Numba must see undecorated."""
+    import markerseek
+
+    return [
+        module.name
+        for module in pkgutil.walk_packages(markerseek.__path__, "markerseek.")
+        if module.name.split(".")[1] in PURE
+        and not module.ispkg
+        and not module.name.rsplit(".", 1)[1].startswith("_")
+        and not module.name.endswith("compiled")
+    ]
+
+
+install_import_hook(_pure_modules(), "beartype.beartype")
