@@ -13,6 +13,9 @@ from numba import njit
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
+_REASSOCIATE = {"nsz", "arcp", "contract", "reassoc"}
+"""Sums may be reordered, so that they run in vector registers; NaN and infinity keep their meaning."""
+
 
 def compiled(kernel: Kernel) -> Kernel:
     """Return the kernel as machine code, made at its first call and kept on disk.
@@ -20,9 +23,8 @@ def compiled(kernel: Kernel) -> Kernel:
     Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled anew in each
     process, and a warning says so.
     """
-    options = {"fastmath": {"nsz", "arcp", "contract", "reassoc"}, "nogil": True}
     try:
-        return cast("Kernel", njit(cache=True, **options)(kernel))
+        return cast("Kernel", njit(cache=True, fastmath=_REASSOCIATE, nogil=True)(kernel))
     except RuntimeError:
         warnings.warn(
             "no folder for compiled code can be written, so each start takes some seconds more; "
@@ -30,4 +32,4 @@ def compiled(kernel: Kernel) -> Kernel:
             RuntimeWarning,
             stacklevel=2,
         )
-        return cast("Kernel", njit(**options)(kernel))
+        return cast("Kernel", njit(fastmath=_REASSOCIATE, nogil=True)(kernel))

@@ -20,7 +20,7 @@ class Reading:
     arrival_s
         When that sound reached the array after the laser's trigger, in seconds.
     noise_sigma
-        Standard deviation of the beamformed signal where there is no source (one quadrature), same unit as the intensity.
+        Standard deviation of the beamformed signal where there is no source (one quadrature), in the intensity's unit.
     cells
         Number of independent envelope cells over which the maximum was taken.
     coherence
