@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from markerseek.core.errors import MarkerseekError
 from markerseek.core.estimate import Estimate
@@ -24,8 +24,19 @@ class Started:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """One acquisition was made; number ``index``, counted from 1, dark ones apart."""
+    """One acquisition was made.
 
+    Attributes
+    ----------
+    role
+        A dark frame before the search, an acquisition that the policy asked for, or the confirmation after it.
+    index
+        Number of the acquisition within its role, counted from 1.
+    sample
+        What was measured.
+    """
+
+    role: Literal["dark", "search", "confirmation"]
     index: int
     sample: Sample
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from markerseek.core.frame import FrameHeader
+from markerseek.core.frame import Frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +54,11 @@ class Sample:
         What the frame said.
     dark
         Whether the laser was kept off: such a sample tells the noise floor and nothing of a marker.
-    header
-        Origin of the frame; None for samples that no rig took.
+    frame
+        What the receiver sent, with its header; None for samples that no rig took.
     """
 
     angle_deg: float
     reading: Reading
     dark: bool = False
-    header: FrameHeader | None = None
+    frame: Frame | None = field(default=None, repr=False, compare=False)

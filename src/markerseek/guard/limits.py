@@ -1,0 +1,49 @@
+"""Where the probe may look, and where it may be. Out of range is refused, never clamped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, LimitError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """The two ranges of a rig.
+
+    Attributes
+    ----------
+    search
+        Angles at which a policy may ask for an acquisition.
+    travel
+        Angles at which the probe may be at all; wider, so that a target can be approached from one side.
+
+    Raises
+    ------
+    ConfigError
+        If the search range is not inside the travel range.
+    """
+
+    search: Interval = PAPER_RANGE
+    travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+
+    def __post_init__(self) -> None:
+        if not (self.search.low_deg in self.travel and self.search.high_deg in self.travel):
+            raise ConfigError(
+                f"limits: the search range {self.search} leaves the travel range {self.travel}; "
+                "widen the travel range or narrow the search range"
+            )
+
+    def require_search(self, angle_deg: float) -> None:
+        """Refuse an angle outside the search range.
+
+        Raises
+        ------
+        LimitError
+            If the angle is NaN or outside; nothing has moved.
+        """
+        if angle_deg not in self.search:
+            raise LimitError(
+                f"angle {angle_deg:g} deg is outside the search range {self.search}; nothing was moved; "
+                "ask for an angle inside"
+            )

@@ -1,0 +1,87 @@
+"""Leave to fire: so many pulses, at one angle, for a short time, once, out of a budget for the session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markerseek.core import ConfigError, LimitError, Permit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FiringLimits:
+    """What may be fired.
+
+    Attributes
+    ----------
+    pulses_per_permit
+        Most pulses in one acquisition.
+    pulses_per_session
+        Most pulses until a person starts a new session.
+    lifetime_s
+        Time after which a permit is void, in seconds.
+    """
+
+    pulses_per_permit: int = 128
+    pulses_per_session: int = 100_000
+    lifetime_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in ("pulses_per_permit", "pulses_per_session"):
+            if not getattr(self, name) >= 1:
+                raise ConfigError(f"firing limits: {name} is {getattr(self, name)}, it must be at least 1")
+        if not 0 < self.lifetime_s <= 600:
+            raise ConfigError(f"firing limits: lifetime_s is {self.lifetime_s} s, it must lie in (0, 600] s")
+
+
+class Permits:
+    """Writes permits and counts the pulses that they allow.
+
+    Pulses are counted when they are permitted, not when they are reported: a laser that stays silent about
+    what it fired cannot exceed the session's budget.
+
+    Parameters
+    ----------
+    limits
+        What may be fired.
+    """
+
+    def __init__(self, limits: FiringLimits) -> None:
+        self._limits = limits
+        self._issued = 0
+        self._pulses = 0
+
+    @property
+    def pulses_permitted(self) -> int:
+        """Pulses permitted in this session so far."""
+        return self._pulses
+
+    def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
+        """Leave for one acquisition at one angle.
+
+        Parameters
+        ----------
+        angle_deg
+            Angle at which it holds, in degrees.
+        pulses
+            Most pulses; 0 for a dark frame.
+        now_s
+            The rig's time, in seconds.
+
+        Raises
+        ------
+        LimitError
+            If one acquisition or the session would exceed its pulses; nothing was permitted.
+        """
+        if not 0 <= pulses <= self._limits.pulses_per_permit:
+            raise LimitError(
+                f"{pulses} pulses in one acquisition; the limit is {self._limits.pulses_per_permit}: average fewer"
+            )
+        if not self._pulses + pulses <= self._limits.pulses_per_session:
+            raise LimitError(
+                f"{self._pulses} pulses were permitted in this session and {pulses} more are asked for; the limit is "
+                f"{self._limits.pulses_per_session}: a person must start a new session"
+            )
+        self._issued += 1
+        self._pulses += pulses
+        expires_s = now_s + self._limits.lifetime_s
+        return Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
