@@ -1,0 +1,24 @@
+"""A world in which all of it runs: virtual time, tissue, stage, laser and receiver. Simulated, and says so.
+
+It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
+"""
+
+from markerseek.sim.clock import VirtualClock
+from markerseek.sim.laser import SimulatedLaser
+from markerseek.sim.receiver import SimulatedReceiver
+from markerseek.sim.stage import SimulatedStage, StageMotion
+from markerseek.sim.tissues import TISSUES, Tissue, tissue
+from markerseek.sim.world import Flash, World
+
+__all__ = [
+    "TISSUES",
+    "Flash",
+    "SimulatedLaser",
+    "SimulatedReceiver",
+    "SimulatedStage",
+    "StageMotion",
+    "Tissue",
+    "VirtualClock",
+    "World",
+    "tissue",
+]

@@ -1,0 +1,51 @@
+"""A pulsed laser behind a counter, simulated: it fires what a permit allows, once."""
+
+from __future__ import annotations
+
+import math
+
+from markerseek.core import Clock, ConfigError, LaserError, Permit
+from markerseek.sim.world import World
+
+
+class SimulatedLaser:
+    """Lights the world.
+
+    Parameters
+    ----------
+    world
+        What is lit.
+    clock
+        Virtual time.
+    rate_hz
+        Pulses per second.
+    """
+
+    def __init__(self, *, world: World, clock: Clock, rate_hz: float = 100.0) -> None:
+        if not 0 < rate_hz < math.inf:
+            raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
+        self._world = world
+        self._clock = clock
+        self._rate_hz = rate_hz
+        self._used: set[str] = set()
+
+    def fire(self, permit: Permit) -> int:
+        """Fire the permitted pulses and return how many were; a permit of 0 pulses only triggers.
+
+        Raises
+        ------
+        LaserError
+            If the permit was used before or has expired; nothing is fired.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
+        if not self._clock.now_s() <= permit.expires_s:
+            raise LaserError(f"laser: the permit {permit.token!r} has expired; nothing was fired")
+        self._used.add(permit.token)
+        if permit.pulses > 0:
+            self._world.flash(pulses=permit.pulses, at_s=self._clock.now_s())
+        self._clock.wait(permit.pulses / self._rate_hz)
+        return permit.pulses
+
+    def disarm(self) -> None:
+        """Nothing to do: this laser holds no permit between two calls of `fire`."""

@@ -1,0 +1,61 @@
+"""A receiver of channel data, simulated: it hears the flash that came since it was armed."""
+
+from __future__ import annotations
+
+import math
+
+from markerseek.core import AcquisitionError, ChannelFrame, Clock, ConfigError, FrameHeader, Permit
+from markerseek.sim.world import World
+
+
+class SimulatedReceiver:
+    """Hears the world.
+
+    Parameters
+    ----------
+    world
+        What is heard.
+    clock
+        Virtual time.
+    readout_s
+        Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (section 4 of the paper).
+    """
+
+    def __init__(self, *, world: World, clock: Clock, readout_s: float) -> None:
+        if not 0 <= readout_s < math.inf:
+            raise ConfigError(f"receiver: readout_s is {readout_s} s, it must be finite and not negative")
+        self._world = world
+        self._clock = clock
+        self._readout_s = readout_s
+        self._sequence = 0
+        self._armed: tuple[Permit, int, float] | None = None
+
+    def arm(self, permit: Permit) -> None:
+        """Get ready for the flash that the laser will give under this permit."""
+        self._armed = (permit, len(self._world.flashes), self._clock.now_s())
+
+    def acquire(self, permit: Permit) -> ChannelFrame:
+        """Averaged channel data of the flash since `arm`; noise alone where there was none.
+
+        Raises
+        ------
+        AcquisitionError
+            If it was not armed for this permit.
+        """
+        if self._armed is None or self._armed[0] != permit:
+            raise AcquisitionError(f"receiver: it was not armed for the permit {permit.token!r}; arm it before firing")
+        _, flashes_before, started_s = self._armed
+        self._armed = None
+        new = self._world.flashes[flashes_before:]
+        samples = self._world.listen(new[-1] if new else None)
+        self._clock.wait(self._readout_s)
+        self._sequence += 1
+        header = FrameHeader(
+            sequence=self._sequence,
+            token=permit.token,
+            pulses=sum(flash.pulses for flash in new),
+            commanded_deg=permit.angle_deg,
+            started_s=started_s,
+            ended_s=self._clock.now_s(),
+        )
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._world.model.sampling_hz)

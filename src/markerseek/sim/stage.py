@@ -1,0 +1,117 @@
+"""A rotation stage like the Thorlabs PRM1Z8, simulated: speed, acceleration, encoder counts and lost motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markerseek.core import Clock, ConfigError, Interval, LimitError
+from markerseek.sim.world import World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageMotion:
+    """How a stage moves; the defaults are a PRM1Z8 on a KDC101.
+
+    Attributes
+    ----------
+    speed_deg_s
+        Largest speed in degrees per second; the device's limit is 25.
+    acceleration_deg_s2
+        Acceleration in degrees per second squared.
+    counts_per_deg
+        Encoder counts for one degree.
+    backlash_deg
+        Play between the motor, which carries the encoder, and the probe, in degrees.
+    approach_deg
+        How far a move downwards goes beyond its target, to come back to it from below and leave the play on the same
+        side always, in degrees; 0 does not.
+    settle_s
+        Rest after a move, in seconds.
+    """
+
+    speed_deg_s: float = 10.0
+    acceleration_deg_s2: float = 10.0
+    counts_per_deg: float = 1919.6418578623391
+    backlash_deg: float = 0.1
+    approach_deg: float = 1.0
+    settle_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, most in (("speed_deg_s", 25.0), ("acceleration_deg_s2", 25.0), ("counts_per_deg", math.inf)):
+            if not 0 < getattr(self, name) <= most:
+                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
+        for name in ("backlash_deg", "approach_deg", "settle_s"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must be finite and not negative")
+
+    def duration_s(self, distance_deg: float) -> float:
+        """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
+
+        Parameters
+        ----------
+        distance_deg
+            Length of the move in degrees, of either sign.
+        """
+        distance = abs(distance_deg)
+        ramp = self.speed_deg_s**2 / self.acceleration_deg_s2
+        if distance <= ramp:
+            return 2 * math.sqrt(distance / self.acceleration_deg_s2)
+        return distance / self.speed_deg_s + self.speed_deg_s / self.acceleration_deg_s2
+
+
+class SimulatedStage:
+    """Turns the world's probe, in virtual time.
+
+    Parameters
+    ----------
+    world
+        Whose probe is turned.
+    clock
+        Virtual time.
+    motion
+        How it moves.
+    travel
+        Angles that it accepts.
+    """
+
+    def __init__(self, *, world: World, clock: Clock, motion: StageMotion, travel: Interval) -> None:
+        self.limits = travel
+        self._world = world
+        self._clock = clock
+        self._motion = motion
+        self._counts = round(world.angle_deg * motion.counts_per_deg)
+
+    @property
+    def angle_deg(self) -> float:
+        """Readback: the motor's encoder, in degrees; it does not know of the play."""
+        return self._counts / self._motion.counts_per_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        """Turn to an angle, from below, and return the readback in degrees.
+
+        Raises
+        ------
+        LimitError
+            If the angle is NaN or outside the travel range; nothing moves.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        below_deg = max(angle_deg - self._motion.approach_deg, self.limits.low_deg)
+        if angle_deg < self.angle_deg and below_deg < angle_deg:
+            self._turn(below_deg)
+        self._turn(angle_deg)
+        self._clock.wait(self._motion.settle_s)
+        return self.angle_deg
+
+    def stop(self) -> None:
+        """Nothing to do: a move of this stage is over when `move_to` returns."""
+
+    def _turn(self, angle_deg: float) -> None:
+        """Move the motor by whole counts; the probe follows once the play is taken up."""
+        start_deg = self.angle_deg
+        self._counts = round(angle_deg * self._motion.counts_per_deg)
+        self._clock.wait(self._motion.duration_s(self.angle_deg - start_deg))
+        # Pushed from below the probe stands at the encoder's angle, pulled from above by the play behind it.
+        play_deg = self._motion.backlash_deg
+        self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)
