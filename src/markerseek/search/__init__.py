@@ -1,0 +1,29 @@
+"""Where to look next: policies that are asked for an angle and told what was heard there. Pure.
+
+A method has two forms: as published, which always answers, and `Guarded`, which must prove what it answers. `build`
+makes either from a name.
+"""
+
+from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
+from markerseek.search.floor import noise_of
+from markerseek.search.guarded import Guarded
+from markerseek.search.manual import ScriptedManual
+from markerseek.search.methods import METHODS, Method, build, method_named
+from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
+
+__all__ = [
+    "GOLDEN",
+    "METHODS",
+    "TERNARY",
+    "BracketSearch",
+    "Exhaustive",
+    "Guarded",
+    "Method",
+    "ScriptedManual",
+    "WeightedAverage",
+    "build",
+    "equal_steps",
+    "method_named",
+    "noise_of",
+    "peak_passed",
+]

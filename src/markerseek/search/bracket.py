@@ -1,0 +1,194 @@
+"""Golden-section and ternary search: one search, two ratios (section 2.3 of the paper).
+
+Two inner points are compared, and the part of the bracket beyond the weaker one is dropped:
+
+    θm1 = r·θl + (1 − r)·θr                                                              (3)
+    θm2 = (1 − r)·θl + r·θr                                                              (4)
+
+with r = (√5 − 1)/2 for the golden section (2) and r = 2/3 for the ternary search. The paper prints r = 1/3 for the
+latter, which would swap the two inner points; the search that is meant keeps two thirds of the bracket.
+
+The paper measures both points afresh in every iteration, left one first. The textbook's golden section keeps the point
+that lies in the new bracket and measures one.
+
+**Angles reached.** The stage does not stop exactly where it was sent. Points are put where the samples say they were:
+of the two, the one at the lower angle is the left one, and the bracket is cut at the angle reached. On a unimodal curve
+S(a) ≥ S(b) with a < b leaves the maximum below b wherever a and b lie, so the cut holds for any pair. A cut that would
+leave nothing contradicts what was heard before, and is not made.
+"""
+
+from __future__ import annotations
+
+import math
+
+from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
+from markerseek.core.reading import Sample
+from markerseek.search.curve import Curve, check_acquisitions, check_sample, curve_of
+from markerseek.search.peak import noise_limit_deg
+
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Ratio of the golden section, eq. (2)."""
+
+TERNARY = 2 / 3
+"""Ratio of the ternary search."""
+
+
+class BracketSearch:
+    """Narrows a bracket round the maximum of a unimodal curve.
+
+    Ties go left: where both points are equally strong, the right part is dropped (the paper's ≥). An odd number of
+    acquisitions leaves one without a partner; it is not made, and one fewer is reported. On a flat curve all ties go
+    left and the answer is the low end of the range.
+
+    Parameters
+    ----------
+    ratio
+        Share r of the bracket that is kept, above 1/2 and below 1: `GOLDEN` or `TERNARY`.
+    limits
+        Range to search, the first bracket.
+    acquisitions
+        Most acquisitions; None: as many as ``width_deg`` needs.
+    width_deg
+        The search ends once the bracket is narrower than this, in degrees; None: never for that reason.
+    reuse
+        Keep the inner point that lies in the new bracket, as textbooks do: golden section only.
+
+    Raises
+    ------
+    ConfigError
+        If the ratio is outside (1/2, 1), neither end of the search is given, fewer than 2 acquisitions are allowed, or
+        the kept point of a ratio other than the golden one is to be reused.
+    """
+
+    def __init__(
+        self,
+        *,
+        ratio: float,
+        limits: Interval = PAPER_RANGE,
+        acquisitions: int | None = None,
+        width_deg: float | None = None,
+        reuse: bool = False,
+    ) -> None:
+        if not 0.5 < ratio < 1:
+            raise ConfigError(
+                f"bracket search: ratio is {ratio:g}, it must lie above 1/2 and below 1 "
+                "(r = 1/3 swaps the inner points; the ternary search has r = 2/3)"
+            )
+        if reuse and not math.isclose(ratio, GOLDEN):
+            raise ConfigError(
+                f"bracket search: with ratio {ratio:g} the kept point is no inner point of the next bracket; "
+                "reuse it with the golden ratio only"
+            )
+        if width_deg is not None and not 0 < width_deg < math.inf:
+            raise ConfigError(f"bracket search: width_deg is {width_deg} deg, it must be positive and finite")
+        if acquisitions is None:
+            if width_deg is None:
+                raise ConfigError("bracket search: give acquisitions or width_deg, or it would never end")
+            acquisitions = _acquisitions_for(limits.width_deg / width_deg, ratio=ratio, reuse=reuse)
+        check_acquisitions(acquisitions, least=2, method="bracket search")
+        self._ratio = ratio
+        self._limits = limits
+        self._low_deg, self._high_deg = limits.low_deg, limits.high_deg
+        self._budget = acquisitions if reuse else acquisitions - acquisitions % 2
+        self._width_deg = width_deg
+        self._reuse = reuse
+        self._kept: tuple[Sample, bool] | None = None
+        self._told: list[Sample] = []
+
+    @property
+    def bracket(self) -> Interval:
+        """Part of the range that is left, [θl, θr]."""
+        return Interval(low_deg=self._low_deg, high_deg=self._high_deg)
+
+    def ask(self) -> float | None:
+        """Next inner point in degrees, the left one of a fresh pair first; None at the end."""
+        paired = self._kept is None or self._reuse
+        narrow = self._width_deg is not None and self._high_deg - self._low_deg < self._width_deg
+        if len(self._told) >= self._budget or (narrow and paired):
+            return None
+        left = self._kept is None or not self._kept[1]
+        share = self._ratio if left else 1 - self._ratio
+        angle_deg = share * self._low_deg + (1 - share) * self._high_deg  # (3), (4)
+        # Rounding may carry the sum of two shares past an end by one unit in the last place.
+        return min(max(angle_deg, self._low_deg), self._high_deg)
+
+    def tell(self, sample: Sample) -> None:
+        """Take in the sample of the angle last asked; a dark one says nothing of the curve and is passed over.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`), or the search is over.
+        """
+        check_sample(sample)
+        if sample.dark:
+            return
+        if self.ask() is None:
+            raise SearchError(f"bracket search: it is over after {len(self._told)} acquisitions; begin a new search")
+        self._told.append(sample)
+        if self._kept is None:
+            self._kept = (sample, True)
+            return
+        left, right = sorted((self._kept[0], sample), key=lambda point: point.angle_deg)
+        self._kept = self._cut(left, right)
+
+    def _cut(self, left: Sample, right: Sample) -> tuple[Sample, bool] | None:
+        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one."""
+        if left.reading.intensity >= right.reading.intensity:
+            high_deg = min(self._high_deg, right.angle_deg)
+            if high_deg > self._low_deg:
+                self._high_deg = high_deg
+            return (left, False) if self._reuse else None
+        low_deg = max(self._low_deg, left.angle_deg)
+        if low_deg < self._high_deg:
+            self._low_deg = low_deg
+        return (right, True) if self._reuse else None
+
+    def estimate(self) -> Found:
+        """Middle of the bracket, (θl + θr)/2, with the bracket as its interval."""
+        return self.answer(noise_sigma=None)
+
+    def answer(self, *, noise_sigma: float | None) -> Found:
+        """The middle of the bracket, with its width and what the noise hides as uncertainty.
+
+        A comparison near the maximum is decided by noise once the two points differ by less than it, so that the
+        bracket of a long search is far too narrow. With σ known, the standard deviation holds besides width/√12 the
+        distance from the maximum at which the curve has fallen by σ (`noise_limit_deg`).
+
+        Parameters
+        ----------
+        noise_sigma
+            Standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
+        """
+        return bracket_answer(self.bracket.centre_deg, self.bracket, curve_of(self._told), noise_sigma=noise_sigma)
+
+
+def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_sigma: float | None) -> Found:
+    """Return the answer of a search that ends with a bracket: sigma width/√12, and with known σ what the noise hides.
+
+    Parameters
+    ----------
+    mean_deg
+        Angle that the search answers with, inside the bracket, in degrees.
+    bracket
+        What is left of the range.
+    curve
+        What was heard.
+    noise_sigma
+        Standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
+    """
+    sigma_deg = bracket.width_deg / math.sqrt(12)
+    interval = bracket
+    if noise_sigma and len(curve):
+        sigma_deg = math.hypot(sigma_deg, noise_limit_deg(curve, noise_sigma=noise_sigma))
+        interval = Interval(
+            low_deg=min(bracket.low_deg, mean_deg - 1.96 * sigma_deg),
+            high_deg=max(bracket.high_deg, mean_deg + 1.96 * sigma_deg),
+        )
+    return Found(mean_deg=mean_deg, sigma_deg=sigma_deg, interval95_deg=interval, interval_kind="bracket")
+
+
+def _acquisitions_for(narrowing: float, *, ratio: float, reuse: bool) -> int:
+    """Acquisitions that narrow a bracket by this factor, with one iteration to spare for angles missed by the stage."""
+    iterations = max(1, math.ceil(math.log(max(narrowing, 1.0)) / -math.log(ratio))) + 1
+    return iterations + 1 if reuse else 2 * iterations

@@ -1,0 +1,125 @@
+"""Whether what was heard can only be a marker, and where it contradicts an answer (decision 6 of the safety notes).
+
+A reading may know little: each test uses what is there and passes over what is None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import Found, Interval
+from markerseek.core.reading import Sample
+from markerseek.search.curve import Curve, curve_of
+from markerseek.search.floor import Noise
+
+UNKNOWN_RATIO = 10.0
+"""Where the floor is unknown, the largest sample must be this many times the smallest."""
+
+FLAT_SHARE = 0.1
+"""A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
+
+FLAT_SIGMAS = 4.5
+"""And so is one that falls by no more than this many σ, which is about the spread of tens of equal samples."""
+
+LATERAL_M = 3e-3
+"""Largest lateral distance between strong samples of one marker; elements are 0.43 mm apart."""
+
+DEPTH_M = 4e-3
+"""Largest distance in depth: off plane the slant range grows by 1.6 mm at 30° (physics notes)."""
+
+CONTRADICTION_SHARE = 0.8
+"""Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
+
+
+def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Noise) -> str | None:
+    """Return why the samples are no evidence of a marker, in words for a person; None where they are."""
+    if not lit:
+        return "nothing has been measured yet"
+    intensities = [sample.reading.intensity for sample in lit]
+    strongest = lit[int(np.argmax(intensities))]
+    largest, smallest = max(intensities), min(intensities)
+    level = noise.floor.level
+    if level is None:
+        if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
+            return (
+                f"the noise floor is unknown and the largest intensity, {largest:g}, is below {UNKNOWN_RATIO:g} times "
+                f"the smallest, {smallest:g}; take dark frames or 12 angles"
+            )
+    elif largest <= level:
+        return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"
+    if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
+        return f"the intensity is the same at all angles heard, {smallest:g} to {largest:g}: there is no peak"
+    return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(strongest, dark)
+
+
+def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
+    """Whether most of the other strong samples come from another place in the image."""
+    least = max(level, strongest.reading.intensity / 2)
+    others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
+    for name, tolerance_m in (("lateral_m", LATERAL_M), ("depth_m", DEPTH_M)):
+        here_m = getattr(strongest.reading, name)
+        there_m = [place for sample in others if (place := getattr(sample.reading, name)) is not None]
+        if here_m is None or not there_m:
+            continue
+        agreeing = sum(abs(place - here_m) <= tolerance_m for place in there_m)
+        if 2 * agreeing < len(there_m):
+            return (
+                f"the strong samples come from different places: {len(there_m) - agreeing} of {len(there_m)} differ by "
+                f"more than {1e3 * tolerance_m:g} mm in {name.removesuffix('_m')} from the strongest"
+            )
+    return None
+
+
+def _incoherent(strongest: Sample, dark: Sequence[Sample]) -> str | None:
+    """Whether the strongest sample is no more in phase than noise was."""
+    heard = strongest.reading.coherence
+    noise = [sample.reading.coherence for sample in dark if sample.reading.coherence is not None]
+    if heard is None or not noise or heard > max(noise):
+        return None
+    return f"the strongest sample is no more coherent, {heard:.2g}, than the dark ones, {max(noise):.2g}"
+
+
+def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Literal["low", "high"] | None:
+    """Return the end of the range at which the intensity still rises; None if at none.
+
+    A sweep rises at an end if its strongest sample is the outermost, and nearer to the end than three quarters of the
+    way to its neighbour. A bracket rises there if it was never cut on that side and the strongest sample is the
+    outermost.
+    """
+    curve = curve_of(lit)
+    top = curve.strongest
+    if len(curve) < 2 or top not in (0, len(curve) - 1):
+        return None
+    side: Literal["low", "high"] = "low" if top == 0 else "high"
+    if answer.interval_kind == "bracket":
+        uncut = (
+            answer.interval95_deg.low_deg <= limits.low_deg
+            if side == "low"
+            else answer.interval95_deg.high_deg >= limits.high_deg
+        )
+        return side if uncut else None
+    end_deg = limits.low_deg if side == "low" else limits.high_deg
+    neighbour_deg = curve.angle_deg[1] if side == "low" else curve.angle_deg[-2]
+    to_end_deg = abs(float(curve.angle_deg[top]) - end_deg)
+    return side if to_end_deg <= 0.75 * abs(float(curve.angle_deg[top] - neighbour_deg)) else None
+
+
+def contradiction(lit: Sequence[Sample], *, mean_deg: float, noise: Noise) -> str | None:
+    """Return why the answer does not fit the samples, in words; None if it does.
+
+    Next to the maximum of a unimodal curve lies its largest sample or one nearly as large. An average that falls
+    between two peaks, or a bracket that dropped the peak, has none.
+    """
+    curve: Curve = curve_of(lit)
+    right = int(np.searchsorted(curve.angle_deg, mean_deg))
+    near = curve.intensity[max(0, right - 1) : right + 1]
+    largest = float(curve.intensity[curve.strongest])
+    if near.max() >= CONTRADICTION_SHARE * largest - 3 * (noise.sigma or 0.0):
+        return None
+    return (
+        f"the samples next to the answer, at most {near.max():g}, are weaker than the one at "
+        f"{curve.angle_deg[curve.strongest]:.2f} deg, {largest:g}"
+    )

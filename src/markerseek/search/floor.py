@@ -1,0 +1,133 @@
+"""What noise alone can reach in a search, from the samples it heard (decision 6 of the safety notes).
+
+The largest of M independent envelope cells of Rayleigh noise exceeds x with probability 1 − (1 − exp(−x²/2σ²))^M, and
+N frames have M·N cells. The threshold for a share p of false finds is therefore
+
+    σ·sqrt(2·ln(M·N/p)),
+
+6.2 σ for 12,800 cells, 15 frames and p = 1e-3. The sources, best first:
+
+1. dark samples (laser off): the root mean square of their ``noise_sigma``. Samples without it show σ by their own size,
+   each being the largest of M cells: σ = (largest dark intensity)/sqrt(2·ln(1/(1 − 2^(−1/M)))), as if it were only the
+   median of such maxima, which the largest of few dark samples exceeds more often than not;
+2. the lit frames' own ``noise_sigma``: its median, or that of the strongest frame where larger, so that a burst raises
+   its own floor;
+3. the lower quartile of the intensities at 12 angles or more, each weighed by the part of the range that it stands for
+   (for equal steps the plain quartile); σ follows as from dark samples, with the quartile for the median;
+4. nothing: the floor is unknown.
+
+The threshold is never below the largest dark intensity: real noise has tails and bursts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import Floor
+from markerseek.core.reading import Sample
+from markerseek.search.curve import Curve, curve_of
+
+FALSE_FOUND = 1e-3
+"""Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
+
+MOST_CELLS = 128 * 2080
+"""Cells where a frame with known σ does not tell them: as many as a frame has samples, so that the floor is high."""
+
+FEWEST_CELLS = 100
+"""Cells where σ is read off the maxima themselves: few, because fewer cells leave more room above a maximum."""
+
+QUARTILE_ANGLES = 12
+"""Angles that a lower quartile needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Noise of a search.
+
+    Attributes
+    ----------
+    floor
+        Threshold and its source.
+    sigma
+        Standard deviation of one intensity, in its unit; None where unknown.
+    """
+
+    floor: Floor
+    sigma: float | None
+
+
+def noise_factor(*, cells: int, frames: int, false_found: float = FALSE_FOUND) -> float:
+    """Return the threshold over σ, sqrt(2·ln(M·N/p))."""
+    return math.sqrt(2 * math.log(max(1, cells) * max(1, frames) / false_found))
+
+
+def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> Noise:
+    """Return the noise of a search from its samples, by the best source that they allow.
+
+    Parameters
+    ----------
+    lit
+        Samples with the laser on.
+    dark
+        Samples with the laser off.
+    """
+    if dark:
+        return _from_dark(dark, frames=len(lit))
+    if lit and all(sample.reading.noise_sigma is not None for sample in lit):
+        return _from_frames(lit)
+    curve = curve_of(lit)
+    if np.unique(curve.angle_deg).size >= QUARTILE_ANGLES:
+        quartile = _lower_quartile(curve)
+        sigma = quartile / _quantile_factor(0.25, cells=_cells(lit, otherwise=FEWEST_CELLS))
+        level = sigma * noise_factor(cells=_cells(lit, otherwise=FEWEST_CELLS), frames=len(lit))
+        return Noise(floor=Floor(level=level, source="lower quartile"), sigma=sigma)
+    return Noise(floor=Floor(level=None, source="unknown"), sigma=None)
+
+
+def _from_dark(dark: Sequence[Sample], *, frames: int) -> Noise:
+    largest = max(sample.reading.intensity for sample in dark)
+    sigmas = [sample.reading.noise_sigma for sample in dark if sample.reading.noise_sigma is not None]
+    if sigmas:
+        cells = _cells(dark, otherwise=MOST_CELLS)
+        sigma = math.sqrt(sum(value**2 for value in sigmas) / len(sigmas))
+    else:
+        cells = _cells(dark, otherwise=FEWEST_CELLS)
+        sigma = largest / _quantile_factor(0.5, cells=cells)
+    level = max(largest, sigma * noise_factor(cells=cells, frames=frames))
+    return Noise(floor=Floor(level=level, source="dark frames"), sigma=sigma)
+
+
+def _from_frames(lit: Sequence[Sample]) -> Noise:
+    sigmas = [sample.reading.noise_sigma or 0.0 for sample in lit]
+    strongest = max(range(len(lit)), key=lambda index: lit[index].reading.intensity)
+    sigma = max(float(np.median(sigmas)), sigmas[strongest])
+    level = sigma * noise_factor(cells=_cells(lit, otherwise=MOST_CELLS), frames=len(lit))
+    return Noise(floor=Floor(level=level, source="noise of the frames"), sigma=sigma)
+
+
+def _cells(samples: Sequence[Sample], *, otherwise: int) -> int:
+    """Return the largest number of cells that a sample names."""
+    return max((sample.reading.cells for sample in samples if sample.reading.cells is not None), default=otherwise)
+
+
+def _quantile_factor(share: float, *, cells: int) -> float:
+    """Return the quantile of the largest of M Rayleigh cells over σ: (1 − exp(−x²/2))^M = share."""
+    return math.sqrt(-2 * math.log(-math.expm1(math.log(share) / max(1, cells))))
+
+
+def _lower_quartile(curve: Curve) -> float:
+    """Intensity below which a quarter of the heard range lies, each sample standing for the angles nearest to it.
+
+    A search that converges takes most of its samples at the maximum; a plain quartile of those would lie on the peak.
+    """
+    edges = np.concatenate(
+        [curve.angle_deg[:1], (curve.angle_deg[1:] + curve.angle_deg[:-1]) / 2, curve.angle_deg[-1:]]
+    )
+    share = np.diff(edges) / (edges[-1] - edges[0])
+    order = np.argsort(curve.intensity, kind="stable")
+    below = int(np.searchsorted(np.cumsum(share[order]), 0.25))
+    return float(curve.intensity[order[min(below, len(curve) - 1)]])

@@ -1,0 +1,142 @@
+"""The form of a method that users get: it says "not found" unless what it heard can only be a marker.
+
+A method as published always answers. Guarded, it also hears dark samples, and its answer passes four tests in turn:
+
+1. evidence (`missing_evidence`): above the noise floor, not flat, from one place in the image → else `NotFound`;
+2. the intensity falls again before either end of the range (`rising_side`) → else `AtBound`;
+3. the answer fits the samples (`contradiction`) → else `Unsure`;
+4. the standard deviation is at most 0.25° (promise P10) → else `Unsure`.
+
+What passes is `Found` with the method's own angle, and with the noise that was measured in its uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, SearchError, Unsure
+from markerseek.core.reading import Sample
+from markerseek.search.curve import PublishedPolicy, check_sample, curve_of
+from markerseek.search.evidence import contradiction, missing_evidence, rising_side
+from markerseek.search.floor import noise_of
+from markerseek.search.sweep import peak_passed
+
+SIGMA_LIMIT_DEG = 0.25
+"""Largest standard deviation of an angle that is called found, in degrees (promise P10)."""
+
+
+class Guarded:
+    """A published policy that must prove what it answers.
+
+    Parameters
+    ----------
+    inner
+        The method as published; a weighted average without its own early end.
+    limits
+        Range that it searches.
+    early_threshold
+        End once the peak is recorded and passed at this share of the largest sample and the evidence holds; None: do
+        not end early. Unlike the published early end this one never ends a search in mere noise.
+    sigma_limit_deg
+        Largest standard deviation of a `Found`, in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If ``sigma_limit_deg`` is not positive.
+    """
+
+    def __init__(
+        self,
+        inner: PublishedPolicy,
+        *,
+        limits: Interval = PAPER_RANGE,
+        early_threshold: float | None = None,
+        sigma_limit_deg: float = SIGMA_LIMIT_DEG,
+    ) -> None:
+        if not sigma_limit_deg > 0:
+            raise ConfigError(f"guarded search: sigma_limit_deg is {sigma_limit_deg} deg, it must be positive")
+        self._inner = inner
+        self._limits = limits
+        self._early_threshold = early_threshold
+        self._sigma_limit_deg = sigma_limit_deg
+        self._lit: list[Sample] = []
+        self._dark: list[Sample] = []
+
+    def ask(self) -> float | None:
+        """Next angle of the method in degrees; None at its end."""
+        if self._early_threshold is not None:
+            heard = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
+            if peak_passed(heard, threshold=self._early_threshold) and self._missing_evidence() is None:
+                return None
+        return self._inner.ask()
+
+    def tell(self, sample: Sample) -> None:
+        """Take in one sample: a dark one for the floor, at any time, a lit one for the method.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable, or is lit and the search is over.
+        """
+        check_sample(sample)
+        if sample.dark:
+            self._dark.append(sample)
+            return
+        if self.ask() is None:
+            raise SearchError(f"guarded search: it is over after {len(self._lit)} acquisitions; begin a new search")
+        self._inner.tell(sample)
+        self._lit.append(sample)
+
+    def _missing_evidence(self) -> str | None:
+        return missing_evidence(self._lit, dark=self._dark, noise=noise_of(self._lit, dark=self._dark))
+
+    def estimate(self) -> Estimate:
+        """Answer as far as the samples prove it; `NotFound` before the first."""
+        noise = noise_of(self._lit, dark=self._dark)
+        answer = self._inner.answer(noise_sigma=noise.sigma)
+        reason = missing_evidence(self._lit, dark=self._dark, noise=noise)
+        if reason is not None:
+            return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=noise.floor)
+        side = self._rising_side(answer)
+        if side is not None:
+            curve = curve_of(self._lit)
+            top_deg = float(curve.angle_deg[curve.strongest])
+            inside_deg = min(max(top_deg, self._limits.low_deg), self._limits.high_deg)
+            return AtBound(mean_deg=inside_deg, side=side, floor=noise.floor)
+        doubt = contradiction(self._lit, mean_deg=answer.mean_deg, noise=noise) or self._too_wide(answer)
+        if doubt is not None:
+            return Unsure(
+                mean_deg=answer.mean_deg,
+                sigma_deg=answer.sigma_deg,
+                interval95_deg=answer.interval95_deg,
+                interval_kind=answer.interval_kind,
+                reason=doubt,
+                floor=noise.floor,
+            )
+        return Found(
+            mean_deg=answer.mean_deg,
+            sigma_deg=answer.sigma_deg,
+            interval95_deg=answer.interval95_deg,
+            interval_kind=answer.interval_kind,
+            floor=noise.floor,
+        )
+
+    def _rising_side(self, answer: Found) -> Literal["low", "high"] | None:
+        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends."""
+        if answer.interval_kind == "bracket" and self._too_wide(answer) is not None:
+            return None
+        return rising_side(self._lit, answer=answer, limits=self._limits)
+
+    def _too_wide(self, answer: Found) -> str | None:
+        if answer.sigma_deg <= self._sigma_limit_deg:
+            return None
+        more = math.ceil(len(self._lit) * answer.sigma_deg / self._sigma_limit_deg)
+        cure = f"; about {more} acquisitions would do" if answer.interval_kind == "propagated" else ""
+        return (
+            f"the standard deviation, {answer.sigma_deg:.2f} deg, is above {self._sigma_limit_deg:g} deg{cure}; "
+            "take more acquisitions or average more pulses"
+        )

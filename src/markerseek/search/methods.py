@@ -1,0 +1,168 @@
+"""The methods by name: the one place where a search is made from a word and a number."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy
+from markerseek.search.average import THRESHOLD
+from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
+from markerseek.search.curve import PublishedPolicy, check_acquisitions
+from markerseek.search.guarded import Guarded
+from markerseek.search.manual import TURNS, ScriptedManual
+from markerseek.search.sweep import Exhaustive, WeightedAverage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One way to search.
+
+    Attributes
+    ----------
+    name
+        Its name on the command line.
+    summary
+        What it does, in one line.
+    acquisitions
+        Acquisitions where the user names no number.
+    least
+        Fewest acquisitions that it can work with.
+    """
+
+    name: str
+    summary: str
+    acquisitions: int
+    least: int
+
+
+METHODS: tuple[Method, ...] = (
+    Method(
+        name="weighted-average",
+        summary="equal steps, average of the angles weighted by intensity, early end once the peak is passed",
+        acquisitions=36,
+        least=2,
+    ),
+    Method(
+        name="golden-section",
+        summary="golden-section search with two fresh acquisitions per iteration, as in the paper",
+        acquisitions=28,
+        least=2,
+    ),
+    Method(
+        name="golden-section-reuse",
+        summary="golden-section search that keeps the point it can use again, as in textbooks",
+        acquisitions=16,
+        least=2,
+    ),
+    Method(
+        name="ternary",
+        summary="ternary search with two fresh acquisitions per iteration, as in the paper",
+        acquisitions=28,
+        least=2,
+    ),
+    Method(
+        name="exhaustive",
+        summary="fine equal steps over the whole range, vertex of a parabola through the top",
+        acquisitions=141,
+        least=3,
+    ),
+    Method(
+        name="manual",
+        summary="the assistant's way as a script: coarse turns, then back and forth with shrinking steps",
+        acquisitions=28,
+        least=TURNS + 2,
+    ),
+)
+"""All methods, in the order in which they are shown."""
+
+
+def method_named(name: str) -> Method:
+    """Return the method of that name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none; the message lists the names and the nearest one.
+    """
+    for method in METHODS:
+        if method.name == name:
+            return method
+    names = [method.name for method in METHODS]
+    near = difflib.get_close_matches(name.strip().lower().replace("_", "-").replace(" ", "-"), names, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
+
+
+def build(
+    method: str,
+    *,
+    limits: Interval = PAPER_RANGE,
+    acquisitions: int | float | None = None,
+    as_published: bool = False,
+    start_deg: float | None = None,
+    early_end: bool = True,
+) -> Policy:
+    """Return a policy for one search.
+
+    Parameters
+    ----------
+    method
+        Name of the method, one of `METHODS`.
+    limits
+        Range to search.
+    acquisitions
+        Most acquisitions, a whole number; None: the method's own. An odd number is reduced by one where two are made
+        per iteration.
+    as_published
+        The bare method of the paper, which always answers `Found` and begins at the low end; else the guarded form.
+    start_deg
+        Where the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end. None: at the
+        low end.
+    early_end
+        Whether a weighted average ends once its peak is recorded and passed; the other methods have no early end.
+
+    Raises
+    ------
+    ConfigError
+        If the method is unknown or the number of acquisitions is none that it can work with.
+    """
+    chosen = method_named(method)
+    number = chosen.acquisitions if acquisitions is None else acquisitions
+    number = check_acquisitions(number, least=chosen.least, method=chosen.name)
+    start_deg = None if as_published else start_deg
+    ends_early = early_end and chosen.name == "weighted-average"
+    inner = _MAKERS[chosen.name](limits, number, start_deg, ends_early and as_published)
+    if as_published:
+        return inner
+    return Guarded(inner, limits=limits, early_threshold=THRESHOLD if ends_early else None)
+
+
+def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PublishedPolicy:
+    return WeightedAverage(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
+
+
+def _bracket(ratio: float, *, reuse: bool = False) -> Callable[[Interval, int, float | None, bool], PublishedPolicy]:
+    def make(limits: Interval, acquisitions: int, _start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+        return BracketSearch(ratio=ratio, limits=limits, acquisitions=acquisitions, reuse=reuse)
+
+    return make
+
+
+def _exhaustive(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+    return Exhaustive(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
+
+
+def _manual(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PublishedPolicy:
+    return ScriptedManual(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
+
+
+_MAKERS: dict[str, Callable[[Interval, int, float | None, bool], PublishedPolicy]] = {
+    "weighted-average": _weighted_average,
+    "golden-section": _bracket(GOLDEN),
+    "golden-section-reuse": _bracket(GOLDEN, reuse=True),
+    "ternary": _bracket(TERNARY),
+    "exhaustive": _exhaustive,
+    "manual": _manual,
+}

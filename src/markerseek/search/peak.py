@@ -1,0 +1,94 @@
+"""Statistics of the peak of a curve: maximum, half-maximum width, centres; and how sharply noise lets it be seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.search.curve import Curve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """What the highest peak of a curve looks like.
+
+    Attributes
+    ----------
+    max_deg, max_intensity
+        Where the largest sample is, in degrees, and how large.
+    com_deg
+        Centre of mass of all samples, Σ θS / ΣS, in degrees; the middle of the angles if all are zero.
+    cen_deg
+        Middle between the two crossings of half maximum, in degrees; None if a side has none.
+    fwhm_deg
+        Full width at half maximum in degrees: the distance of the two crossings, or twice the distance from the maximum
+        to the only one; None if there is none.
+    """
+
+    max_deg: float
+    max_intensity: float
+    com_deg: float
+    cen_deg: float | None
+    fwhm_deg: float | None
+
+
+def peak_of(curve: Curve) -> Peak:
+    """Return the statistics of the curve's highest peak; the curve holds one sample or more."""
+    top = curve.strongest
+    largest = float(curve.intensity[top])
+    top_deg = float(curve.angle_deg[top])
+    weights = curve.intensity / largest if largest > 0 else np.ones(len(curve))
+    low_deg = _half_maximum_deg(curve, top, step=-1)
+    high_deg = _half_maximum_deg(curve, top, step=1)
+    cen_deg = None if low_deg is None or high_deg is None else (low_deg + high_deg) / 2
+    if low_deg is not None and high_deg is not None:
+        fwhm_deg: float | None = high_deg - low_deg
+    elif low_deg is not None:
+        fwhm_deg = 2 * (top_deg - low_deg)
+    else:
+        fwhm_deg = None if high_deg is None else 2 * (high_deg - top_deg)
+    return Peak(
+        max_deg=top_deg,
+        max_intensity=largest,
+        com_deg=float(np.average(curve.angle_deg, weights=weights)),
+        cen_deg=cen_deg,
+        fwhm_deg=fwhm_deg,
+    )
+
+
+def _half_maximum_deg(curve: Curve, top: int, *, step: int) -> float | None:
+    """Where a straight line between samples first crosses half maximum on that side of the top, in degrees."""
+    half = float(curve.intensity[top]) / 2
+    if half == 0:
+        return None
+    index = top + step
+    while 0 <= index < len(curve):
+        inner, outer = float(curve.intensity[index - step]), float(curve.intensity[index])
+        if outer < half:
+            share = (inner - half) / (inner - outer)
+            inner_deg, outer_deg = float(curve.angle_deg[index - step]), float(curve.angle_deg[index])
+            return inner_deg + share * (outer_deg - inner_deg)
+        index += step
+    return None
+
+
+def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
+    """Distance from the maximum at which the curve has fallen by σ, in degrees.
+
+    For a peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²):
+    t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum, one comparison of two samples says nothing.
+
+    Parameters
+    ----------
+    curve
+        What was heard.
+    noise_sigma
+        Standard deviation σ of the intensity, in the intensity's unit.
+    """
+    peak = peak_of(curve)
+    width_deg = float(np.ptp(curve.angle_deg)) if peak.fwhm_deg is None else peak.fwhm_deg
+    if peak.max_intensity <= noise_sigma:
+        return width_deg
+    return width_deg * math.sqrt(noise_sigma / (4 * math.log(2) * peak.max_intensity))

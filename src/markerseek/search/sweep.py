@@ -1,0 +1,213 @@
+"""Equal steps over the whole range, and where the samples in it point (sections 2.2 and 2.4 of the paper).
+
+    θd = (θmax − θmin)/(N − 1)                                                           (5)
+
+`WeightedAverage` is the paper's method with its threshold and its early end; `Exhaustive` is the fine scan that a
+reference is made from. The formulas themselves are in `average` and `parabola`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
+from markerseek.core.reading import Sample
+from markerseek.search.average import THRESHOLD, average_sigma_deg, weighted_average
+from markerseek.search.curve import check_acquisitions, check_sample, curve_of
+from markerseek.search.parabola import fit_top
+
+
+def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, " acquisitions"]:
+    """Return the angles of a sweep in degrees, rising, with both ends of the range and the step of eq. (5)."""
+    return np.linspace(limits.low_deg, limits.high_deg, acquisitions)
+
+
+def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float = THRESHOLD) -> bool:
+    """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
+
+    True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. Of equally
+    large samples each counts. Where all are zero nothing is below the threshold, and the sweep goes on.
+
+    Parameters
+    ----------
+    intensity
+        Intensities in the order in which the sweep took them.
+    threshold
+        Share of the largest sample.
+    """
+    if intensity.size < 3:
+        return False
+    level = threshold * float(intensity.max())
+    return bool(intensity[-1] < level and intensity[-2] < level)
+
+
+class Sweep:
+    """Visits the angles of eq. (5) one after another and keeps what it heard.
+
+    Parameters
+    ----------
+    limits
+        Range to sweep, both ends included.
+    acquisitions
+        Number N of angles, at least 2.
+    start_deg
+        Where the probe stands, in degrees: the sweep begins at the nearer end. None: at the low end, as in the paper;
+        the low end also where both are equally near.
+    """
+
+    method = "sweep"
+    least = 2
+
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
+        check_acquisitions(acquisitions, least=self.least, method=self.method)
+        if start_deg is not None and not math.isfinite(start_deg):
+            raise ConfigError(f"{self.method}: start_deg is {start_deg} deg, it must be finite")
+        angles = equal_steps(limits, acquisitions=acquisitions)
+        falling = start_deg is not None and start_deg > limits.centre_deg
+        self._angles = angles[::-1] if falling else angles
+        self._limits = limits
+        self._told: list[Sample] = []
+
+    @property
+    def step_deg(self) -> float:
+        """Step θd of eq. (5) in degrees."""
+        return self._limits.width_deg / (self._angles.size - 1)
+
+    def ask(self) -> float | None:
+        """Next angle of the sweep in degrees; None at the end."""
+        return float(self._angles[len(self._told)]) if len(self._told) < self._angles.size else None
+
+    def tell(self, sample: Sample) -> None:
+        """Take in the sample of the angle last asked; a dark one says nothing of the curve and is passed over.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`), or the sweep is over.
+        """
+        check_sample(sample)
+        if sample.dark:
+            return
+        if self.ask() is None:
+            raise SearchError(f"{self.method}: it is over after {len(self._told)} acquisitions; begin a new search")
+        self._told.append(sample)
+
+    def _found(self, mean_deg: float, sigma_deg: float) -> Found:
+        """Answer with a normal interval, its middle moved into the range where the stage overshot it."""
+        inside_deg = min(max(mean_deg, self._limits.low_deg), self._limits.high_deg)
+        # An interval has a width: one unit in the last place of a range stands for "exact".
+        half_deg = max(1.96 * sigma_deg, 1e-12 * self._limits.width_deg)
+        return Found(
+            mean_deg=inside_deg,
+            sigma_deg=sigma_deg,
+            interval95_deg=Interval(low_deg=inside_deg - half_deg, high_deg=inside_deg + half_deg),
+            interval_kind="propagated",
+        )
+
+    def _unheard(self) -> Found:
+        """Answer before the first sample: anywhere in the range with equal right."""
+        return self._found(self._limits.centre_deg, self._limits.width_deg / math.sqrt(12))
+
+
+class WeightedAverage(Sweep):
+    """Sweeps in equal steps and answers with the weighted average of the angles, eq. (1).
+
+    Samples below ``threshold`` of the largest are left out; the weights of the others are not shifted. Where all
+    samples are equal, or all are zero, none stands out, and the answer is the plain mean of the angles.
+
+    Parameters
+    ----------
+    limits, acquisitions, start_deg
+        See `Sweep`; a full scan has N = ``acquisitions`` samples.
+    threshold
+        Share of the largest sample below which a sample is left out, above 0 and at most 1; the paper's is 0.2.
+    early_end
+        End as soon as the peak is recorded and passed (`peak_passed`), as in the paper's online analysis. Its offline
+        analysis has full scans.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is outside what is said above.
+    """
+
+    method = "weighted-average"
+
+    def __init__(
+        self,
+        *,
+        limits: Interval = PAPER_RANGE,
+        acquisitions: int,
+        start_deg: float | None = None,
+        threshold: float = THRESHOLD,
+        early_end: bool = True,
+    ) -> None:
+        super().__init__(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
+        if not 0 < threshold <= 1:
+            raise ConfigError(f"weighted-average: threshold is {threshold:g}, it must lie above 0 and be at most 1")
+        self._threshold = threshold
+        self._early_end = early_end
+
+    def ask(self) -> float | None:
+        """Next angle of the sweep in degrees; None at its end, or once the peak is passed."""
+        heard = np.array([sample.reading.intensity for sample in self._told], dtype=np.float64)
+        if self._early_end and peak_passed(heard, threshold=self._threshold):
+            return None
+        return super().ask()
+
+    def estimate(self) -> Found:
+        """Weighted average of the angles heard so far; the range's middle before the first."""
+        return self.answer(noise_sigma=None)
+
+    def answer(self, *, noise_sigma: float | None) -> Found:
+        """Weighted average with the uncertainty of `average_sigma_deg`.
+
+        Parameters
+        ----------
+        noise_sigma
+            Standard deviation of the intensity; None: that of the samples left out, once there are four.
+        """
+        if not self._told:
+            return self._unheard()
+        curve = curve_of(self._told)
+        if noise_sigma is None:
+            largest = float(curve.intensity.max())
+            below = curve.intensity[curve.intensity < self._threshold * largest]
+            # Of shares of the largest, because the squares of large intensities overflow.
+            noise_sigma = largest * float(np.std(below / largest, ddof=1)) if below.size >= 4 else 0.0
+        mean_deg = float(weighted_average(curve.angle_deg, curve.intensity, threshold=self._threshold))
+        sigma_deg = average_sigma_deg(curve, step_deg=self.step_deg, noise_sigma=noise_sigma, threshold=self._threshold)
+        return self._found(mean_deg, sigma_deg)
+
+
+class Exhaustive(Sweep):
+    """Sweeps in fine steps and answers with the vertex of a parabola through the top of the curve.
+
+    The parabola is fitted by least squares to the samples round the largest that are not below 0.7 of it, three at
+    least (`fit_top`); its vertex lies between the first and the last of them. Where there is no vertex (a flat or zero
+    curve, the largest sample at an end), the largest sample answers, and of equally large ones that at the lowest
+    angle.
+    """
+
+    method = "exhaustive"
+    least = 3
+
+    def estimate(self) -> Found:
+        """Vertex of the parabola through the top; the range's middle before the first sample."""
+        return self.answer(noise_sigma=None)
+
+    def answer(self, *, noise_sigma: float | None) -> Found:
+        """Vertex with the uncertainty of the fit.
+
+        Parameters
+        ----------
+        noise_sigma
+            Standard deviation of the intensity; the scatter about the parabola counts where it is larger.
+        """
+        if not self._told:
+            return self._unheard()
+        top = fit_top(curve_of(self._told), step_deg=self.step_deg, noise_sigma=noise_sigma or 0.0)
+        return self._found(top.vertex_deg, top.sigma_deg)

@@ -1,0 +1,175 @@
+"""The rules of a policy as a class of tests: inherit it and name the policy to prove your own.
+
+::
+
+    class TestMyPolicy(PolicyContract):
+        def make(self, limits: Interval) -> Policy:
+            return MyPolicy(limits=limits)
+
+pytest then runs every rule. A test fails by `AssertionError`; pytest itself is not needed to run one.
+"""
+
+# ruff: noqa: S101 - the rules are tests, and tests assert
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from markerseek.core import PAPER_RANGE, Estimate, Interval, Policy, Reading, Sample, SearchError
+
+Intensity = Callable[[float], float]
+"""A curve: angle in degrees to intensity."""
+
+
+def peak_at(marker_deg: float, *, fwhm_deg: float = 10.0) -> Intensity:
+    """Return a symmetric curve of height 1 with tails that fall as 1/t², as a marker at that angle would draw."""
+    return lambda angle_deg: 1 / (1 + (2 * (angle_deg - marker_deg) / fwhm_deg) ** 2)
+
+
+CURVES: dict[str, Intensity] = {
+    "marker in the middle": peak_at(0.0),
+    "marker to one side": peak_at(-17.3),
+    "marker at the high end": peak_at(35.0),
+    "marker beyond the low end": peak_at(-50.0),
+    "narrow": peak_at(12.4, fwhm_deg=2.0),
+    "flat": lambda _angle_deg: 1.0,
+    "zero": lambda _angle_deg: 0.0,
+    "rising": lambda angle_deg: 100 + angle_deg,
+    "two markers": lambda angle_deg: peak_at(-20.0)(angle_deg) + peak_at(20.0)(angle_deg),
+    "huge": lambda angle_deg: 1e300 * peak_at(3.0)(angle_deg),
+    "tiny": lambda angle_deg: 1e-300 * peak_at(3.0)(angle_deg),
+    "no order": lambda angle_deg: math.fmod(abs(math.sin(12.9898 * angle_deg)) * 43758.5453, 1.0),
+}
+"""What a policy must live through, by name."""
+
+MISSED_BY: dict[str, Callable[[float], float]] = {
+    "exact": lambda asked_deg: asked_deg,
+    "resolution": lambda asked_deg: round(asked_deg / 0.3) * 0.3,
+    "backlash": lambda asked_deg: asked_deg - 0.7,
+    "beyond the range": lambda asked_deg: 1.02 * asked_deg,
+    "stuck": lambda _asked_deg: 4.0,
+}
+"""How the angle reached follows from the one asked, by name."""
+
+
+class PolicyContract:
+    """What every policy promises; subclasses say how one is made."""
+
+    limits: Interval = PAPER_RANGE
+    """Range that the policies are made for."""
+
+    most: int = 1000
+    """Acquisitions after which a search counts as endless."""
+
+    def make(self, limits: Interval) -> Policy:
+        """Return a new policy that searches this range."""
+        raise NotImplementedError("a PolicyContract must say how to make its policy: def make(self, limits): ...")
+
+    def search(
+        self, curve: Intensity, *, reach: Callable[[float], float] = MISSED_BY["exact"]
+    ) -> tuple[list[float], Estimate]:
+        """Run a search; return the angles asked and the answer."""
+        policy = self.make(self.limits)
+        asked: list[float] = []
+        while (angle_deg := policy.ask()) is not None:
+            assert len(asked) < self.most, f"the search has not ended after {self.most} acquisitions"
+            asked.append(angle_deg)
+            policy.tell(_sample(reach(angle_deg), curve(reach(angle_deg))))
+        return asked, policy.estimate()
+
+    def test_asks_inside_the_range(self) -> None:
+        """Every angle asked lies in the range, whatever is heard."""
+        for name, curve in CURVES.items():
+            asked, _ = self.search(curve)
+            assert asked, f"{name}: nothing was asked"
+            outside = [angle_deg for angle_deg in asked if angle_deg not in self.limits]
+            assert not outside, f"{name}: asked {outside} deg, outside {self.limits}"
+
+    def test_ends_wherever_the_stage_stops(self) -> None:
+        """The search ends and asks inside the range although the angle reached is not the one asked."""
+        for name, reach in MISSED_BY.items():
+            for curve in CURVES.values():
+                asked, answer = self.search(curve, reach=reach)
+                outside = [angle_deg for angle_deg in asked if angle_deg not in self.limits]
+                assert not outside, f"{name}: asked {outside} deg, outside {self.limits}"
+                _check_mean(answer, self.limits)
+
+    def test_estimates_at_any_time(self) -> None:
+        """An estimate can be had before, during and after the search, with its mean inside the range."""
+        for curve in CURVES.values():
+            policy = self.make(self.limits)
+            _check_mean(policy.estimate(), self.limits)
+            for _ in range(self.most):
+                angle_deg = policy.ask()
+                if angle_deg is None:
+                    break
+                policy.tell(_sample(angle_deg, curve(angle_deg)))
+                _check_mean(policy.estimate(), self.limits)
+
+    def test_asking_changes_nothing(self) -> None:
+        """Asking twice, or asking for an estimate in between, gives the same angle."""
+        policy = self.make(self.limits)
+        curve = CURVES["marker to one side"]
+        for _ in range(self.most):
+            angle_deg = policy.ask()
+            first = policy.estimate()
+            assert policy.ask() == angle_deg, "asking twice gave two angles"
+            assert policy.estimate() == first, "two estimates without a sample in between differ"
+            if angle_deg is None:
+                return
+            policy.tell(_sample(angle_deg, curve(angle_deg)))
+
+    def test_is_deterministic(self) -> None:
+        """Two policies that hear the same ask and answer the same."""
+        for name, curve in CURVES.items():
+            assert self.search(curve) == self.search(curve), f"{name}: two equal searches differ"
+
+    def test_refuses_what_is_no_intensity(self) -> None:
+        """NaN, infinite and negative intensities and angles that are not finite are refused, and leave no trace."""
+        policy = self.make(self.limits)
+        angle_deg = policy.ask()
+        assert angle_deg is not None
+        before = policy.estimate()
+        for refused in (
+            _sample(angle_deg, math.nan),
+            _sample(angle_deg, math.inf),
+            _sample(angle_deg, -1.0),
+            _sample(math.nan, 1.0),
+        ):
+            try:
+                policy.tell(refused)
+            except SearchError:
+                pass
+            else:
+                raise AssertionError(f"the sample {refused} was taken in; it must be refused with SearchError")
+        assert policy.ask() == angle_deg, "a refused sample changed the next angle"
+        assert policy.estimate() == before, "a refused sample changed the estimate"
+
+    def test_refuses_samples_after_the_end(self) -> None:
+        """A lit sample after the last is refused."""
+        policy = self.make(self.limits)
+        curve = CURVES["marker in the middle"]
+        while (angle_deg := policy.ask()) is not None:
+            policy.tell(_sample(angle_deg, curve(angle_deg)))
+        try:
+            policy.tell(_sample(0.0, 1.0))
+        except SearchError:
+            return
+        raise AssertionError("a sample after the end was taken in; it must be refused with SearchError")
+
+    def test_dark_samples_move_nothing(self) -> None:
+        """A sample with the laser off is no point of the curve: the angle asked stays."""
+        policy = self.make(self.limits)
+        before = policy.ask()
+        for _ in range(3):
+            policy.tell(Sample(angle_deg=0.0, reading=Reading(intensity=0.01), dark=True))
+        assert policy.ask() == before, "a dark sample changed the next angle"
+
+
+def _sample(angle_deg: float, intensity: float) -> Sample:
+    return Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
+
+
+def _check_mean(estimate: Estimate, limits: Interval) -> None:
+    assert estimate.mean_deg in limits, f"{estimate} has its mean outside {limits}"

@@ -1,0 +1,39 @@
+"""Every method, in both forms, keeps the rules of a policy."""
+
+from __future__ import annotations
+
+import pytest
+
+from markerseek.core import Interval, Policy
+from markerseek.search import GOLDEN, METHODS, TERNARY, BracketSearch, build
+from markerseek.testing import PolicyContract
+
+
+class TestBracketByWidth(PolicyContract):
+    def make(self, limits: Interval) -> Policy:
+        return BracketSearch(ratio=GOLDEN, limits=limits, width_deg=0.5)
+
+
+class TestTernaryByWidth(PolicyContract):
+    def make(self, limits: Interval) -> Policy:
+        return BracketSearch(ratio=TERNARY, limits=limits, width_deg=1e-9)
+
+
+class TestSmallRange(PolicyContract):
+    limits = Interval(low_deg=3.0, high_deg=4.5)
+
+    def make(self, limits: Interval) -> Policy:
+        return build("golden-section-reuse", limits=limits, acquisitions=200)
+
+
+@pytest.mark.parametrize("as_published", [True, False], ids=["as published", "guarded"])
+@pytest.mark.parametrize("name", [method.name for method in METHODS])
+class TestMethods(PolicyContract):
+    @pytest.fixture(autouse=True)
+    def _form(self, name: str, as_published: bool) -> None:
+        self.form = (name, as_published)
+
+    def make(self, limits: Interval) -> Policy:
+        name, as_published = self.form
+        acquisitions = 29 if name == "exhaustive" else None
+        return build(name, limits=limits, acquisitions=acquisitions, as_published=as_published)
