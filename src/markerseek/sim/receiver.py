@@ -18,7 +18,7 @@ class SimulatedReceiver:
     clock
         Virtual time.
     readout_s
-        Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (section 4 of the paper).
+        Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (paper, section 4).
     """
 
     def __init__(self, *, world: World, clock: Clock, readout_s: float) -> None:

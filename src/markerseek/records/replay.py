@@ -1,0 +1,136 @@
+"""A recorded scan as a rig: a stage that goes where something was recorded, and a receiver that hands it over.
+
+Between two recorded angles an intensity is interpolated linearly, as in the paper's offline analysis (section 2.5). A
+frame is not: of a bank of frames the stage goes to the nearest angle that was recorded, and says so in its readback.
+"""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import replace
+
+import numpy as np
+
+from markerseek.core import ConfigError, Frame, FrameHeader, Interval, LimitError, Permit, Reading, ReadingFrame
+from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.records.frame_files import load_frame
+
+
+class ReplayStage:
+    """Stands at recorded angles only, or at any where the bank can be interpolated.
+
+    Parameters
+    ----------
+    bank
+        What was recorded; the stage begins at its lowest angle.
+    """
+
+    def __init__(self, bank: IntensityBank | FrameBank) -> None:
+        self.limits: Interval = bank.range
+        self._grid = bank.angles_deg if isinstance(bank, FrameBank) else None
+        self._angle_deg = bank.angles_deg[0]
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle at which it stands, in degrees."""
+        return self._angle_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        """Go there, or to the nearest recorded angle, and return it in degrees.
+
+        Raises
+        ------
+        LimitError
+            If the angle is NaN or was not covered by the scan.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"replay: {angle_deg:g} deg is outside the recorded range {self.limits}")
+        self._angle_deg = angle_deg if self._grid is None else _nearest(self._grid, angle_deg)
+        return self._angle_deg
+
+    def stop(self) -> None:
+        """Nothing to do: it does not move by itself."""
+
+
+class ReplayLaser:
+    """Fired when the scan was recorded; agrees to whatever is permitted."""
+
+    def fire(self, permit: Permit) -> int:
+        """Pulses permitted: the recording holds its own."""
+        return permit.pulses
+
+    def disarm(self) -> None:
+        """Nothing to do: there is no laser."""
+
+
+class ReplayReceiver:
+    """Hands over what was recorded where the stage stands.
+
+    Parameters
+    ----------
+    stage
+        Where the probe is said to be.
+    bank
+        What was recorded.
+    """
+
+    def __init__(self, *, stage: ReplayStage, bank: IntensityBank | FrameBank) -> None:
+        self._stage = stage
+        self._bank = bank
+        self._sequence = 0
+
+    def arm(self, permit: Permit) -> None:
+        """Refuse what a recording cannot give.
+
+        Raises
+        ------
+        ConfigError
+            If a dark frame is asked for: this bank has none.
+        """
+        if permit.pulses == 0:
+            raise ConfigError("replay: the bank holds no dark frames; ask for 0 of them")
+
+    def acquire(self, permit: Permit) -> Frame:
+        """Frame or intensity of the angle at which the stage stands.
+
+        Raises
+        ------
+        RecordError
+            If a frame cannot be read.
+        """
+        self._sequence += 1
+        angle_deg = self._stage.angle_deg
+        header = FrameHeader(
+            sequence=self._sequence,
+            token=permit.token,
+            pulses=permit.pulses,
+            commanded_deg=permit.angle_deg,
+            started_s=0.0,
+            ended_s=0.0,
+        )
+        if isinstance(self._bank, FrameBank):
+            folder = self._bank.folders[self._bank.angles_deg.index(angle_deg)]
+            return replace(load_frame(folder), header=header)
+        intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
+        return ReadingFrame(header=header, intensity=intensity)
+
+
+class IntensityReader:
+    """Reader of frames that somebody else has reduced to one number."""
+
+    def read(self, frame: Frame) -> Reading:
+        """Reading with an intensity and nothing else.
+
+        Raises
+        ------
+        ConfigError
+            If the frame holds channel data, which needs an imaging chain.
+        """
+        if not isinstance(frame, ReadingFrame):
+            raise ConfigError("this reader takes intensities; channel data need a probe preset")
+        return Reading(intensity=frame.intensity)
+
+
+def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:
+    place = bisect.bisect_left(grid, angle_deg)
+    return min(grid[max(place - 1, 0) : place + 1], key=lambda angle: abs(angle - angle_deg))

@@ -1,0 +1,209 @@
+"""The result of a search as programs read it: one object, units in the names of its keys."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+
+from markerseek._version import __version__
+from markerseek.core import (
+    Ambiguous,
+    AtBound,
+    Event,
+    Failed,
+    Finished,
+    Floor,
+    Found,
+    Interval,
+    IntervalKind,
+    Measured,
+    NotFound,
+    Refused,
+    Sample,
+    SearchError,
+    Unsure,
+)
+
+
+class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One acquisition of a result; what the frame did not tell is None."""
+
+    angle_deg: float
+    intensity: float
+    lateral_m: float | None
+    depth_m: float | None
+    arrival_s: float | None
+    noise_sigma: float | None
+
+    @classmethod
+    def of(cls, sample: Sample) -> SampleRow:
+        """Row of a sample."""
+        reading = sample.reading
+        return cls(
+            angle_deg=sample.angle_deg,
+            intensity=reading.intensity,
+            lateral_m=reading.lateral_m,
+            depth_m=reading.depth_m,
+            arrival_s=reading.arrival_s,
+            noise_sigma=reading.noise_sigma,
+        )
+
+
+class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What a search found and how.
+
+    ``angle_deg`` is where the method points, also when it does not claim a marker there. ``simulated`` says that no
+    hardware was involved; ``truth_deg`` and ``error_deg`` exist on simulated rigs, or where a reference was given.
+    """
+
+    found: bool
+    answer: Literal["found", "not found", "ambiguous", "at bound", "unsure"]
+    reason: str | None
+    method: str
+    as_published: bool
+    rig: Literal["simulated", "replayed"]
+    angle_deg: float
+    sigma_deg: float | None
+    interval95_deg: tuple[float, float] | None
+    interval_kind: IntervalKind | None
+    marker_trus_m: tuple[float, float, float] | None
+    acquisitions: int
+    refused: int
+    travel_deg: float
+    elapsed_s: float | None
+    confirmation: SampleRow | None
+    floor: Floor | None
+    samples: list[SampleRow]
+    truth_deg: float | None
+    error_deg: float | None
+    seed: int | None
+    version: str = __version__
+
+
+class Recorder:
+    """Hears the events of a run and keeps what the result needs."""
+
+    def __init__(self) -> None:
+        self.samples: list[Sample] = []
+        self.confirmation: Sample | None = None
+        self.finished: Finished | None = None
+        self.start_deg: float = math.nan
+        self._refused = 0
+
+    def hear(self, event: Event) -> None:
+        """Take in one event of `markerseek.scan.run`."""
+        match event:
+            case Measured(role="search", sample=sample):
+                self.samples.append(sample)
+            case Measured(role="confirmation", sample=sample):
+                self.confirmation = sample
+            case Refused():
+                self._refused += 1
+            case Finished():
+                self.finished = event
+            case Failed():
+                self.finished = None
+
+    def result(
+        self,
+        *,
+        method: str,
+        as_published: bool,
+        rig: Literal["simulated", "replayed"],
+        face_radius_m: float | None,
+        truth_deg: float | None,
+        seed: int | None,
+    ) -> SearchResult:
+        """Result of the run that was heard.
+
+        Parameters
+        ----------
+        method, as_published
+            What searched.
+        rig
+            On what.
+        face_radius_m
+            Distance of the array's face from the axis of rotation in metres, None where it is not known.
+        truth_deg
+            Angle of the marker where it is known, in degrees.
+        seed
+            Seed of the simulation.
+
+        Raises
+        ------
+        SearchError
+            If the run is not over, or ended with an error.
+        """
+        if self.finished is None:
+            raise SearchError("the run is not over, or it failed: there is no result")
+        finished = self.finished
+        estimate = finished.estimate
+        sigma_deg = estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None
+        interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
+        return SearchResult(
+            found=isinstance(estimate, Found),
+            answer=_answer(estimate),
+            reason=_reason(estimate),
+            method=method,
+            as_published=as_published,
+            rig=rig,
+            angle_deg=estimate.mean_deg,
+            sigma_deg=sigma_deg,
+            interval95_deg=_ends(interval),
+            interval_kind=estimate.interval_kind if isinstance(estimate, Found | Unsure) else None,
+            marker_trus_m=self._marker(estimate, face_radius_m) if isinstance(estimate, Found) else None,
+            acquisitions=finished.acquisitions,
+            refused=self._refused,
+            travel_deg=finished.travel_deg,
+            elapsed_s=finished.elapsed_s if rig == "simulated" else None,
+            confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
+            floor=estimate.floor,
+            samples=[SampleRow.of(sample) for sample in self.samples],
+            truth_deg=truth_deg,
+            error_deg=None if truth_deg is None else abs(estimate.mean_deg - truth_deg),
+            seed=seed,
+        )
+
+    def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
+        """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""
+        heard = [*self.samples, *([self.confirmation] if self.confirmation else [])]
+        strongest = max(heard, key=lambda sample: sample.reading.intensity).reading
+        if face_radius_m is None or strongest.depth_m is None or strongest.lateral_m is None:
+            return None
+        radius_m = face_radius_m + strongest.depth_m
+        angle = math.radians(found.mean_deg)
+        return radius_m * math.sin(angle), strongest.lateral_m, radius_m * math.cos(angle)
+
+
+def _answer(
+    estimate: Found | NotFound | Ambiguous | AtBound | Unsure,
+) -> Literal["found", "not found", "ambiguous", "at bound", "unsure"]:
+    match estimate:
+        case Found():
+            return "found"
+        case NotFound():
+            return "not found"
+        case Ambiguous():
+            return "ambiguous"
+        case AtBound():
+            return "at bound"
+        case Unsure():
+            return "unsure"
+
+
+def _reason(estimate: Found | NotFound | Ambiguous | AtBound | Unsure) -> str | None:
+    match estimate:
+        case Found():
+            return None
+        case NotFound(reason=reason) | Unsure(reason=reason):
+            return reason
+        case Ambiguous(modes_deg=modes):
+            return f"markers at {', '.join(f'{mode:.2f}' for mode in modes)} deg explain what was seen equally well"
+        case AtBound(side=side):
+            return f"the intensity still rises at the {side} end of the range; turn the patient or the probe and search again"
+
+
+def _ends(interval: Interval | None) -> tuple[float, float] | None:
+    return None if interval is None else (interval.low_deg, interval.high_deg)

@@ -1,0 +1,146 @@
+"""Everything about a simulated rig that is unknown of the real one: the physics table, one value a name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from markerseek.acoustics import Bursts, Probe
+from markerseek.core import ConfigError
+from markerseek.guard import Limits
+from markerseek.sim.stage import StageMotion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerSettings:
+    """The laser spot.
+
+    Attributes
+    ----------
+    present
+        Whether there is one at all.
+    angle_deg
+        Angle in degrees; None draws it anywhere in the search range.
+    radius_m
+        Distance from the axis of rotation in metres.
+    lateral_m
+        Place along the axis in metres; None draws it within 20 mm of the middle.
+    """
+
+    present: bool = True
+    angle_deg: float | None = None
+    radius_m: float = 60e-3
+    lateral_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaserSettings:
+    """The light.
+
+    Attributes
+    ----------
+    pulses
+        Pulses averaged in one acquisition.
+    pulse_s
+        Length of the rectangular pulse in seconds.
+    rate_hz
+        Pulses per second.
+    energy_jitter
+        Standard deviation of one pulse's energy over its mean.
+    """
+
+    pulses: int = 16
+    pulse_s: float = 500e-9
+    rate_hz: float = 100.0
+    energy_jitter: float = 0.03
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.energy_jitter < 1:
+            raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseSettings:
+    """The noise of one acquisition, after averaging.
+
+    Attributes
+    ----------
+    peak_snr_db
+        Envelope peak of the noise-free image with the probe on the marker, over the standard deviation of the
+        beamformed noise, 20 log10, in dB.
+    coloured
+        Share of the noise power that has the spectrum of the receive band; the rest is white.
+    bursts
+        Heavy-tailed bursts; None for none.
+    """
+
+    peak_snr_db: float = 40.0
+    coloured: float = 0.0
+    bursts: Bursts | None = None
+
+    def __post_init__(self) -> None:
+        if not -20 <= self.peak_snr_db <= 100:
+            raise ConfigError(f"noise: peak_snr_db is {self.peak_snr_db} dB, it must lie between -20 and 100 dB")
+        if not 0 <= self.coloured <= 1:
+            raise ConfigError(f"noise: coloured is {self.coloured}, it is a share between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverSettings:
+    """The data acquisition.
+
+    Attributes
+    ----------
+    sampling_hz
+        Sampling frequency in Hz.
+    samples
+        Samples of one channel.
+    readout_s
+        Time to read one acquisition, in seconds: 10 s with SonixDAQ files (paper, section 4).
+    trigger_offset_s
+        Time from the trigger to the middle of the laser pulse, in seconds.
+    peak_counts
+        Largest count that the marker alone gives a channel with the probe on it; full scale is 2047.
+    """
+
+    sampling_hz: float = 40e6
+    samples: int = 2080
+    readout_s: float = 10.0
+    trigger_offset_s: float = 0.0
+    peak_counts: float = 600.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.peak_counts < math.inf:
+            raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must be positive and finite")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedSettings:
+    """A simulated rig; every part may be left at its default.
+
+    Attributes
+    ----------
+    tissue
+        Name of the material, a simulated stand-in.
+    start_deg
+        Where the probe stands at first, in degrees.
+    marker, probe, laser, noise, stage, receiver, limits
+        See the classes.
+    """
+
+    tissue: str = "plastisol-phantom"
+    start_deg: float = 0.0
+    marker: MarkerSettings = field(default_factory=MarkerSettings)
+    probe: Probe = field(default_factory=Probe)
+    laser: LaserSettings = field(default_factory=LaserSettings)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    stage: StageMotion = field(default_factory=StageMotion)
+    receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        if self.start_deg not in self.limits.travel:
+            raise ConfigError(f"start_deg is {self.start_deg} deg, outside the travel range {self.limits.travel}")
+        angle_deg = self.marker.angle_deg
+        if angle_deg is not None and not -90 <= angle_deg <= 90:
+            raise ConfigError(f"marker: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
