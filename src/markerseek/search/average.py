@@ -61,7 +61,8 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
        the least that covers curves of 3–17° (FWHM) with n = 1 in simulation.
     4. The range. Where the kept part touches the first or last sample, the curve may go on beyond it and the average
        leans inwards. The average of the kept samples that have a partner on the other side of the largest does not; the
-       difference of the two counts in full.
+       difference of the two counts in full, and so do parts 1 and 3 for that average, whose window ends where the
+       curve is still high.
 
     Simulated coverage of ±1.96 standard deviations stands in ``tests/reference/test_search_coverage.py``.
 
@@ -93,13 +94,20 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
     half_width_deg = np.count_nonzero(kept) * step_deg / 2
     between = threshold * half_width_deg / (total * math.sqrt(6))
     coarse = 0.15 * step_deg / np.count_nonzero(relative >= 0.5) ** 2
-    cut = mean_deg - _paired_average_deg(curve, weight) if kept[0] or kept[-1] else 0.0
-    return math.sqrt(propagated + in_or_out + between**2 + coarse**2 + cut**2)
+    cut = _cut_variance(curve, weight, mean_deg=mean_deg, step_deg=step_deg, noise=noise) if kept[0] or kept[-1] else 0
+    return math.sqrt(propagated + in_or_out + between**2 + coarse**2 + cut)
 
 
-def _paired_average_deg(curve: Curve, weight: Float64[np.ndarray, " samples"]) -> float:
-    """Weighted average of the kept samples that have as many neighbours on one side of the largest as on the other."""
+def _cut_variance(
+    curve: Curve, weight: Float64[np.ndarray, " samples"], *, mean_deg: float, step_deg: float, noise: float
+) -> float:
+    """Part 4: from the samples that have as many neighbours on one side of the largest as on the other, in deg²."""
     top = curve.strongest
     reach = min(top, len(curve) - 1 - top)
     near = slice(top - reach, top + reach + 1)
-    return float(np.average(curve.angle_deg[near], weights=weight[near]))
+    total = float(weight[near].sum())
+    paired_deg = float(np.average(curve.angle_deg[near], weights=weight[near]))
+    propagated = noise**2 * float(np.sum((curve.angle_deg[near] - paired_deg) ** 2)) / total**2
+    end = float(weight[near][0] + weight[near][-1]) / 2
+    between = end * (reach + 0.5) * step_deg / (total * math.sqrt(6))
+    return (mean_deg - paired_deg) ** 2 + propagated + between**2

@@ -152,8 +152,8 @@ class BracketSearch:
         """The middle of the bracket, with its width and what the noise hides as uncertainty.
 
         A comparison near the maximum is decided by noise once the two points differ by less than it, so that the
-        bracket of a long search is far too narrow. With σ known, the standard deviation holds besides width/√12 the
-        distance from the maximum at which the curve has fallen by σ (`noise_limit_deg`).
+        bracket of a long search is far too narrow. With σ known, the standard deviation holds besides width/√12 what
+        `noise_limit_deg` says of the curve.
 
         Parameters
         ----------

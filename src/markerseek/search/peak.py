@@ -75,10 +75,12 @@ def _half_maximum_deg(curve: Curve, top: int, *, step: int) -> float | None:
 
 
 def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
-    """Distance from the maximum at which the curve has fallen by σ, in degrees.
+    """Standard deviation in degrees with which comparisons of two samples find the maximum, however many are made.
 
-    For a peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²):
-    t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum, one comparison of two samples says nothing.
+    A peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²), has
+    fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison says nothing. In simulation, over
+    widths of 3–17° and 30–40 dB, golden-section and ternary searches miss the maximum by a standard deviation of 0.40
+    to 0.56 of t; 0.55·t is returned.
 
     Parameters
     ----------
@@ -91,4 +93,4 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
     width_deg = float(np.ptp(curve.angle_deg)) if peak.fwhm_deg is None else peak.fwhm_deg
     if peak.max_intensity <= noise_sigma:
         return width_deg
-    return width_deg * math.sqrt(noise_sigma / (4 * math.log(2) * peak.max_intensity))
+    return 0.55 * width_deg * math.sqrt(noise_sigma / (4 * math.log(2) * peak.max_intensity))
