@@ -1,0 +1,33 @@
+"""Angle in, what would be heard out: probe, source, medium, band, forward model, noise and converter. Pure."""
+
+from markerseek.acoustics.absorber import Absorber, Clutter
+from markerseek.acoustics.band import Band
+from markerseek.acoustics.digitise import Digitiser
+from markerseek.acoustics.echoes import Reflector, Reverberation
+from markerseek.acoustics.forward import AcousticModel
+from markerseek.acoustics.laser import GaussianPulse, LaserPulse, RectanglePulse
+from markerseek.acoustics.medium import Medium
+from markerseek.acoustics.noise import Bursts, Noise
+from markerseek.acoustics.probe import Probe
+from markerseek.acoustics.source import Disc, GaussianAbsorber, Source, Sphere
+
+__all__ = [
+    "Absorber",
+    "AcousticModel",
+    "Band",
+    "Bursts",
+    "Clutter",
+    "Digitiser",
+    "Disc",
+    "GaussianAbsorber",
+    "GaussianPulse",
+    "LaserPulse",
+    "Medium",
+    "Noise",
+    "Probe",
+    "RectanglePulse",
+    "Reflector",
+    "Reverberation",
+    "Source",
+    "Sphere",
+]

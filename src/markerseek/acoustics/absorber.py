@@ -1,0 +1,107 @@
+"""Absorbers in the patient: where they are, how strong, and weak ones scattered at random (clutter)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from markerseek.acoustics._checks import not_negative, positive
+from markerseek.acoustics.source import GaussianAbsorber, Source
+from markerseek.core import ConfigError, Interval
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Absorber:
+    """Something that sounds under light, at a place in the TRUS frame.
+
+    Attributes
+    ----------
+    radius_m
+        Distance ρ from the probe's axis of rotation, in metres.
+    angle_deg
+        Angle θp about that axis, in degrees.
+    lateral_m
+        Place y along that axis, from the middle of the array, in metres.
+    strength
+        Peak of the envelope that a point receiver hears at `REFERENCE_RANGE_M` without attenuation, in the unit of the
+        channel data; negative turns the pulse over, 0 is silent.
+    source
+        Size and shape.
+    """
+
+    radius_m: float
+    angle_deg: float = 0.0
+    lateral_m: float = 0.0
+    strength: float = 1.0
+    source: Source = field(default_factory=GaussianAbsorber)
+
+    def __post_init__(self) -> None:
+        positive(self.radius_m, name="absorber: radius_m", unit="m", cure="35 to 70 mm from the axis are usual")
+        for name, value, unit in (
+            ("angle_deg", self.angle_deg, "deg"),
+            ("lateral_m", self.lateral_m, "m"),
+            ("strength", self.strength, ""),
+        ):
+            if not math.isfinite(value):
+                raise ConfigError(f"absorber: {name} is {value} {unit}, it must be a finite number")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clutter:
+    """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, light gone astray.
+
+    Attributes
+    ----------
+    count
+        Number of absorbers.
+    strength
+        Mean of their strengths, which are drawn from an exponential distribution, with either sign as likely.
+    nearest_m, farthest_m
+        Least and largest distance from the axis of rotation, in metres.
+    angles
+        Sector about that axis.
+    half_length_m
+        Largest distance from the middle of the array along the axis, in metres.
+    source
+        Size and shape of all of them.
+    """
+
+    count: int
+    strength: float = 0.02
+    nearest_m: float = 20e-3
+    farthest_m: float = 70e-3
+    angles: Interval = field(default_factory=lambda: Interval(low_deg=-60.0, high_deg=60.0))
+    half_length_m: float = 30e-3
+    source: Source = field(default_factory=GaussianAbsorber)
+
+    def __post_init__(self) -> None:
+        if self.count < 0:
+            raise ConfigError(f"clutter: count is {self.count}, it must not be negative; 0 is no clutter")
+        not_negative(self.strength, name="clutter: strength", unit="", cure="some per cent of the marker's are usual")
+        positive(self.half_length_m, name="clutter: half_length_m", unit="m", cure="30 mm covers the array")
+        if not 0 < self.nearest_m < self.farthest_m < math.inf:
+            raise ConfigError(
+                f"clutter: nearest_m {self.nearest_m} m and farthest_m {self.farthest_m} m "
+                "must be positive, finite and rise in this order"
+            )
+
+    def draw(self, rng: np.random.Generator) -> tuple[Absorber, ...]:
+        """Absorbers at places that are equally likely in every part of the volume.
+
+        Parameters
+        ----------
+        rng
+            Source of randomness.
+        """
+        # equal volumes lie between equal steps of ρ²
+        radius_m = np.sqrt(rng.uniform(self.nearest_m**2, self.farthest_m**2, self.count))
+        angle_deg = rng.uniform(self.angles.low_deg, self.angles.high_deg, self.count)
+        lateral_m = rng.uniform(-self.half_length_m, self.half_length_m, self.count)
+        strength = rng.exponential(self.strength, self.count) * rng.choice((-1.0, 1.0), self.count)
+        places = zip(radius_m.tolist(), angle_deg.tolist(), lateral_m.tolist(), strength.tolist(), strict=True)
+        return tuple(
+            Absorber(radius_m=radius, angle_deg=angle, lateral_m=lateral, strength=loud, source=self.source)
+            for radius, angle, lateral, loud in places
+        )

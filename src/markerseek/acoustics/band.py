@@ -1,0 +1,66 @@
+"""The frequencies that an element and its receiver let through."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """Receive band with one peak and a Gaussian skirt on each side, of zero phase.
+
+    Zero phase means that the band moves no arrival: what is heard is centred on the moment at which the sound
+    reaches the element. A real receiver delays by a constant, which is part of the trigger offset.
+    The peak need not lie midway between the two ends (the defaults are those of a 5–9 MHz probe centred on 6.5 MHz).
+    Each skirt has its own width, and the one goes over into the other smoothly, so that the pulse has no long tails.
+
+    Attributes
+    ----------
+    centre_hz
+        Frequency of the largest gain, which is 1, in Hz.
+    low_hz, high_hz
+        Frequencies below and above it at which the gain is one half (−6 dB), in Hz; neither side may be
+        more than four times as wide as the other.
+    """
+
+    centre_hz: float = 6.5e6
+    low_hz: float = 5e6
+    high_hz: float = 9e6
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low_hz < self.centre_hz < self.high_hz < math.inf:
+            raise ConfigError(
+                f"band: low_hz {self.low_hz} Hz, centre_hz {self.centre_hz} Hz, high_hz {self.high_hz} Hz: "
+                "they must be positive, finite and rise in this order"
+            )
+        skew = (self.high_hz - self.centre_hz) / (self.centre_hz - self.low_hz)
+        if not 1 / 4 <= skew <= 4:
+            raise ConfigError(
+                f"band: centre_hz is {self.centre_hz} Hz, one side of the band is {max(skew, 1 / skew):.3g} times as "
+                "wide as the other, at most 4 can be had; move the centre towards the middle"
+            )
+
+    def gain(self, frequency_hz: Float64[np.ndarray, " frequencies"]) -> Float64[np.ndarray, " frequencies"]:
+        """Gain at each frequency, 1 at the peak: 2^−(x/w)², x = f − centre, with w = a + b·tanh(x/narrower half).
+
+        The numbers a and b are such that w is the half width of the band at either end.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies in Hz, not negative.
+        """
+        below, above = self.centre_hz - self.low_hz, self.high_hz - self.centre_hz
+        narrower = min(below, above)
+        rise = (above - below) / (math.tanh(above / narrower) + math.tanh(below / narrower))
+        middle = below + rise * math.tanh(below / narrower)
+        away = frequency_hz - self.centre_hz
+        half_width = middle + rise * np.tanh(away / narrower)
+        gain: Float64[np.ndarray, " frequencies"] = np.exp2(-((away / half_width) ** 2))
+        return gain

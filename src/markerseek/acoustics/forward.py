@@ -1,0 +1,183 @@
+"""The forward model: absorbers and an angle of the probe in, channel data out, without noise.
+
+Each channel is the mean of the pressure over one element's face (rigid baffle: the face weighs all directions alike),
+taken by quadrature over its height, less the lens delay, and over its width. Absorbers are heard in a straight line
+through a uniform medium. What is not here: noise and the converter, which come after, and any imaging.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from scipy.special import roots_legendre
+
+from markerseek.acoustics._checks import positive, within
+from markerseek.acoustics._kernel import add_absorbers, nodes_needed
+from markerseek.acoustics.absorber import Absorber
+from markerseek.acoustics.band import Band
+from markerseek.acoustics.echoes import Reverberation
+from markerseek.acoustics.laser import LaserPulse, RectanglePulse
+from markerseek.acoustics.medium import Medium
+from markerseek.acoustics.probe import Probe
+from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
+from markerseek.acoustics.source import Source
+from markerseek.core import ConfigError
+
+NEAREST_M = 1e-3
+"""Distance in front of the face's plane within which, as behind it, nothing is heard, in metres."""
+
+
+@lru_cache(maxsize=8)
+def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.ndarray, "rules points"]]:
+    """Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row; the weights of a rule sum to 1."""
+    nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
+    for points in range(1, most + 1):
+        nodes[points, :points], weights[points, :points] = roots_legendre(points)
+    return nodes, weights / 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcousticModel:
+    """Hears absorbers with a probe.
+
+    The unit of the data: an absorber of strength 1 that is 50 mm (`REFERENCE_RANGE_M`) in a lossless medium from a
+    point of an element gives it a pulse whose envelope peaks at 1; over a whole element it is less. Tables are made at
+    the first call for each kind of source and then kept, also for other models that share laser, band, medium and
+    sampling.
+
+    Attributes
+    ----------
+    probe, medium, laser, band
+        See the classes.
+    sampling_hz
+        Sampling frequency in Hz.
+    samples
+        Samples of one channel; sample 0 is the trigger.
+    trigger_offset_s
+        Time from the trigger to the middle of the laser pulse, in seconds.
+    reverberation
+        Repeats of every arrival; None for none.
+    """
+
+    probe: Probe = field(default_factory=Probe)
+    medium: Medium = field(default_factory=Medium)
+    laser: LaserPulse = field(default_factory=RectanglePulse)
+    band: Band = field(default_factory=Band)
+    sampling_hz: float = 40e6
+    samples: int = 2080
+    trigger_offset_s: float = 0.0
+    reverberation: Reverberation | None = None
+
+    def __post_init__(self) -> None:
+        positive(self.sampling_hz, name="acoustic model: sampling_hz", unit="Hz", cure="40 MHz is usual")
+        if self.samples < 1:
+            raise ConfigError(f"acoustic model: samples is {self.samples}, it must be at least 1; 2080 is usual")
+        within(
+            self.trigger_offset_s,
+            low=-1e-3,
+            high=1e-3,
+            name="acoustic model: trigger_offset_s",
+            unit="s",
+            cure="±1 µs are usual",
+        )
+
+    def pulse(self, source: Source) -> PulseTable:
+        """Pulse of a source under this model's light, medium and band; made once.
+
+        Parameters
+        ----------
+        source
+            Absorber's size and shape.
+        """
+        record_s = self.samples / self.sampling_hz + abs(self.trigger_offset_s)
+        return pulse_table(
+            source,
+            laser=self.laser,
+            band=self.band,
+            medium=self.medium,
+            sampling_hz=self.sampling_hz,
+            longest_m=record_s * self.medium.sound_speed_m_s,
+        )
+
+    def channel_data(
+        self, absorbers: Sequence[Absorber], *, angle_deg: float
+    ) -> Float32[np.ndarray, "elements samples"]:
+        """Channel data without noise, shape (elements, samples); see the class for the unit.
+
+        An absorber that stands, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it is
+        silent: the probe's body hides it. What arrives after the record is cut off.
+
+        Parameters
+        ----------
+        absorbers
+            What sounds; none gives zeros.
+        angle_deg
+            Angle of the image plane about the axis of rotation, in degrees.
+
+        Raises
+        ------
+        ConfigError
+            If the angle is not finite, or an absorber is so near to the axis that it lies within the probe.
+        """
+        if not math.isfinite(angle_deg):
+            raise ConfigError(f"acoustic model: angle_deg is {angle_deg} deg, it must be a finite number")
+        heard = np.zeros((self.probe.array.elements, self.samples), dtype=np.float32)
+        places: dict[Source, list[tuple[float, float, float, float]]] = {}
+        for absorber in absorbers:
+            elevation, axial = self._place(absorber, angle_deg)
+            if axial >= NEAREST_M and absorber.strength != 0:
+                places.setdefault(absorber.source, []).append(
+                    (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
+                )
+        for source, rows in places.items():
+            self._add(heard, np.array(rows), self.pulse(source))
+        return heard
+
+    def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
+        """Elevation and axial distance of an absorber, in metres."""
+        least = self.probe.face_radius_m + NEAREST_M
+        if not absorber.radius_m >= least:
+            raise ConfigError(
+                f"absorber: radius_m is {absorber.radius_m} m, which is inside the probe: "
+                f"it must be at least {least:g} m (face radius and {NEAREST_M:g} m)"
+            )
+        return self.probe.in_probe_frame(radius_m=absorber.radius_m, off_plane_deg=angle_deg - absorber.angle_deg)
+
+    def _add(
+        self,
+        heard: Float32[np.ndarray, "elements samples"],
+        rows: Float64[np.ndarray, "absorbers 4"],
+        pulse: PulseTable,
+    ) -> None:
+        """Add to the channels absorbers of one kind, each a row of lateral, elevation, axial place and strength."""
+        probe, speed = self.probe, self.medium.sound_speed_m_s
+        half_height, half_width = probe.element_height_m / 2, probe.element_width_m / 2
+        wavenumber = 2 * math.pi * pulse.top_hz / speed
+        # the path changes by at most 1 along the face, the lens adds at most 1
+        half = max(half_height, half_width)
+        nodes, weights = _rules(nodes_needed(2 * wavenumber * half, half / NEAREST_M))
+        repeats, gain, delay_s = 0, 0.0, 0.0
+        if self.reverberation is not None:
+            repeats, gain, delay_s = self.reverberation.repeats, self.reverberation.gain, self.reverberation.delay_s
+        for repeat in range(repeats + 1):
+            add_absorbers(
+                heard,
+                rows[:, :3],
+                rows[:, 3] * gain**repeat,
+                probe.array.lateral_m,
+                half_width,
+                half_height,
+                probe.elevation_focus_m or 0.0,
+                nodes,
+                weights,
+                pulse.lines,
+                pulse.step_m,
+                wavenumber,
+                self.sampling_hz / speed,
+                (self.trigger_offset_s + repeat * delay_s) * self.sampling_hz + pulse.first,
+            )

@@ -1,0 +1,79 @@
+"""How the laser's light comes in time: the shape with which an absorber's pulse is convolved.
+
+The middle of the pulse is time zero, so that the length of the pulse moves no arrival. A laser whose trigger marks the
+first light has half of its pulse's length in the trigger offset. The energy is 1: what a source says per joule is the
+caller's number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from markerseek.acoustics._checks import positive
+from markerseek.acoustics.source import Frequencies, Spectrum
+
+
+class LaserPulse(Protocol):
+    """Light in time; two pulses that are equal have equal hashes, as tables are kept by pulse."""
+
+    def __hash__(self) -> int:
+        """Hash by value."""
+
+    def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
+        """Transform of the pulse over time, 1 at frequency 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RectanglePulse:
+    """Light that is on for some time, as from a switched diode: it makes a doublet, one pulse at on and one at off.
+
+    Attributes
+    ----------
+    duration_s
+        Length in seconds.
+    """
+
+    duration_s: float = 500e-9
+
+    def __post_init__(self) -> None:
+        positive(self.duration_s, name="rectangle pulse: duration_s", unit="s", cure="5 to 600 ns are usual")
+
+    def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
+        """Transform sin(π f T)/(π f T).
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies in Hz.
+        """
+        return np.sinc(frequency_hz * self.duration_s).astype(np.complex128)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaussianPulse:
+    """Light that swells and fades, as from a Q-switched laser.
+
+    Attributes
+    ----------
+    fwhm_s
+        Full width at half of the largest power, in seconds.
+    """
+
+    fwhm_s: float = 5e-9
+
+    def __post_init__(self) -> None:
+        positive(self.fwhm_s, name="Gaussian pulse: fwhm_s", unit="s", cure="5 to 600 ns are usual")
+
+    def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
+        """Transform exp(−(π f T)²/(4 ln 2)).
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies in Hz.
+        """
+        return np.exp(-((np.pi * frequency_hz * self.fwhm_s) ** 2) / (4 * math.log(2))).astype(np.complex128)

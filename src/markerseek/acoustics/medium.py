@@ -1,0 +1,66 @@
+"""The medium between source and probe: speed of sound and attenuation. It is uniform, and it does not disperse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.acoustics._checks import not_negative, within
+
+_NEPER_PER_METRE = math.log(10) / 20 * 100
+"""One dB/cm in Np/m."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Medium:
+    """Uniform medium.
+
+    A spherical wave falls as 1/r in it, besides the attenuation. The attenuation has no dispersion of its own:
+    pulses lose their high frequencies and keep their moment of arrival (for a power near 1 and soft tissue the true
+    dispersion is below 0.1 % of the speed of sound over the band).
+
+    Attributes
+    ----------
+    sound_speed_m_s
+        Speed of sound in m/s.
+    attenuation_db_cm_mhz
+        Amplitude attenuation a in dB/(cm MHzⁿ): about 0.1 for gel pads, 0.3 to 0.7 for soft tissue.
+    power
+        Exponent n of the frequency, 1 to 2.
+    """
+
+    sound_speed_m_s: float = 1540.0
+    attenuation_db_cm_mhz: float = 0.1
+    power: float = 1.0
+
+    def __post_init__(self) -> None:
+        within(
+            self.sound_speed_m_s,
+            low=300.0,
+            high=7000.0,
+            name="medium: sound_speed_m_s",
+            unit="m/s",
+            cure="water and tissue have 1450 to 1600",
+        )
+        not_negative(
+            self.attenuation_db_cm_mhz,
+            name="medium: attenuation_db_cm_mhz",
+            unit="dB/cm/MHz",
+            cure="soft tissue has about 0.5",
+        )
+        within(self.power, low=0.0, high=2.0, name="medium: power", unit="", cure="soft tissue has about 1, water 2")
+
+    def attenuation_np_m(
+        self, frequency_hz: Float64[np.ndarray, " frequencies"]
+    ) -> Float64[np.ndarray, " frequencies"]:
+        """Attenuation a·fⁿ of the amplitude at each frequency, in Np/m: a wave keeps exp(−a·fⁿ·d) over the path d.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies in Hz, not negative.
+        """
+        return _NEPER_PER_METRE * self.attenuation_db_cm_mhz * (frequency_hz / 1e6) ** self.power

@@ -1,0 +1,172 @@
+"""Noise of the receiver: white, coloured by the receive band, and bursts with heavy tails. Made anew at every call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Float32
+
+from markerseek.acoustics._checks import not_negative, positive, within
+from markerseek.acoustics.band import Band
+from markerseek.core import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bursts:
+    """Moments at which the noise is far larger than usual: a switching motor, a loose cable.
+
+    A burst multiplies the noise of a whole record by ``gain``·sqrt(ν/χ²ν), drawn once for each burst: over many bursts
+    the samples then follow Student's t distribution with ν degrees of freedom, times gain times sigma.
+
+    Attributes
+    ----------
+    frame_probability
+        Probability that a frame has a burst on all channels at once.
+    channel_probability
+        Probability, for each channel of each frame, of a burst on that channel alone.
+    gain
+        Usual size of a burst over that of the noise.
+    freedom
+        Degrees of freedom ν: fewer have heavier tails.
+    """
+
+    frame_probability: float = 0.0
+    channel_probability: float = 0.0
+    gain: float = 5.0
+    freedom: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name in ("frame_probability", "channel_probability"):
+            within(getattr(self, name), low=0.0, high=1.0, name=f"bursts: {name}", unit="", cure="0 is never")
+        positive(self.gain, name="bursts: gain", unit="", cure="5 is usual")
+        positive(self.freedom, name="bursts: freedom", unit="", cure="3 is usual")
+
+    def draw(self, rng: np.random.Generator, *, channels: int) -> Float32[np.ndarray, " channels"]:
+        """Factors by which the noise of each channel is multiplied in one frame; 1 without a burst.
+
+        Parameters
+        ----------
+        rng
+            Source of randomness.
+        channels
+            Number of channels.
+        """
+        hit = rng.random(channels) < self.channel_probability
+        size = np.where(hit, self._sizes(rng, channels), 1.0)
+        if rng.random() < self.frame_probability:
+            size *= self._sizes(rng, 1)
+        return size.astype(np.float32)
+
+    def _sizes(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        return self.gain * np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Gaussian noise, independent from channel to channel and from frame to frame.
+
+    Attributes
+    ----------
+    white_sigma
+        Standard deviation of noise with a flat spectrum, per channel and sample, in the unit of the channel data.
+    coloured_sigma
+        Standard deviation of noise with the spectrum of the band, in the same unit.
+    band
+        Band that colours it.
+    channel_gains
+        Factor for each channel, in order; None when all are alike.
+    bursts
+        Bursts; None for none.
+    """
+
+    white_sigma: float = 0.0
+    coloured_sigma: float = 0.0
+    band: Band = field(default_factory=Band)
+    channel_gains: tuple[float, ...] | None = None
+    bursts: Bursts | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("white_sigma", "coloured_sigma"):
+            not_negative(getattr(self, name), name=f"noise: {name}", unit="", cure="0 is none")
+        for channel, gain in enumerate(self.channel_gains or ()):
+            not_negative(gain, name=f"noise: channel_gains[{channel}]", unit="", cure="1 is as all others")
+
+    def sample(
+        self, rng: np.random.Generator, *, channels: int, samples: int, sampling_hz: float
+    ) -> Float32[np.ndarray, "channels samples"]:
+        """Noise of one frame, shape (channels, samples), to be added to the channel data.
+
+        Parameters
+        ----------
+        rng
+            Source of randomness.
+        channels, samples
+            Shape of the frame.
+        sampling_hz
+            Sampling frequency in Hz.
+
+        Raises
+        ------
+        ConfigError
+            If there are gains for another number of channels.
+        """
+        if self.coloured_sigma > 0:
+            noise = self._shaped(rng, channels, samples, sampling_hz)
+        elif self.white_sigma > 0:
+            noise = rng.standard_normal((channels, samples), dtype=np.float32)
+            noise *= np.float32(self.white_sigma)
+        else:
+            return np.zeros((channels, samples), dtype=np.float32)
+        sizes = self._sizes(rng, channels)
+        if sizes is not None:
+            noise *= sizes[:, np.newaxis]
+        return noise
+
+    def _shaped(
+        self, rng: np.random.Generator, channels: int, samples: int, sampling_hz: float
+    ) -> Float32[np.ndarray, "channels samples"]:
+        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one.
+
+        The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
+        interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal
+        (its excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
+        """
+        frequency_hz = scipy.fft.rfftfreq(samples, 1 / sampling_hz)
+        # parts of unit variance in bin k give a variance of 4/samples², in the real bins at both ends 1/samples²
+        share = np.full(frequency_hz.size, 4.0)
+        share[0] = 1.0
+        if samples % 2 == 0:
+            share[-1] = 1.0
+        power = self.band.gain(frequency_hz) ** 2
+        power *= self.coloured_sigma**2 / (share @ power)
+        # flat: a real bin holds half the variance of a complex one
+        flat = np.where(share == 1.0, 2.0, 1.0)
+        power += self.white_sigma**2 * flat / (share @ flat)
+        heard = np.flatnonzero(power > 1e-8 * power.max())
+        low, high = int(heard[0]), int(heard[-1]) + 1
+        spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
+        drawn = rng.random((channels, 2 * (high - low)), dtype=np.float32)
+        drawn -= np.float32(0.5)
+        # a twelfth is the variance of an even draw from an interval of length 1
+        scale = (samples * np.sqrt(12 * power[low:high])).astype(np.float32)
+        np.multiply(drawn.view(np.complex64), scale, out=spectrum[:, low:high])
+        noise: Float32[np.ndarray, "channels samples"] = scipy.fft.irfft(spectrum, samples, axis=1, overwrite_x=True)
+        return noise
+
+    def _sizes(self, rng: np.random.Generator, channels: int) -> Float32[np.ndarray, " channels"] | None:
+        """Factor of each channel in this frame; None when all are 1."""
+        if self.channel_gains is None and self.bursts is None:
+            return None
+        sizes = np.ones(channels, dtype=np.float32)
+        if self.channel_gains is not None:
+            if len(self.channel_gains) != channels:
+                raise ConfigError(
+                    f"noise: channel_gains has {len(self.channel_gains)} entries for {channels} channels; "
+                    "give one for each channel, or None"
+                )
+            sizes *= np.array(self.channel_gains, dtype=np.float32)
+        if self.bursts is not None:
+            sizes *= self.bursts.draw(rng, channels=channels)
+        return sizes
