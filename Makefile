@@ -1,36 +1,53 @@
-# markerseek: the five commands of a day's work, and the environment they share.
+# markerseek: the commands of a day's work, and the environment that they share. Needs Python 3.11 or later and make.
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
+	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test check bench docs lock clean
 
 help:  ## list these commands
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: .venv/run  ## find a marker on the simulated rig and draw the search
-	$(BIN)/markerseek search --seed 1 --picture out/demo
+demo: .venv/run  ## find a marker on the simulated rig, and draw the search
+	$(BIN)/markerseek search --seed 1 --plot --out out
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 $(TESTS)
 
-check: .venv/dev  ## lint, types, import contracts, formatting
+check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/bench  ## time the kernels beside other people's programs
-	.venv-bench/bin/python -m benchmarks
+bench: .venv/dev  ## time the kernels side by side with other people's programs
+	$(BIN)/python -m benchmarks
 
 docs: .venv/dev  ## run the examples of the documentation
+	$(BIN)/python -m pytest -q tests/system/test_examples.py
 
-lock: .venv/dev  ## pin the versions anew after a change of pyproject.toml
+lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools
-	cd requirements && $(CURDIR)/$(BIN)/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
-		--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --extra plot -o run.txt ../pyproject.toml
+	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
+	$(COMPILE) --extra plot --extra check --extra test -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 
-clean:  ## remove the environments and everything made
-	rm -rf .venv .venv-bench out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+clean:  ## remove the environment and everything made
+	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+
+# The environment grows in two steps, so that the demo does not wait for the tools of the tests. The last line of the
+# first compiles the kernels once, for good.
+.venv/run: requirements/run.txt pyproject.toml
+	@echo "setting up .venv (once)"
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(PIP) install --require-hashes -r requirements/run.txt
+	$(PIP) install --no-deps --no-build-isolation -e .
+	$(BIN)/markerseek doctor
+	@touch $@
+
+.venv/dev: requirements/dev.txt .venv/run
+	$(PIP) install --require-hashes -r requirements/dev.txt
+	@touch $@

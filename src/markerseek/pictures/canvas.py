@@ -1,0 +1,61 @@
+"""What all pictures share: colours, figures without a display, and files to keep them in.
+
+Matplotlib is an extra and imported here, when the first picture is drawn.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markerseek.core import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIGNAL, ACCENT, TRUTH, QUIET = "#1f5fa8", "#c8501e", "#2a7f3f", "#8a8f98"
+"""Colours of what was measured, what was concluded, what is true, and all the rest; apart for the colour-blind too."""
+
+
+def new_figure(*, width_in: float, height_in: float) -> Figure:
+    """Empty figure that needs no display.
+
+    Parameters
+    ----------
+    width_in, height_in
+        Size in inches.
+
+    Raises
+    ------
+    MissingExtraError
+        If Matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as problem:
+        raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, making the folder if need be.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=120, format="png")
+    except OSError as problem:
+        raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
+
+
+def png_data_uri(figure: Figure) -> str:
+    """The figure as a PNG inside a ``data:`` address, for a page that stands alone."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=120, format="png")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

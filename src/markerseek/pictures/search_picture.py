@@ -1,0 +1,151 @@
+"""The picture of a search: intensity over angle, the probe's track, and the photoacoustic image at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from markerseek.core import Found, Sample
+from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure
+from markerseek.pictures.image_panel import draw_image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from markerseek.core import Estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PaImage:
+    """A photoacoustic image to be drawn.
+
+    Attributes
+    ----------
+    envelope
+        Envelope, shape (depths, laterals).
+    lateral_m, depth_m
+        Axes in metres.
+    """
+
+    envelope: Float32[np.ndarray, "depths laterals"]
+    lateral_m: Float64[np.ndarray, " laterals"]
+    depth_m: Float64[np.ndarray, " depths"]
+
+
+def search_figure(
+    samples: list[Sample],
+    estimate: Estimate,
+    *,
+    title: str,
+    start_deg: float,
+    truth_deg: float | None,
+    confirmation: Sample | None,
+    image: PaImage | None,
+) -> Figure:
+    """Figure of one search.
+
+    Parameters
+    ----------
+    samples
+        Acquisitions in the order in which they were made; dark ones apart.
+    estimate
+        The answer.
+    title
+        What was searched, with what; says "simulated" where it was.
+    start_deg
+        Where the probe stood at first, in degrees.
+    truth_deg
+        Angle of the marker in degrees, None where it is not known.
+    confirmation
+        The acquisition after the last move, None if there was none.
+    image
+        Image of the last acquisition, None where there are no channel data.
+    """
+    figure = new_figure(width_in=11.0, height_in=6.4)
+    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
+    curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
+    _draw_curve(curve, samples, estimate, truth_deg=truth_deg, confirmation=confirmation)
+    _draw_track(track, samples, estimate, start_deg=start_deg, truth_deg=truth_deg, confirmation=confirmation)
+    if image is not None:
+        panel = figure.add_subplot(columns[:, 1])
+        draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+        last = confirmation or samples[-1]
+        panel.set_title(f"photoacoustic image at {last.angle_deg:.2f}°")
+    return figure
+
+
+def _draw_curve(
+    axes: Axes, samples: list[Sample], estimate: Estimate, *, truth_deg: float | None, confirmation: Sample | None
+) -> None:
+    angles = np.array([sample.angle_deg for sample in samples])
+    intensities = np.array([sample.reading.intensity for sample in samples])
+    order = np.argsort(angles, kind="stable")
+    axes.plot(angles[order], intensities[order], color=QUIET, linewidth=1, zorder=1)
+    axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, in order")
+    for number, (angle, intensity) in enumerate(zip(angles, intensities, strict=True), start=1):
+        axes.annotate(
+            str(number), (angle, intensity), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7
+        )
+    if confirmation is not None:
+        axes.scatter(
+            [confirmation.angle_deg],
+            [confirmation.reading.intensity],
+            marker="*",
+            s=110,
+            color=ACCENT,
+            zorder=4,
+            label="confirmation",
+        )
+    _draw_answer(axes.axvline, axes.axvspan, estimate, truth_deg)
+    floor = estimate.floor
+    if floor is not None and floor.level is not None:
+        axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
+    axes.set_ylim(bottom=0, top=1.12 * max(intensities.max(), 1e-12))
+    axes.set_xlabel("probe angle [deg]")
+    axes.set_ylabel("intensity (envelope peak)")
+    axes.legend(loc="upper left", bbox_to_anchor=(0, 1), fontsize=7, framealpha=0.8)
+
+
+def _draw_track(
+    axes: Axes,
+    samples: list[Sample],
+    estimate: Estimate,
+    *,
+    start_deg: float,
+    truth_deg: float | None,
+    confirmation: Sample | None,
+) -> None:
+    angles = [start_deg, *(sample.angle_deg for sample in samples)]
+    axes.step(range(len(angles)), angles, where="mid", color=QUIET, linewidth=1)
+    axes.scatter(range(1, len(angles)), angles[1:], color=SIGNAL, s=16, zorder=3)
+    if confirmation is not None:
+        axes.scatter([len(angles)], [confirmation.angle_deg], marker="*", s=110, color=ACCENT, zorder=4)
+    _draw_answer(axes.axhline, axes.axhspan, estimate, truth_deg)
+    axes.set_xlabel("acquisition (0: start)")
+    axes.set_ylabel("probe angle [deg]")
+    axes.locator_params(axis="x", integer=True)
+
+
+def _draw_answer(
+    line: Callable[..., object], span: Callable[..., object], estimate: Estimate, truth_deg: float | None
+) -> None:
+    """Lines at the estimate and the truth, and a band for the interval, along either axis."""
+    found = isinstance(estimate, Found)
+    line(
+        estimate.mean_deg,
+        color=ACCENT,
+        linestyle="-" if found else "--",
+        label=f"{'estimate' if found else 'no marker claimed; the rule points at'} {estimate.mean_deg:.2f}°",
+    )
+    if isinstance(estimate, Found):
+        interval = estimate.interval95_deg
+        kind = f"95 % interval ({estimate.interval_kind})"
+        span(interval.low_deg, interval.high_deg, color=ACCENT, alpha=0.15, label=kind)
+    if truth_deg is not None:
+        line(truth_deg, color=TRUTH, linestyle=":", label=f"truth {truth_deg:.2f}°")
