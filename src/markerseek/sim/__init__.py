@@ -7,14 +7,26 @@ from markerseek.sim.clock import VirtualClock
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.stage import SimulatedStage, StageMotion
+from markerseek.sim.settings import (
+    LaserSettings,
+    MarkerSettings,
+    NoiseSettings,
+    ReceiverSettings,
+    SimulatedSettings,
+)
 from markerseek.sim.tissues import TISSUES, Tissue, tissue
 from markerseek.sim.world import Flash, World
 
 __all__ = [
     "TISSUES",
     "Flash",
+    "LaserSettings",
+    "MarkerSettings",
+    "NoiseSettings",
+    "ReceiverSettings",
     "SimulatedLaser",
     "SimulatedReceiver",
+    "SimulatedSettings",
     "SimulatedStage",
     "StageMotion",
     "Tissue",

@@ -1,0 +1,279 @@
+"""The loop: order of events, what a policy is told and when, and that every end leaves the rig stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    DeviceError,
+    Event,
+    Failed,
+    Finished,
+    Found,
+    Frame,
+    FrameHeader,
+    Interval,
+    LaserError,
+    LimitError,
+    Measured,
+    MoveError,
+    NotFound,
+    Permit,
+    Reading,
+    ReadingFrame,
+    Refused,
+    Sample,
+    SearchError,
+    Started,
+)
+from markerseek.guard import Admission, FiringLimits, Limits, Permits
+from markerseek.scan import RunLimits, Scanner, run
+
+FOUND = Found(
+    mean_deg=4.0, sigma_deg=0.1, interval95_deg=Interval(low_deg=3.8, high_deg=4.2), interval_kind="propagated"
+)
+
+
+@dataclass
+class Bench:
+    """Stage, laser, receiver, reader and clock in one, with a log and some faults."""
+
+    angle_deg: float = -35.0
+    limits: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+    log: list[str] = field(default_factory=list)
+    short_by_deg: float = 0.0
+    missing_pulses: int = 0
+    bad_frames: int = 0
+    intensity: float = 5.0
+    time_s: float = 0.0
+    sequence: int = 0
+
+    def move_to(self, angle_deg: float) -> float:
+        self.log.append(f"move {angle_deg:g}")
+        self.angle_deg = angle_deg - self.short_by_deg
+        self.time_s += 1.0
+        return self.angle_deg
+
+    def stop(self) -> None:
+        self.log.append("stop")
+
+    def arm(self, permit: Permit) -> None:
+        self.log.append("arm")
+
+    def fire(self, permit: Permit) -> int:
+        self.log.append(f"fire {permit.pulses}")
+        return max(permit.pulses - self.missing_pulses, 0)
+
+    def disarm(self) -> None:
+        self.log.append("disarm")
+
+    def acquire(self, permit: Permit) -> Frame:
+        self.sequence += 1
+        stale = self.bad_frames > 0
+        self.bad_frames -= stale
+        header = FrameHeader(
+            sequence=self.sequence,
+            token="old" if stale else permit.token,
+            pulses=permit.pulses,
+            commanded_deg=permit.angle_deg,
+            started_s=self.time_s,
+            ended_s=self.time_s,
+        )
+        return ReadingFrame(header=header, intensity=self.intensity)
+
+    def read(self, frame: Frame) -> Reading:
+        assert isinstance(frame, ReadingFrame)
+        return Reading(intensity=frame.intensity)
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def wait(self, duration_s: float) -> None:
+        self.time_s += duration_s
+
+
+class Tour:
+    """Visits the angles given and then says what it was told to say."""
+
+    def __init__(self, *angles_deg: float, answer: Found | NotFound = FOUND) -> None:
+        self.left = list(angles_deg)
+        self.told: list[Sample] = []
+        self.answer = answer
+
+    def ask(self) -> float | None:
+        return self.left[0] if self.left else None
+
+    def tell(self, sample: Sample) -> None:
+        self.told.append(sample)
+        if not sample.dark:
+            self.left.pop(0)
+
+    def estimate(self) -> Found | NotFound:
+        return self.answer
+
+
+def scanner(bench: Bench, **changes: int) -> Scanner:
+    return Scanner(
+        stage=bench,
+        laser=bench,
+        receiver=bench,
+        reader=bench,
+        clock=bench,
+        limits=Limits(),
+        permits=Permits(FiringLimits()),
+        admission=Admission(),
+        **changes,
+    )
+
+
+def kinds(events: list[Event]) -> list[str]:
+    return [event.role if isinstance(event, Measured) else type(event).__name__ for event in events]
+
+
+def drain(events: Iterator[Event], error: type[Exception]) -> list[Event]:
+    """Events up to the error that ends them."""
+    seen: list[Event] = []
+    with pytest.raises(error):
+        for event in events:
+            seen.append(event)
+    return seen
+
+
+def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
+    bench = Bench()
+    policy = Tour(-35.0, 0.0, 10.0)
+    events = list(run(policy, scanner(bench), dark_frames=2))
+    assert kinds(events) == ["Started", "dark", "dark", "search", "search", "search", "confirmation", "Finished"]
+    finished = events[-1]
+    assert isinstance(finished, Finished)
+    assert finished.acquisitions == 3
+    assert finished.travel_deg == pytest.approx(35 + 10 + 6)
+    assert finished.elapsed_s == pytest.approx(4.0)
+    assert finished.confirmation is not None
+    assert finished.confirmation.angle_deg == 4.0
+    assert [sample.dark for sample in policy.told] == [True, True, False, False, False]
+    assert [entry for entry in bench.log if entry.startswith("fire")] == ["fire 0"] * 2 + ["fire 16"] * 4
+    assert bench.log[-2:] == ["disarm", "stop"]
+
+
+def test_the_order_within_one_measurement() -> None:
+    bench = Bench()
+    sample = scanner(bench).measure(12.0)
+    assert bench.log == ["move 12", "arm", "fire 16"]
+    assert sample.frame is not None
+    header = sample.frame.header
+    assert (header.commanded_deg, header.angle_before_deg, header.angle_after_deg) == (12.0, 12.0, 12.0)
+
+
+def test_a_policy_is_told_only_after_the_event_was_handed_out() -> None:
+    policy = Tour(0.0, 1.0)
+    events = run(policy, scanner(Bench()))
+    assert isinstance(next(events), Started)
+    measured = next(events)
+    assert isinstance(measured, Measured)
+    assert policy.told == []
+    next(events)
+    assert policy.told == [measured.sample]
+
+
+@pytest.mark.parametrize(("stay", "answer"), [(True, FOUND), (False, NotFound(mean_deg=0.0, reason="flat"))])
+def test_without_a_found_marker_or_with_stay_the_probe_stays(stay: bool, answer: Found | NotFound) -> None:
+    bench = Bench()
+    events = list(run(Tour(0.0, answer=answer), scanner(bench), stay=stay))
+    assert kinds(events) == ["Started", "search", "Finished"]
+    assert bench.angle_deg == 0.0
+
+
+def test_a_refused_frame_is_reported_and_taken_again() -> None:
+    bench = Bench(bad_frames=2)
+    policy = Tour(0.0)
+    events = list(run(policy, scanner(bench), stay=True))
+    assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
+    refused = events[1]
+    assert isinstance(refused, Refused)
+    assert "stale" in refused.reason
+    assert len(policy.told) == 1
+
+
+def test_frames_refused_too_often_end_the_run_with_an_error_and_no_angle() -> None:
+    bench = Bench(bad_frames=3)
+    policy = Tour(0.0)
+    events = drain(run(policy, scanner(bench)), AcquisitionError)
+    assert kinds(events) == ["Started", "Refused", "Refused", "Failed"]
+    failed = events[-1]
+    assert isinstance(failed, Failed)
+    assert "refused 3 times" in str(failed.error)
+    assert policy.told == []
+    assert bench.log[-2:] == ["disarm", "stop"]
+
+
+@pytest.mark.parametrize(
+    ("bench", "error"),
+    [
+        (Bench(short_by_deg=0.2), MoveError),
+        (Bench(short_by_deg=float("nan")), MoveError),
+        (Bench(missing_pulses=1), LaserError),
+        (Bench(intensity=float("nan")), AcquisitionError),
+    ],
+)
+def test_a_device_that_does_not_do_its_part_ends_the_run(bench: Bench, error: type[DeviceError]) -> None:
+    policy = Tour(0.0)
+    events = drain(run(policy, scanner(bench)), error)
+    assert isinstance(events[-1], Failed)
+    assert policy.told == []
+    assert bench.log[-1] == "stop"
+
+
+@pytest.mark.parametrize("angle_deg", [35.001, -36.0, float("nan"), float("inf")])
+def test_an_angle_outside_is_refused_before_anything_moves(angle_deg: float) -> None:
+    bench = Bench()
+    drain(run(Tour(angle_deg), scanner(bench)), LimitError)
+    assert bench.log == ["disarm", "stop"]
+
+
+def test_closing_the_run_early_stops_the_rig() -> None:
+    bench = Bench()
+    events = run(Tour(0.0, 1.0), scanner(bench))
+    next(events)
+    next(events)
+    events.close()  # type: ignore[attr-defined]
+    assert bench.log[-2:] == ["disarm", "stop"]
+
+
+def test_a_laser_that_cannot_be_disarmed_does_not_keep_the_stage_from_stopping() -> None:
+    class Jammed(Bench):
+        def disarm(self) -> None:
+            raise LaserError("jammed")
+
+    bench = Jammed()
+    with pytest.raises(LaserError):
+        scanner(bench).stop()
+    assert bench.log == ["stop"]
+
+
+@pytest.mark.parametrize(
+    "limits", [RunLimits(acquisitions=5), RunLimits(duration_s=4.5), RunLimits(duration_s=float("nan"))]
+)
+def test_a_search_that_does_not_end_is_ended(limits: RunLimits) -> None:
+    class Endless(Tour):
+        def ask(self) -> float | None:
+            return 0.0 if len(self.told) % 2 else 1.0
+
+        def tell(self, sample: Sample) -> None:
+            self.told.append(sample)
+
+    policy = Endless()
+    drain(run(policy, scanner(Bench()), limits=limits), SearchError)
+    assert len(policy.told) <= 5
+
+
+def test_settings_that_could_hear_nothing_are_refused() -> None:
+    with pytest.raises(ConfigError, match="pulses is 0"):
+        scanner(Bench(), pulses=0)
+    with pytest.raises(ConfigError, match="attempts is 0"):
+        list(run(Tour(0.0), scanner(Bench()), limits=replace(RunLimits(), attempts=0)))

@@ -1,0 +1,160 @@
+"""The simulated stage and laser against closed forms and against the world's truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
+from markerseek.core import AcquisitionError, ConfigError, Interval, LaserError, LimitError, Permit
+from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion, VirtualClock, World
+
+TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
+
+
+def world(*, start_deg: float = 0.0, energy_jitter: float = 0.0, white_sigma: float = 0.0) -> World:
+    return World(
+        model=AcousticModel(),
+        absorbers=(Absorber(radius_m=0.06, angle_deg=0.0, strength=500.0),),
+        noise=Noise(white_sigma=white_sigma),
+        digitiser=Digitiser(),
+        energy_jitter=energy_jitter,
+        start_deg=start_deg,
+        rng=np.random.default_rng(5),
+    )
+
+
+def permit(token: str = "a", *, pulses: int = 16, expires_s: float = 60.0) -> Permit:
+    return Permit(token=token, angle_deg=0.0, pulses=pulses, expires_s=expires_s)
+
+
+@pytest.mark.parametrize("distance_deg", [0.3, 5.0, 10.0, 10.1, 70.0])
+def test_the_duration_of_a_move_is_that_of_an_integrated_speed_profile(distance_deg: float) -> None:
+    motion = StageMotion(speed_deg_s=10.0, acceleration_deg_s2=8.0)
+
+    def speed(_time: float, place: np.ndarray) -> list[float]:
+        """Fastest speed allowed from the way already gone, the way to go, and the limit: v² = 2 a s."""
+        gone, left = max(place[0], 1e-9), max(distance_deg - place[0], 0.0)
+        return [min(np.sqrt(2 * 8.0 * min(gone, left)), 10.0)]
+
+    def arrived(_time: float, place: np.ndarray) -> float:
+        return float(place[0] - (distance_deg - 1e-7))
+
+    arrived.terminal = True  # type: ignore[attr-defined]
+    solved = solve_ivp(speed, (0, 60), [0.0], events=arrived, max_step=1e-2, rtol=1e-8)
+    assert motion.duration_s(distance_deg) == pytest.approx(solved.t_events[0][0], rel=2e-3)
+    assert motion.duration_s(-distance_deg) == motion.duration_s(distance_deg)
+
+
+@given(targets=st.lists(st.floats(-35, 35), min_size=1, max_size=8))
+def test_every_target_is_reached_from_below_so_that_play_never_shows(targets: list[float]) -> None:
+    truth = world()
+    stage = SimulatedStage(world=truth, clock=VirtualClock(), motion=StageMotion(backlash_deg=0.3), travel=TRAVEL)
+    for target in targets:
+        reached = stage.move_to(target)
+        assert abs(reached - target) <= 0.5 / 1919.6418
+        assert truth.angle_deg == pytest.approx(reached, abs=1e-12)
+
+
+def test_without_the_approach_from_below_the_play_shows_in_truth_and_not_in_the_readback() -> None:
+    truth = world()
+    motion = StageMotion(backlash_deg=0.3, approach_deg=0.0)
+    stage = SimulatedStage(world=truth, clock=VirtualClock(), motion=motion, travel=TRAVEL)
+    stage.move_to(10.0)
+    reached = stage.move_to(5.0)
+    assert reached == pytest.approx(5.0, abs=3e-4)
+    assert truth.angle_deg - reached == pytest.approx(0.3)
+
+
+def test_a_move_takes_its_time_and_the_approach_too() -> None:
+    clock = VirtualClock()
+    motion = StageMotion(settle_s=0.1)
+    stage = SimulatedStage(world=world(), clock=clock, motion=motion, travel=TRAVEL)
+    stage.move_to(20.0)
+    assert clock.now_s() == pytest.approx(3.0 + 0.1, abs=1e-3)
+    stage.move_to(10.0)
+    assert clock.now_s() == pytest.approx(3.1 + motion.duration_s(11) + motion.duration_s(1) + 0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize("angle_deg", [36.6, -40.0, float("nan")])
+def test_the_stage_refuses_to_leave_its_travel(angle_deg: float) -> None:
+    truth = world()
+    stage = SimulatedStage(world=truth, clock=VirtualClock(), motion=StageMotion(), travel=TRAVEL)
+    with pytest.raises(LimitError):
+        stage.move_to(angle_deg)
+    assert truth.angle_deg == 0.0
+
+
+def test_the_approach_does_not_leave_the_travel_either() -> None:
+    truth = world()
+    lowest = []
+    stage = SimulatedStage(world=truth, clock=VirtualClock(), motion=StageMotion(), travel=TRAVEL)
+    stage.move_to(-36.2)
+    lowest.append(truth.angle_deg)
+    assert min(lowest) >= TRAVEL.low_deg
+
+
+def test_a_permit_is_good_for_one_firing_and_for_a_while() -> None:
+    clock, truth = VirtualClock(), world()
+    laser = SimulatedLaser(world=truth, clock=clock, rate_hz=100.0)
+    assert laser.fire(permit("a")) == 16
+    with pytest.raises(LaserError, match="used before"):
+        laser.fire(permit("a"))
+    clock.wait(61.0)
+    with pytest.raises(LaserError, match="expired"):
+        laser.fire(permit("b"))
+    assert [flash.pulses for flash in truth.flashes] == [16]
+
+
+def test_a_permit_of_no_pulses_lights_nothing() -> None:
+    truth = world()
+    assert SimulatedLaser(world=truth, clock=VirtualClock()).fire(permit(pulses=0)) == 0
+    assert truth.flashes == []
+
+
+def test_the_receiver_hears_the_flash_and_noise_alone_without_one() -> None:
+    clock, truth = VirtualClock(), world(white_sigma=2.0)
+    laser = SimulatedLaser(world=truth, clock=clock)
+    receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=10.0)
+    receiver.arm(permit("a"))
+    laser.fire(permit("a"))
+    lit = receiver.acquire(permit("a"))
+    receiver.arm(permit("b", pulses=0))
+    laser.fire(permit("b", pulses=0))
+    dark = receiver.acquire(permit("b", pulses=0))
+    assert (lit.header.pulses, dark.header.pulses) == (16, 0)
+    assert (lit.header.sequence, dark.header.sequence) == (1, 2)
+    assert np.abs(lit.samples).max() > 100
+    assert np.std(dark.samples) == pytest.approx(2.0, rel=0.03)
+    assert clock.now_s() == pytest.approx(20.16)
+
+
+def test_the_receiver_refuses_a_permit_for_which_it_was_not_armed() -> None:
+    receiver = SimulatedReceiver(world=world(), clock=VirtualClock(), readout_s=0.0)
+    with pytest.raises(AcquisitionError, match="not armed"):
+        receiver.acquire(permit())
+    receiver.arm(permit("a"))
+    with pytest.raises(AcquisitionError, match="not armed"):
+        receiver.acquire(permit("b"))
+
+
+def test_energy_jitter_averages_over_pulses() -> None:
+    truth = world(energy_jitter=0.1)
+    for _ in range(4000):
+        truth.flash(pulses=16, at_s=0.0)
+    energies = np.array([flash.energy for flash in truth.flashes])
+    assert energies.mean() == pytest.approx(1.0, abs=0.002)
+    assert energies.std() == pytest.approx(0.1 / 4, rel=0.05)
+
+
+def test_a_clock_does_not_run_backwards() -> None:
+    clock = VirtualClock()
+    for bad in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(ConfigError):
+            clock.wait(bad)
+    with pytest.raises(ConfigError):
+        VirtualClock(pace=-1.0)
+    assert clock.now_s() == 0.0
