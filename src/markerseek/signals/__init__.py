@@ -1,0 +1,17 @@
+"""From a frame to what it says: filter, one-way delay-and-sum, envelope, features. Pure."""
+
+from markerseek.signals.noise_gain import beamformed_sigma, envelope_cells
+from markerseek.signals.presets import PRESET_NAMES, ProbePreset, probe_preset
+from markerseek.signals.reader import Arrival, FrameFindings, ImageReader, Picture
+
+__all__ = [
+    "PRESET_NAMES",
+    "Arrival",
+    "FrameFindings",
+    "ImageReader",
+    "Picture",
+    "ProbePreset",
+    "beamformed_sigma",
+    "envelope_cells",
+    "probe_preset",
+]

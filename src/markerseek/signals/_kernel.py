@@ -1,0 +1,193 @@
+"""Compiled loops of the imaging chain, one thread each; samples first, channels contiguous.
+
+With channels contiguous, the pixels of one depth that share a delay lie side by side, so that beamforming needs no
+gather: row ``t`` of the signals, shifted by some channels, is added to a row of the image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32, Int64
+
+from markerseek.core.compiled import compiled
+
+PAD = 32
+"""Zero columns on each side of the signals, so that every inner loop has a multiple of 32 steps."""
+
+_TILE = 16
+"""Depths that are summed together, so that the signals they share stay in the nearest cache."""
+
+
+@compiled
+def fir(
+    padded: Float32[np.ndarray, "rows columns"],
+    taps: Float32[np.ndarray, " taps"],
+    out: Float32[np.ndarray, "samples wide"],
+    first: int,
+) -> None:
+    """Write the symmetric filter of the rows of ``padded`` into columns from ``first`` on of ``out``.
+
+    ``taps[0]`` is the middle tap; ``padded`` holds len(taps) - 1 rows more than ``out`` on either side. The number of
+    taps on one side is a multiple of four.
+    """
+    rows, columns = out.shape[0], padded.shape[1]
+    half = len(taps) - 1
+    for t in range(rows):
+        result = out[t, first : first + columns]
+        middle = padded[t + half]
+        for c in range(columns):
+            result[c] = taps[0] * middle[c]
+        for k in range(1, half + 1, 4):
+            h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
+            a0, b0 = padded[t + half - k], padded[t + half + k]
+            a1, b1 = padded[t + half - k - 1], padded[t + half + k + 1]
+            a2, b2 = padded[t + half - k - 2], padded[t + half + k + 2]
+            a3, b3 = padded[t + half - k - 3], padded[t + half + k + 3]
+            for c in range(columns):
+                result[c] += (h0 * (a0[c] + b0[c]) + h1 * (a1[c] + b1[c])) + (
+                    h2 * (a2[c] + b2[c]) + h3 * (a3[c] + b3[c])
+                )
+
+
+@compiled
+def magnitude(
+    padded: Float32[np.ndarray, "rows columns"],
+    taps: Float32[np.ndarray, " taps"],
+    out: Float32[np.ndarray, "depth columns"],
+) -> None:
+    """Write the magnitude of the rows of ``padded`` and of their antisymmetric filter into ``out``.
+
+    Tap k stands at the odd offset 2 k + 1; ``padded`` holds 2 len(taps) rows more than ``out`` on either side, and the
+    number of taps is a multiple of four.
+    """
+    rows, columns = out.shape
+    half = 2 * len(taps)
+    for t in range(rows):
+        result = out[t]
+        result[:] = np.float32(0)
+        for k in range(0, len(taps), 4):
+            h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
+            low, high = t + half - 2 * k - 1, t + half + 2 * k + 1
+            a0, b0 = padded[low], padded[high]
+            a1, b1 = padded[low - 2], padded[high + 2]
+            a2, b2 = padded[low - 4], padded[high + 4]
+            a3, b3 = padded[low - 6], padded[high + 6]
+            for c in range(columns):
+                result[c] += (h0 * (a0[c] - b0[c]) + h1 * (a1[c] - b1[c])) + (
+                    h2 * (a2[c] - b2[c]) + h3 * (a3[c] - b3[c])
+                )
+        middle = padded[t + half]
+        for c in range(columns):
+            result[c] = np.sqrt(middle[c] * middle[c] + result[c] * result[c])
+
+
+@compiled
+def delay_and_sum(
+    signals: Float32[np.ndarray, "samples wide"],
+    first: Int32[np.ndarray, "distances depths"],
+    weight: Float32[np.ndarray, "distances depths"],
+    right: int,
+    left: int,
+    out: Float32[np.ndarray, "depths columns"],
+) -> None:
+    """Sum the delayed signals of every column into ``out``, shape (depths, columns).
+
+    Row m of the tables belongs to the elements ``right + m`` and ``left - m`` columns away. ``first`` is the sample
+    before the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
+    a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows.
+    """
+    depths, columns = out.shape
+    one, zero = np.float32(1), np.float32(0)
+    for start in range(0, depths, _TILE):
+        stop = min(depths, start + _TILE)
+        out[start:stop] = zero
+        for m in range(0, first.shape[0], 4):
+            span_right = (columns - right - m + 31) // 32 * 32
+            span_left = (columns + left - m + 31) // 32 * 32
+            for z in range(start, stop):
+                t0, t1, t2, t3 = first[m, z], first[m + 1, z], first[m + 2, z], first[m + 3, z]
+                if t0 < 0:
+                    continue
+                w0, w1, w2, w3 = weight[m, z], weight[m + 1, z], weight[m + 2, z], weight[m + 3, z]
+                u0, u1, u2, u3 = one - w0, one - w1, one - w2, one - w3
+                if t1 < 0:
+                    t1, u1, w1 = t0, zero, zero
+                if t2 < 0:
+                    t2, u2, w2 = t0, zero, zero
+                if t3 < 0:
+                    t3, u3, w3 = t0, zero, zero
+                s = PAD + right + m
+                a0, b0 = signals[t0, s : s + span_right], signals[t0 + 1, s : s + span_right]
+                a1, b1 = signals[t1, s + 1 : s + 1 + span_right], signals[t1 + 1, s + 1 : s + 1 + span_right]
+                a2, b2 = signals[t2, s + 2 : s + 2 + span_right], signals[t2 + 1, s + 2 : s + 2 + span_right]
+                a3, b3 = signals[t3, s + 3 : s + 3 + span_right], signals[t3 + 1, s + 3 : s + 3 + span_right]
+                row = out[z, :span_right]
+                for j in range(span_right):
+                    row[j] += (u0 * a0[j] + w0 * b0[j] + u1 * a1[j] + w1 * b1[j]) + (
+                        u2 * a2[j] + w2 * b2[j] + u3 * a3[j] + w3 * b3[j]
+                    )
+                if m == 0 and right == left:
+                    # The element straight above a column stands once in the sum.
+                    u0, w0 = zero, zero
+                s = PAD + left - m + columns - span_left
+                a0, b0 = signals[t0, s : s + span_left], signals[t0 + 1, s : s + span_left]
+                a1, b1 = signals[t1, s - 1 : s - 1 + span_left], signals[t1 + 1, s - 1 : s - 1 + span_left]
+                a2, b2 = signals[t2, s - 2 : s - 2 + span_left], signals[t2 + 1, s - 2 : s - 2 + span_left]
+                a3, b3 = signals[t3, s - 3 : s - 3 + span_left], signals[t3 + 1, s - 3 : s - 3 + span_left]
+                row = out[z, columns - span_left :]
+                for j in range(span_left):
+                    row[j] += (u0 * a0[j] + w0 * b0[j] + u1 * a1[j] + w1 * b1[j]) + (
+                        u2 * a2[j] + w2 * b2[j] + u3 * a3[j] + w3 * b3[j]
+                    )
+
+
+@compiled
+def aligned(
+    signals: Float32[np.ndarray, "samples wide"],
+    element_m: Float64[np.ndarray, " elements"],
+    lateral_m: float,
+    depth_m: Float64[np.ndarray, " depths"],
+    delay: tuple[float, float],
+    half_aperture: Float64[np.ndarray, " depths"],
+    out: Float32[np.ndarray, "depths elements"],
+) -> Int64[np.ndarray, " depths"]:
+    """Write each element's delayed signal for the depths of one column into ``out``, shape (depths, elements).
+
+    ``delay`` is (samples per metre of path, sample number of the laser's pulse). Elements outside of the aperture or
+    of the record stay zero. Returns the number of elements used at each depth.
+    """
+    per_metre, origin = delay
+    last = signals.shape[0] - 1
+    used = np.zeros(len(depth_m), np.int64)
+    for z in range(len(depth_m)):
+        for e in range(len(element_m)):
+            out[z, e] = np.float32(0)
+            offset = element_m[e] - lateral_m
+            if abs(offset) > half_aperture[z]:
+                continue
+            place = np.sqrt(depth_m[z] ** 2 + offset**2) * per_metre + origin
+            t = int(np.floor(place))
+            if 0 <= t < last:
+                w = np.float32(place - t)
+                out[z, e] = (np.float32(1) - w) * signals[t, PAD + e] + w * signals[t + 1, PAD + e]
+                used[z] += 1
+    return used
+
+
+@compiled
+def local_maxima(envelope: Float32[np.ndarray, "depth lateral"], level: np.float32) -> Int64[np.ndarray, "found 2"]:
+    """Rows and columns of the pixels above ``level`` that no neighbour exceeds, those on the image's edge left out."""
+    rows, columns = envelope.shape
+    found = []
+    for z in range(1, rows - 1):
+        for x in range(1, columns - 1):
+            here = envelope[z, x]
+            if here <= level or here < envelope[z, x - 1] or here <= envelope[z, x + 1]:
+                continue
+            if here < envelope[z - 1, x] or here <= envelope[z + 1, x]:
+                continue
+            found.append((z, x))
+    places = np.empty((len(found), 2), np.int64)
+    for k in range(len(found)):
+        places[k, 0], places[k, 1] = found[k]
+    return places

@@ -1,0 +1,139 @@
+"""What an image and its channels say: noise floor, peaks, coherence, saturation, dead channels.
+
+Whether a peak is a source is decided by two tests, which fail for different reasons. Its height over the noise floor
+rules out noise. Its coherence rules out sound that does not come from a point: with random signs on the channels, the
+energy of the sum over the energy of the channels exceeds t with probability exp(-t), whatever the channels hold. Both
+thresholds follow from the number of tests and the accepted rate of false alarms alone, and none is fitted to data.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int16
+
+from markerseek.signals._kernel import PAD, local_maxima
+from markerseek.signals.beamform import aligned_signals, half_aperture_m, path_delay
+from markerseek.signals.presets import ProbePreset
+
+BLOCK_ROWS = 32
+"""Rows that share one value of the noise floor."""
+
+LEAST_CHANNELS = 24
+"""Channels that the test for coherence uses at least: fewer could not rule out chance, however well they agree."""
+
+MOST_TESTED = 64
+"""Peaks of one frame that are tested for coherence, highest first."""
+
+_FRAMES = 100
+"""Frames that share one false alarm of the test for coherence."""
+
+DEAD_SHARE = 0.02
+"""A channel is dead when its filtered signal is below this share of the median channel's."""
+
+_RAYLEIGH_MEDIAN = math.sqrt(2 * math.log(2))
+
+
+def noise_profile(envelope: Float32[np.ndarray, "depth lateral"]) -> Float64[np.ndarray, " blocks"]:
+    """Standard deviation of one quadrature in each block of `BLOCK_ROWS` rows, from the median of its envelope.
+
+    The envelope of Gaussian noise is Rayleigh distributed, with the median sigma sqrt(2 ln 2). Neighbouring pixels
+    hold the same noise, so every sixth is enough.
+    """
+    rows = envelope[: envelope.shape[0] // BLOCK_ROWS * BLOCK_ROWS] if envelope.shape[0] >= BLOCK_ROWS else envelope
+    blocks = max(1, rows.shape[0] // BLOCK_ROWS)
+    pixels = np.ascontiguousarray(rows[::2, ::3]).reshape(blocks, -1)
+    return np.asarray(np.median(pixels, axis=1).astype(np.float64) / _RAYLEIGH_MEDIAN)
+
+
+def noise_floor(profile: Float64[np.ndarray, " blocks"]) -> float:
+    """Standard deviation of one quadrature where there is no source: the median of the blocks.
+
+    The median is taken twice. A source fills some blocks with its arcs, and those drop out as long as they are fewer
+    than half; a median over all pixels at once would rise with their share.
+    """
+    return float(np.median(profile))
+
+
+def found_level(cells: int, *, false_found: float) -> float:
+    """Peak over noise floor that noise alone exceeds with the given probability, sqrt(2 ln(M/p))."""
+    return math.sqrt(2 * math.log(cells / false_found))
+
+
+def coherent_level(*, false_found: float) -> float:
+    """Coherent energy (see `coherent_energy`) that none of the tested peaks exceeds by chance, ln(tests/p).
+
+    Noise is new in each frame, but what else disturbs comes back with every pulse: so the false alarms that one frame
+    of noise may have are here shared by all frames of a search.
+    """
+    return math.log(MOST_TESTED * _FRAMES / false_found)
+
+
+def strongest_peaks(
+    envelope: Float32[np.ndarray, "depth lateral"], *, level: float, limit: int
+) -> list[tuple[int, int]]:
+    """Row and column of the highest local maxima above ``level``, highest first."""
+    places = local_maxima(envelope, np.float32(level))
+    heights = envelope[places[:, 0], places[:, 1]]
+    order = np.argsort(-heights, kind="stable")[:limit]
+    return [(int(places[k, 0]), int(places[k, 1])) for k in order]
+
+
+def parabola_peak(left: float, middle: float, right: float) -> tuple[float, float]:
+    """Offset (in steps, -0.5 to 0.5) and height of the parabola's top through three values, the middle one highest."""
+    bend = left - 2 * middle + right
+    if not bend < 0:
+        return 0.0, middle
+    offset = min(0.5, max(-0.5, 0.5 * (left - right) / bend))
+    return offset, middle - 0.25 * (left - right) * offset
+
+
+def coherent_energy(
+    signals: Float32[np.ndarray, "samples columns"], preset: ProbePreset, *, lateral_m: float, depth_m: float
+) -> tuple[float, float]:
+    """Energy of the sum over the energy of the channels near a point, and the number of channels used.
+
+    Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth on either side, about the
+    length of a pulse; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
+    """
+    step = preset.sound_speed_m_s / preset.sampling_hz
+    half = window_samples(preset)
+    depth = np.maximum(depth_m + step * np.arange(-half, half + 1), step)
+    aperture = half_aperture_m(preset, depth, at_least=LEAST_CHANNELS / 2)
+    values, used = aligned_signals(signals, preset, lateral_m=lateral_m, depth_m=depth, half_width_m=aperture)
+    channels = values.astype(np.float64)
+    energy = float(np.sum(channels**2))
+    if energy == 0:
+        return 0.0, float(used.max())
+    return float(np.sum(channels.sum(axis=1) ** 2)) / energy, float(used.max())
+
+
+def window_samples(preset: ProbePreset) -> int:
+    """Samples in one over the bandwidth: the half-width of a marker's window."""
+    return max(1, round(preset.sampling_hz / (preset.high_hz - preset.low_hz)))
+
+
+def saturated_channels(
+    samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset, *, lateral_m: float, depth_m: float
+) -> tuple[tuple[int, ...], int]:
+    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there."""
+    offset = np.abs(preset.array.lateral_m - lateral_m)
+    aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
+    per_metre, origin = path_delay(preset)
+    middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)
+    half = 2 * window_samples(preset)
+    used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
+    touching = []
+    for channel in used:
+        window = samples[channel, max(0, middle[channel] - half) : middle[channel] + half + 1]
+        if max(int(window.max()), -int(window.min())) >= preset.full_scale:
+            touching.append(int(channel))
+    return tuple(touching), len(used)
+
+
+def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:
+    """Channels without any signal in the band; all of them if the whole frame is silent."""
+    inside = signals[:, PAD : PAD + channels]
+    rms = np.sqrt(np.einsum("tc,tc->c", inside, inside) / max(1, len(inside)))
+    return tuple(int(c) for c in np.flatnonzero(rms <= DEAD_SHARE * np.median(rms)))

@@ -1,0 +1,101 @@
+"""The band-pass on channels: linear phase, its delay taken out, float32.
+
+The windowed sinc is written out: importing SciPy's filter design would cost more time than all frames of a search.
+The tests hold it against `scipy.signal.firwin`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int16
+
+from markerseek.core import ConfigError
+from markerseek.signals._kernel import PAD, fir
+
+HALF_LENGTH = 24
+"""Taps on each side of the middle one: the band's edges are some 2.7 MHz wide at 40 MHz."""
+
+TAPER_SAMPLES = 32
+"""Length of the raised cosine with which the record fades in after the pick-up, and out at its end."""
+
+
+def band_pass_taps(*, low_hz: float, high_hz: float, sampling_hz: float) -> Float64[np.ndarray, " taps"]:
+    """Impulse response of the band-pass: a sinc under a Hamming window, gain 1 in the middle of the band.
+
+    Parameters
+    ----------
+    low_hz, high_hz
+        Frequencies in Hz at which the amplitude is halved.
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+    if not 0 < low_hz < high_hz < sampling_hz / 2:
+        raise ConfigError(
+            f"band {low_hz:g} to {high_hz:g} Hz: it must rise and end below half of the sampling frequency, "
+            f"{sampling_hz / 2:g} Hz"
+        )
+    k = np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
+    low, high = 2 * low_hz / sampling_hz, 2 * high_hz / sampling_hz
+    taps = (high * np.sinc(high * k) - low * np.sinc(low * k)) * np.hamming(len(k))
+    return np.asarray(taps / np.sum(taps * np.cos(np.pi * (low + high) / 2 * k)))
+
+
+def response(
+    taps: Float64[np.ndarray, " taps"], *, frequency_hz: Float64[np.ndarray, " bins"], sampling_hz: float
+) -> Float64[np.ndarray, " bins"]:
+    """Gain of a symmetric filter of odd length at the given frequencies; no phase, for its delay is taken out."""
+    half = len(taps) // 2
+    k = np.arange(1, half + 1)
+    waves = np.cos(2 * np.pi * frequency_hz[:, None] / sampling_hz * k)
+    return np.asarray(taps[half] + 2 * waves @ taps[half + 1 :])
+
+
+def padded_columns(channels: int) -> int:
+    """Columns that the kernels work on: the channels, filled up with silent ones to a multiple of 32."""
+    return -(-channels // 32) * 32
+
+
+def band_pass(
+    samples: Int16[np.ndarray, "channels samples"], taps: Float64[np.ndarray, " taps"], *, blanked: int
+) -> Float32[np.ndarray, "samples columns"]:
+    """Filtered channels, transposed and between silent columns, as the beamformer wants them.
+
+    Each channel's mean is taken off and the record fades in and out, because a step at either end, being the same in
+    all channels, would look like a sound from far away.
+
+    Parameters
+    ----------
+    samples
+        ADC counts, shape (channels, samples).
+    taps
+        From `band_pass_taps`.
+    blanked
+        Samples at the start that are set to zero (the laser's pick-up).
+
+    Returns
+    -------
+    Filtered signals, shape (samples, columns); channel c stands in column c + `_kernel.PAD`.
+    """
+    channels, count = samples.shape
+    if not 0 <= blanked <= count - 2 * TAPER_SAMPLES:
+        raise ConfigError(
+            f"band-pass: {blanked} of {count} samples are to be blanked; at least {2 * TAPER_SAMPLES} must be left"
+        )
+    mean = samples[:, blanked:].mean(axis=1, dtype=np.float32)
+    half = len(taps) // 2
+    padded = np.zeros((count + 2 * half, padded_columns(channels)), np.float32)
+    rows = padded[half : half + count, :channels]
+    np.subtract(samples.T, mean, out=rows)
+    rows *= _taper(count, blanked)[:, None]
+    filtered = np.zeros((count, padded.shape[1] + 2 * PAD), np.float32)
+    fir(padded, taps[half:].astype(np.float32), filtered, PAD)
+    return filtered
+
+
+def _taper(count: int, blanked: int) -> Float32[np.ndarray, " samples"]:
+    ramp = (0.5 - 0.5 * np.cos(np.pi * (np.arange(TAPER_SAMPLES) + 0.5) / TAPER_SAMPLES)).astype(np.float32)
+    taper = np.ones(count, np.float32)
+    taper[:blanked] = 0
+    taper[blanked : blanked + TAPER_SAMPLES] = ramp
+    taper[count - TAPER_SAMPLES :] = ramp[::-1]
+    return taper

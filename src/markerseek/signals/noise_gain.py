@@ -1,0 +1,81 @@
+"""From the noise of a channel to the noise of the image, and to how often noise alone is mistaken for a source."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import ConfigError
+from markerseek.signals.filtering import band_pass_taps, response
+from markerseek.signals.presets import ProbePreset
+
+
+def beamformed_sigma(
+    channel_sigma: float, *, preset: ProbePreset, power: Float64[np.ndarray, " bins"] | None = None
+) -> float:
+    """Standard deviation of the beamformed signal (one quadrature) that channel noise leads to.
+
+    The noise is independent between channels. The sum over n of them is divided by the root of n, so neither depth
+    nor aperture changes it; what remains is the band-pass and the linear interpolation between samples, whose power
+    gain averaged over all fractions of a sample is 2/3 + cos(w)/3 at the angular frequency w per sample.
+
+    Parameters
+    ----------
+    channel_sigma
+        Standard deviation of one channel's noise, all frequencies together, in ADC counts.
+    preset
+        The probe, with its default band.
+    power
+        Power of that noise on a grid of evenly spaced frequencies from 0 to half the sampling frequency (that of
+        ``rfft``), on any scale; None is white.
+
+    Returns
+    -------
+    Standard deviation in ADC counts.
+    """
+    if not 0 <= channel_sigma < math.inf:
+        raise ConfigError(f"channel_sigma is {channel_sigma} counts, it must be 0 or more and finite")
+    spectrum = np.ones(513) if power is None else power
+    if len(spectrum) < 2 or not (np.all(spectrum >= 0) and 0 < spectrum.sum() < np.inf):
+        raise ConfigError("power must hold at least two values, none negative and not all zero")
+    # Both ends of the grid stand for half a step.
+    weight = np.array(spectrum, dtype=np.float64)
+    weight[[0, -1]] /= 2
+    return float(channel_sigma * np.sqrt(np.sum(weight * _power_gain(preset, len(weight))) / np.sum(weight)))
+
+
+def envelope_cells(preset: ProbePreset, *, depth_m: float, false_found: float = 1e-3) -> int:
+    """Number of independent envelope cells of a noise image of that depth.
+
+    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p. Columns on the element pitch are
+    nearly independent; along a column the envelope of noise with the spread w of its angular frequency exceeds u
+    ``L w u exp(-u^2/2) / sqrt(2 pi)`` times in the time L (Rice 1944), so M = columns L w u / sqrt(2 pi).
+
+    Parameters
+    ----------
+    preset
+        The probe, with its default band.
+    depth_m
+        Depth of the image in metres.
+    false_found
+        The p at which M is wanted; M grows with the root of its logarithm.
+    """
+    gain = _power_gain(preset, 513)
+    omega = np.pi * np.arange(len(gain)) / (len(gain) - 1) * preset.sampling_hz
+    centre = np.average(omega, weights=gain)
+    spread = math.sqrt(float(np.average((omega - centre) ** 2, weights=gain)))
+    rate = preset.array.elements * depth_m / preset.sound_speed_m_s * spread / math.sqrt(2 * math.pi)
+    level = 6.0
+    for _ in range(5):
+        level = math.sqrt(2 * math.log(max(rate * level, 1.0) / false_found))
+    return max(1, math.ceil(rate * level))
+
+
+def _power_gain(preset: ProbePreset, bins: int) -> Float64[np.ndarray, " bins"]:
+    """Power gain from a channel to the image at evenly spaced frequencies from 0 to half the sampling frequency."""
+    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+    frequency = np.linspace(0, preset.sampling_hz / 2, bins)
+    band = response(taps, frequency_hz=frequency, sampling_hz=preset.sampling_hz)
+    return np.asarray(band**2 * (2 + np.cos(2 * np.pi * frequency / preset.sampling_hz)) / 3)

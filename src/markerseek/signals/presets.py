@@ -1,0 +1,114 @@
+"""Named probes: everything that the imaging chain must know of a probe and its receiver.
+
+No element's size or angular response is kept here: one-way delay-and-sum needs neither.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from markerseek.core import ConfigError, LinearArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProbePreset:
+    """A probe, its receiver, and how its frames are imaged.
+
+    Attributes
+    ----------
+    name
+        What the user calls it.
+    array
+        The row of elements.
+    sampling_hz
+        Sampling frequency in Hz.
+    sound_speed_m_s
+        Speed of sound in m/s.
+    low_hz, high_hz
+        Edges of the pass band in Hz, where the amplitude is halved.
+    f_number
+        Depth over width of the receiving aperture; 0 takes all elements at every depth.
+    pickup_samples
+        Samples after the trigger that hold the laser's electrical pick-up and are blanked.
+    trigger_offset_s
+        Time from the trigger (sample 0) to the middle of the laser's pulse, in seconds.
+    full_scale
+        Counts at which the converter saturates.
+    """
+
+    name: str
+    array: LinearArray = field(default_factory=LinearArray)
+    sampling_hz: float = 40e6
+    sound_speed_m_s: float = 1540.0
+    low_hz: float = 5e6
+    high_hz: float = 9e6
+    f_number: float = 2.0
+    pickup_samples: int = 100
+    trigger_offset_s: float = 0.0
+    full_scale: int = 2047
+
+    def __post_init__(self) -> None:
+        for name, value, unit in (
+            ("sampling_hz", self.sampling_hz, "Hz"),
+            ("sound_speed_m_s", self.sound_speed_m_s, "m/s"),
+            ("low_hz", self.low_hz, "Hz"),
+            ("high_hz", self.high_hz, "Hz"),
+        ):
+            if not 0 < value < math.inf:
+                raise ConfigError(f"preset {self.name}: {name} is {value} {unit}, it must be positive and finite")
+        if not self.low_hz < self.high_hz <= 0.45 * self.sampling_hz:
+            raise ConfigError(
+                f"preset {self.name}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must rise and end below "
+                f"0.45 of the sampling frequency, {0.45 * self.sampling_hz:g} Hz"
+            )
+        if not 0 <= self.f_number < math.inf:
+            raise ConfigError(f"preset {self.name}: f_number is {self.f_number}, it must be 0 or more and finite")
+        if not math.isfinite(self.trigger_offset_s):
+            raise ConfigError(f"preset {self.name}: trigger_offset_s is {self.trigger_offset_s} s, it must be finite")
+        if self.pickup_samples < 0:
+            raise ConfigError(f"preset {self.name}: pickup_samples is {self.pickup_samples}, it must be 0 or more")
+        if not 1 <= self.full_scale <= 32767:
+            raise ConfigError(f"preset {self.name}: full_scale is {self.full_scale} counts, it must be 1 to 32767")
+
+    @property
+    def depth_step_m(self) -> float:
+        """Distance between image rows in metres: whole samples, and still above twice the highest frequency."""
+        stride = max(1, math.floor(self.sampling_hz / (2.2 * self.high_hz)))
+        return stride * self.sound_speed_m_s / self.sampling_hz
+
+
+_PRESETS = {
+    each.name: each
+    for each in (
+        # Name and band of the paper's probe; the pitch is inferred from the array's 55 mm.
+        ProbePreset(name="BPL9-5/55"),
+        # Elements of 2 wavelengths or less hear sideways: f-number 1.5; water and phantom focus best at 1480 m/s.
+        ProbePreset(
+            name="L3-8",
+            array=LinearArray(elements=128, pitch_m=0.30e-3),
+            sound_speed_m_s=1480.0,
+            low_hz=1.5e6,
+            high_hz=8e6,
+            f_number=1.5,
+            pickup_samples=200,
+        ),
+    )
+}
+
+PRESET_NAMES = tuple(_PRESETS)
+"""Names that `probe_preset` knows; the first is the default of the simulated rig."""
+
+
+def probe_preset(name: str) -> ProbePreset:
+    """Preset of that name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none; the message lists the names.
+    """
+    try:
+        return _PRESETS[name]
+    except KeyError:
+        raise ConfigError(f"probe {name!r} is not known; choose one of: {', '.join(PRESET_NAMES)}") from None

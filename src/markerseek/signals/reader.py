@@ -1,0 +1,365 @@
+"""The imaging chain as a `Reader`: filter, beamform, envelope, features.
+
+`ImageReader.read` gives what a search needs of a frame; `ImageReader.findings` also says whether there is a source at
+all, and lists the other arrivals.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Reading
+from markerseek.signals import features
+from markerseek.signals.beamform import ImageGrid, aligned_signals, beamform, half_aperture_m, image_grid
+from markerseek.signals.envelope import QUADRATURE_TAPS, envelope
+from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
+from markerseek.signals.noise_gain import envelope_cells
+from markerseek.signals.presets import ProbePreset
+
+_MARGIN = 2 * QUADRATURE_TAPS
+_FINE = np.arange(-0.75, 0.8, 0.25)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Picture:
+    """Envelope image of a frame.
+
+    Attributes
+    ----------
+    envelope
+        Shape (depth, lateral), in ADC counts.
+    lateral_m, depth_m
+        Its columns and rows in metres.
+    """
+
+    envelope: Float32[np.ndarray, "depth lateral"]
+    lateral_m: Float64[np.ndarray, " lateral"]
+    depth_m: Float64[np.ndarray, " depth"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrival:
+    """A peak of the image that is above the noise and coherent.
+
+    Attributes
+    ----------
+    lateral_m, depth_m
+        Where it is, in metres.
+    arrival_s
+        When its sound reached the array after the laser's trigger, in seconds.
+    intensity
+        Its envelope in ADC counts.
+    peak_snr_db
+        The intensity over the frame's noise floor in dB; None where there is no noise at all.
+    coherence
+        Share of the channels' energy that is in phase, 0 to 1.
+    """
+
+    lateral_m: float
+    depth_m: float
+    arrival_s: float
+    intensity: float
+    peak_snr_db: float | None
+    coherence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFindings:
+    """What one frame says of sources.
+
+    Attributes
+    ----------
+    found
+        Whether any peak passes both tests.
+    reason
+        Why, or why not, in words.
+    strongest
+        The strongest arrival; if none was found, the largest peak of the image.
+    others
+        The other arrivals, strongest first.
+    noise_sigma
+        Standard deviation of the beamformed signal where there is no source, in ADC counts.
+    cells
+        Number of independent envelope cells.
+    saturated_channels
+        Channels that touch full scale while the strongest arrives.
+    dead_channels
+        Channels without any signal.
+    """
+
+    found: bool
+    reason: str
+    strongest: Arrival
+    others: tuple[Arrival, ...]
+    noise_sigma: float
+    cells: int
+    saturated_channels: tuple[int, ...]
+    dead_channels: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Chain:
+    """One frame on its way: filtered channels, image, noise."""
+
+    frame: ChannelFrame
+    signals: Float32[np.ndarray, "samples columns"]
+    envelope: Float32[np.ndarray, "depth lateral"]
+    grid: ImageGrid
+    rows: slice
+    sigma: float
+    profile: Float64[np.ndarray, " blocks"]
+    cells: int
+
+
+class ImageReader:
+    """Reads channel frames of one probe.
+
+    Parameters
+    ----------
+    preset
+        The probe.
+    min_depth_m, max_depth_m
+        Depths outside of which nothing is looked for, in metres; None is all that the record holds after the pick-up.
+    false_found
+        Accepted probability that a frame of noise is said to hold a source.
+    """
+
+    def __init__(
+        self,
+        preset: ProbePreset,
+        *,
+        min_depth_m: float | None = None,
+        max_depth_m: float | None = None,
+        false_found: float = 1e-3,
+    ) -> None:
+        low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
+        if not 0 <= low < high:
+            raise ConfigError(f"depth range {low} to {high} m: it must not be negative, and must rise; swap the two?")
+        if not 0 < false_found < 1:
+            raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
+        self.preset = preset
+        self._low_m, self._high_m = low, high
+        self._false_found = false_found
+        self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+        self._grids: dict[int, tuple[ImageGrid, slice, int]] = {}
+
+    def read(self, frame: Frame) -> Reading:
+        """Features of the frame at the largest envelope in its image.
+
+        Raises
+        ------
+        AcquisitionError
+            If the frame is not one of this probe: number of channels, sampling frequency or length.
+        """
+        chain = self._chain(frame)
+        peak, touching, channels = self._describe(chain, self._largest(chain))
+        return Reading(
+            intensity=peak.intensity,
+            lateral_m=peak.lateral_m,
+            depth_m=peak.depth_m,
+            arrival_s=peak.arrival_s,
+            noise_sigma=chain.sigma,
+            cells=chain.cells,
+            coherence=peak.coherence,
+            saturated_fraction=len(touching) / max(1, channels),
+            dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
+        )
+
+    def picture(self, frame: Frame) -> Picture:
+        """Envelope image of the frame."""
+        chain = self._chain(frame)
+        return Picture(
+            envelope=chain.envelope[chain.rows],
+            lateral_m=chain.grid.lateral_m,
+            depth_m=chain.grid.depth_m[chain.rows],
+        )
+
+    def findings(self, frame: Frame, *, most: int = 8) -> FrameFindings:
+        """Whether there is a source, where, and which other arrivals there are, at most ``most`` in all."""
+        chain = self._chain(frame)
+        arrivals = self._arrivals(chain, most=most)
+        strongest = arrivals[0] if arrivals else self._describe(chain, self._largest(chain))[0]
+        touching, _ = features.saturated_channels(
+            chain.frame.samples, self.preset, lateral_m=strongest.lateral_m, depth_m=strongest.depth_m
+        )
+        return FrameFindings(
+            found=bool(arrivals),
+            reason=self._reason(chain, strongest, found=bool(arrivals)),
+            strongest=strongest,
+            others=tuple(arrivals[1:]),
+            noise_sigma=chain.sigma,
+            cells=chain.cells,
+            saturated_channels=touching,
+            dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
+        )
+
+    def _chain(self, frame: Frame) -> _Chain:
+        if not isinstance(frame, ChannelFrame):
+            raise AcquisitionError(
+                f"image reader: a {type(frame).__name__} was handed over, and it reads channel data only"
+            )
+        self._admit(frame)
+        grid, rows, cells = self._grid(frame.samples.shape[1])
+        signals = band_pass(frame.samples, self._taps, blanked=self.preset.pickup_samples)
+        image = envelope(beamform(signals, grid))
+        profile = features.noise_profile(image[rows])
+        return _Chain(
+            frame=frame,
+            signals=signals,
+            envelope=image,
+            grid=grid,
+            rows=rows,
+            sigma=features.noise_floor(profile),
+            profile=profile,
+            cells=cells,
+        )
+
+    def _admit(self, frame: ChannelFrame) -> None:
+        preset = self.preset
+        channels, samples = frame.samples.shape
+        if channels != preset.array.elements:
+            raise AcquisitionError(
+                f"frame of {channels} channels: probe {preset.name} has {preset.array.elements}; "
+                "choose the probe that took the frame"
+            )
+        if abs(frame.sampling_hz - preset.sampling_hz) > 1e-6 * preset.sampling_hz:
+            raise AcquisitionError(
+                f"frame sampled at {frame.sampling_hz:g} Hz: probe {preset.name} is read at {preset.sampling_hz:g} Hz; "
+                "choose the probe that took the frame"
+            )
+        least = preset.pickup_samples + 4 * TAPER_SAMPLES
+        if samples < least:
+            raise AcquisitionError(
+                f"frame of {samples} samples: probe {preset.name} needs at least {least}, for the first "
+                f"{preset.pickup_samples} hold the laser's pick-up; record for longer"
+            )
+
+    def _grid(self, samples: int) -> tuple[ImageGrid, slice, int]:
+        """Grid for records of that length, the rows that count, and the number of cells in them."""
+        if samples not in self._grids:
+            preset = self.preset
+            metres = preset.sound_speed_m_s / preset.sampling_hz
+            origin = preset.trigger_offset_s * preset.sampling_hz
+            step = preset.depth_step_m
+            near = max(self._low_m, (preset.pickup_samples - origin) * metres, step)
+            far = min(self._high_m, (samples - 1 - origin) * metres)
+            if not far - near >= 3 * step:
+                raise ConfigError(
+                    f"depths {near:.4g} to {far:.4g} m: the record of {samples} samples holds no image there; "
+                    "widen the depth range"
+                )
+            # Rows above and below that the envelope needs and nobody sees.
+            above = min(_MARGIN, math.floor((near - step / 2) / step))
+            below = min(_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
+            count = math.floor((far - near) / step) + 1
+            depth = near + step * np.arange(-above, count + below)
+            grid = image_grid(preset, samples=samples, depth_m=depth)
+            cells = envelope_cells(preset, depth_m=count * step, false_found=self._false_found)
+            self._grids[samples] = (grid, slice(above, above + count), cells)
+        return self._grids[samples]
+
+    def _largest(self, chain: _Chain) -> tuple[int, int]:
+        window = chain.envelope[chain.rows]
+        row, column = np.unravel_index(int(np.argmax(window)), window.shape)
+        return int(row) + chain.rows.start, int(column)
+
+    def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
+        """The peak at a pixel, found again between the columns; the saturated channels, and of how many."""
+        lateral, depth, intensity = self._refine(chain, place)
+        energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
+        touching, channels = features.saturated_channels(
+            chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
+        )
+        arrival = Arrival(
+            lateral_m=lateral,
+            depth_m=depth,
+            arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
+            intensity=intensity,
+            peak_snr_db=20 * math.log10(intensity / chain.sigma) if intensity > 0 and chain.sigma > 0 else None,
+            coherence=min(1.0, energy / max(1.0, used)),
+        )
+        return arrival, touching, channels
+
+    def _refine(self, chain: _Chain, place: tuple[int, int]) -> tuple[float, float, float]:
+        """Lateral position, depth and height of a peak, from columns a quarter of a pitch apart around its pixel.
+
+        A beam is about as wide as the pitch, so that a source between two columns would look up to 4 dB too weak.
+        """
+        row, column = place
+        preset, grid = self.preset, chain.grid
+        first = max(0, row - _MARGIN - 1)
+        depth = grid.depth_m[first : row + _MARGIN + 2]
+        aperture = half_aperture_m(preset, depth)
+        lateral = grid.lateral_m[column] + _FINE * preset.array.pitch_m
+        fine = np.empty((len(depth), len(lateral)), np.float32)
+        for number, each in enumerate(lateral):
+            values, used = aligned_signals(
+                chain.signals, preset, lateral_m=float(each), depth_m=depth, half_width_m=aperture
+            )
+            fine[:, number] = values.sum(axis=1) / np.sqrt(np.maximum(used, 1))
+        patch = envelope(fine)
+        here = row - first
+        low, high = max(0, here - 1), min(len(depth), here + 2)
+        best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)
+        i, j = int(best[0]) + low, int(best[1])
+        down, height = (
+            features.parabola_peak(*(float(v) for v in patch[i - 1 : i + 2, j]))
+            if 0 < i < len(depth) - 1
+            else (0.0, float(patch[i, j]))
+        )
+        side, across = (
+            features.parabola_peak(*(float(v) for v in patch[i, j - 1 : j + 2]))
+            if 0 < j < len(lateral) - 1
+            else (0.0, float(patch[i, j]))
+        )
+        step = preset.depth_step_m
+        intensity = height + across - float(patch[i, j])
+        return float(lateral[j] + side * 0.25 * preset.array.pitch_m), float(depth[i] + down * step), intensity
+
+    def _arrivals(self, chain: _Chain, *, most: int) -> list[Arrival]:
+        """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
+        preset = self.preset
+        window = chain.envelope[chain.rows]
+        level = features.found_level(chain.cells, false_found=self._false_found)
+        coherent = features.coherent_level(false_found=self._false_found)
+        speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
+        apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
+        apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
+        arrivals: list[Arrival] = []
+        for row, column in features.strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
+            depth = float(chain.grid.depth_m[row + chain.rows.start])
+            lateral = float(chain.grid.lateral_m[column])
+            # Amplified noise grows with depth in some receivers: the floor of the peak's own depth counts as well.
+            local = chain.profile[min(row // features.BLOCK_ROWS, len(chain.profile) - 1)]
+            if window[row, column] <= level * local:
+                continue
+            if any(
+                abs(each.depth_m - depth) < apart_depth and abs(each.lateral_m - lateral) < apart_lateral
+                for each in arrivals
+            ):
+                continue
+            energy, _ = features.coherent_energy(chain.signals, preset, lateral_m=lateral, depth_m=depth)
+            if energy <= coherent:
+                continue
+            arrivals.append(self._describe(chain, (row + chain.rows.start, column))[0])
+            if len(arrivals) == most:
+                break
+        return sorted(arrivals, key=lambda each: -each.intensity)
+
+    def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
+        level = features.found_level(chain.cells, false_found=self._false_found)
+        ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
+        if found:
+            return f"a coherent peak {ratio:.3g} times the noise; {level:.3g} times would not be chance"
+        if peak.intensity == 0:
+            return "the frame is silent"
+        if ratio <= level:
+            return f"the largest peak is {ratio:.3g} times the noise, and chance alone reaches {level:.3g} times"
+        return (
+            f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
+            f"{100 * peak.coherence:.0f} % of it is in phase"
+        )
