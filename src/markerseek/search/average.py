@@ -64,7 +64,9 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
        difference of the two counts in full, and so do parts 1 and 3 for that average, whose window ends where the
        curve is still high.
 
-    Simulated coverage of ±1.96 standard deviations stands in ``tests/reference/test_search_coverage.py``.
+    Over curves of 3–17° (FWHM), tails as 1/|t| to 1/|t|^2.5, 30 and 40 dB, 15 to 71 samples and markers anywhere in the
+    range, ±1.96 standard deviations hold the marker in 94 to 99 % of searches (Monte Carlo of 1,000 each;
+    ``tests/reference/test_search_coverage.py`` keeps it above 93 %).
 
     Parameters
     ----------

