@@ -18,7 +18,7 @@ def nodes_needed(phase: float, steepness: float) -> int:
     of Bessel functions of order 2n above their argument k). ``steepness`` is half the extent over the distance, which
     tells how near the singularity of 1/r is.
     """
-    return int(0.5 * phase + 1.3 * phase ** (1 / 3) + 1.5 + 4.0 * steepness)
+    return int(0.5 * phase + 1.0 * phase ** (1 / 3) + 1.5 + 3.0 * steepness)
 
 
 @compiled
@@ -39,6 +39,7 @@ def _add_element(
     """Add what one element hears of one absorber, whose offsets from the nodes are ``across`` and ``along``."""
     ranges, phases, length = lines.shape
     flat = lines.ravel()
+    steps_per_metre = 1.0 / step_m
     # indices without sign: Numba then leaves out its test for negative ones, and the sums run in vector registers
     next_phase = np.uint64(length)
     next_range = np.uint64(phases * length)
@@ -64,8 +65,9 @@ def _add_element(
                 for j in range(count):
                     row[to + j] += a * flat[early + j] + b * flat[early + next_phase + j]
             else:
-                k = min(int(path / step_m), ranges - 2)
-                far = path / step_m - k
+                steps = path * steps_per_metre
+                k = min(int(steps), ranges - 2)
+                far = steps - k
                 a, b = np.float32(amplitude * (1.0 - late) * (1.0 - far)), np.float32(amplitude * late * (1.0 - far))
                 c, d = np.float32(amplitude * (1.0 - late) * far), np.float32(amplitude * late * far)
                 early = np.uint64((k * phases + phase) * length + low)

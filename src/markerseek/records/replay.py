@@ -13,7 +13,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Frame, FrameHeader, Interval, LimitError, Permit, Reading, ReadingFrame
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.records.frame_files import load_frame
+# from markerseek.records.frame_files import load_frame
 
 
 class ReplayStage:

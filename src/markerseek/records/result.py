@@ -23,6 +23,7 @@ from markerseek.core import (
     Refused,
     Sample,
     SearchError,
+    Started,
     Unsure,
 )
 
@@ -95,6 +96,8 @@ class Recorder:
     def hear(self, event: Event) -> None:
         """Take in one event of `markerseek.scan.run`."""
         match event:
+            case Started(start_deg=start_deg):
+                self.start_deg = start_deg
             case Measured(role="search", sample=sample):
                 self.samples.append(sample)
             case Measured(role="confirmation", sample=sample):
@@ -202,7 +205,7 @@ def _reason(estimate: Found | NotFound | Ambiguous | AtBound | Unsure) -> str | 
         case Ambiguous(modes_deg=modes):
             return f"markers at {', '.join(f'{mode:.2f}' for mode in modes)} deg explain what was seen equally well"
         case AtBound(side=side):
-            return f"the intensity still rises at the {side} end of the range; turn the patient or the probe and search again"
+            return f"the intensity still rises at the {side} end of the range; shift the range towards it"
 
 
 def _ends(interval: Interval | None) -> tuple[float, float] | None:

@@ -82,6 +82,14 @@ def magnitude(
 
 
 @compiled
+def _samples(first: int, weight: np.float32, instead: int) -> tuple[int, np.float32, np.float32]:
+    """Sample before the delay and the shares of it and of the next; an unused element has no share of any sample."""
+    if first < 0:
+        return instead, np.float32(0), np.float32(0)
+    return first, np.float32(1) - weight, weight
+
+
+@compiled
 def delay_and_sum(
     signals: Float32[np.ndarray, "samples wide"],
     first: Int32[np.ndarray, "distances depths"],
@@ -97,7 +105,7 @@ def delay_and_sum(
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows.
     """
     depths, columns = out.shape
-    one, zero = np.float32(1), np.float32(0)
+    zero = np.float32(0)
     for start in range(0, depths, _TILE):
         stop = min(depths, start + _TILE)
         out[start:stop] = zero
@@ -105,17 +113,13 @@ def delay_and_sum(
             span_right = (columns - right - m + 31) // 32 * 32
             span_left = (columns + left - m + 31) // 32 * 32
             for z in range(start, stop):
-                t0, t1, t2, t3 = first[m, z], first[m + 1, z], first[m + 2, z], first[m + 3, z]
+                t0 = first[m, z]
                 if t0 < 0:
                     continue
-                w0, w1, w2, w3 = weight[m, z], weight[m + 1, z], weight[m + 2, z], weight[m + 3, z]
-                u0, u1, u2, u3 = one - w0, one - w1, one - w2, one - w3
-                if t1 < 0:
-                    t1, u1, w1 = t0, zero, zero
-                if t2 < 0:
-                    t2, u2, w2 = t0, zero, zero
-                if t3 < 0:
-                    t3, u3, w3 = t0, zero, zero
+                t0, u0, w0 = _samples(first[m, z], weight[m, z], t0)
+                t1, u1, w1 = _samples(first[m + 1, z], weight[m + 1, z], t0)
+                t2, u2, w2 = _samples(first[m + 2, z], weight[m + 2, z], t0)
+                t3, u3, w3 = _samples(first[m + 3, z], weight[m + 3, z], t0)
                 s = PAD + right + m
                 a0, b0 = signals[t0, s : s + span_right], signals[t0 + 1, s : s + span_right]
                 a1, b1 = signals[t1, s + 1 : s + 1 + span_right], signals[t1 + 1, s + 1 : s + 1 + span_right]
@@ -172,6 +176,39 @@ def aligned(
                 out[z, e] = (np.float32(1) - w) * signals[t, PAD + e] + w * signals[t + 1, PAD + e]
                 used[z] += 1
     return used
+
+
+@compiled
+def beams(
+    signals: Float32[np.ndarray, "samples wide"],
+    element_m: Float64[np.ndarray, " elements"],
+    lateral_m: Float64[np.ndarray, " lateral"],
+    depth_m: Float64[np.ndarray, " depths"],
+    delay: tuple[float, float],
+    half_aperture: Float64[np.ndarray, " depths"],
+    out: Float32[np.ndarray, "depths lateral"],
+) -> None:
+    """Write the delayed sums over the root of the number of elements into ``out``, for pixels anywhere.
+
+    Otherwise as `aligned`.
+    """
+    per_metre, origin = delay
+    last = signals.shape[0] - 1
+    pitch = element_m[1] - element_m[0]
+    for z in range(len(depth_m)):
+        for x in range(len(lateral_m)):
+            total, used = np.float32(0), 0
+            low = max(0, int(np.ceil(max(-1e9, (lateral_m[x] - half_aperture[z] - element_m[0]) / pitch))))
+            high = int(np.floor(min(1e9, (lateral_m[x] + half_aperture[z] - element_m[0]) / pitch)))
+            for e in range(low, min(high + 1, len(element_m))):
+                offset = element_m[e] - lateral_m[x]
+                place = np.sqrt(depth_m[z] * depth_m[z] + offset * offset) * per_metre + origin
+                t = int(np.floor(place))
+                if 0 <= t < last:
+                    w = np.float32(place - t)
+                    total += (np.float32(1) - w) * signals[t, PAD + e] + w * signals[t + 1, PAD + e]
+                    used += 1
+            out[z, x] = total / np.sqrt(np.float32(max(used, 1)))
 
 
 @compiled

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from markerseek.core import ConfigError, LinearArray
-from markerseek.signals._kernel import PAD, aligned, delay_and_sum
+from markerseek.signals._kernel import PAD, aligned, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
 
@@ -117,6 +117,20 @@ def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -
         part = image[:, number :: len(grid.tables)]
         columns = part.shape[1]
         np.multiply(sums[:, :columns], table.scale[:, :columns], out=part)
+    return image
+
+
+def beamform_at(
+    signals: Float32[np.ndarray, "samples columns"],
+    preset: ProbePreset,
+    *,
+    lateral_m: Float64[np.ndarray, " lateral"],
+    depth_m: Float64[np.ndarray, " depth"],
+) -> Float32[np.ndarray, "depth lateral"]:
+    """Image on any columns, slower by the pixel than `beamform`, otherwise the same."""
+    image = np.empty((len(depth_m), len(lateral_m)), np.float32)
+    aperture = half_aperture_m(preset, depth_m)
+    beams(signals, preset.array.lateral_m, lateral_m, depth_m, path_delay(preset), aperture, image)
     return image
 
 

@@ -14,14 +14,14 @@ from jaxtyping import Float32, Float64
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Reading
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, aligned_signals, beamform, half_aperture_m, image_grid
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid
 from markerseek.signals.envelope import QUADRATURE_TAPS, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
 from markerseek.signals.noise_gain import envelope_cells
 from markerseek.signals.presets import ProbePreset
 
 _MARGIN = 2 * QUADRATURE_TAPS
-_FINE = np.arange(-0.75, 0.8, 0.25)
+_FINE = np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -293,15 +293,8 @@ class ImageReader:
         preset, grid = self.preset, chain.grid
         first = max(0, row - _MARGIN - 1)
         depth = grid.depth_m[first : row + _MARGIN + 2]
-        aperture = half_aperture_m(preset, depth)
         lateral = grid.lateral_m[column] + _FINE * preset.array.pitch_m
-        fine = np.empty((len(depth), len(lateral)), np.float32)
-        for number, each in enumerate(lateral):
-            values, used = aligned_signals(
-                chain.signals, preset, lateral_m=float(each), depth_m=depth, half_width_m=aperture
-            )
-            fine[:, number] = values.sum(axis=1) / np.sqrt(np.maximum(used, 1))
-        patch = envelope(fine)
+        patch = envelope(beamform_at(chain.signals, preset, lateral_m=lateral, depth_m=depth))
         here = row - first
         low, high = max(0, here - 1), min(len(depth), here + 2)
         best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)

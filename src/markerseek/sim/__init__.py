@@ -14,7 +14,7 @@ from markerseek.sim.settings import (
     ReceiverSettings,
     SimulatedSettings,
 )
-from markerseek.sim.tissues import TISSUES, Tissue, tissue
+from markerseek.sim.tissues import TISSUES, Tissue, tissue_named
 from markerseek.sim.world import Flash, World
 
 __all__ = [
@@ -32,5 +32,5 @@ __all__ = [
     "Tissue",
     "VirtualClock",
     "World",
-    "tissue",
+    "tissue_named",
 ]

@@ -71,7 +71,7 @@ TISSUES: dict[str, Tissue] = {
 }
 
 
-def tissue(name: str) -> Tissue:
+def tissue_named(name: str) -> Tissue:
     """Parameter set of a simulated material.
 
     Parameters

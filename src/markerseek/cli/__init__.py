@@ -1,0 +1,52 @@
+"""The command line: one file a command, and this one, which gathers them and turns errors into exit codes.
+
+Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
+read.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from markerseek import __version__
+from markerseek.cli import doctor, frame, replay, search
+from markerseek.cli.terminal import print_error
+from markerseek.core import MarkerseekError
+
+app = typer.Typer(
+    name="markerseek",
+    help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
+    epilog="Try: markerseek search --seed 1 --plot",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+for command in (search, replay, frame, doctor):
+    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: bool = typer.Option(
+        False, "--version", help="Print the version and end.", callback=_print_version, is_eager=True
+    ),
+) -> None:
+    """Find a photoacoustic marker with a motorised transrectal ultrasound probe."""
+
+
+def main() -> None:
+    """Run the command line, and end the process with its exit code."""
+    try:
+        app()
+    except MarkerseekError as error:
+        print_error(error, as_json="--json" in sys.argv)
+        sys.exit(error.exit_code)

@@ -1,0 +1,147 @@
+"""``markerseek frame``: where the source is in one frame of channel data, how strong, or that there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from markerseek import __version__
+
+if TYPE_CHECKING:
+    from markerseek.signals import FrameFindings, Picture
+
+NAME = "frame"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek frame waterbath_20170419-171121.mat --probe L3-8 --plot\n\n"
+    "  markerseek frame scan/angle_-12.5deg --max-depth-mm 60 --json"
+)
+
+
+class OtherArrival(msgspec.Struct, frozen=True, kw_only=True):
+    """Another coherent arrival of the same frame."""
+
+    lateral_m: float
+    depth_m: float
+    peak_snr_db: float | None
+
+
+class FrameReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What one frame says; if no source was found, the position is that of the largest peak, which is not claimed."""
+
+    found: bool
+    reason: str
+    lateral_m: float
+    depth_m: float
+    arrival_s: float
+    intensity: float
+    peak_snr_db: float | None
+    coherence: float
+    saturated_channels: int
+    dead_channels: int
+    others: list[OtherArrival]
+    probe: str
+    version: str = __version__
+
+
+def command(
+    file: Annotated[
+        Path,
+        typer.Argument(help="A SonixDAQ folder, a .npy of (channels, samples), or a .mat of the Allman-Bell data set."),
+    ],
+    probe: Annotated[str, typer.Option(help="Preset of the imaging chain; an unknown name lists them all.")] = "L3-8",
+    min_depth_mm: Annotated[float | None, typer.Option(help="Look no nearer than this.")] = None,
+    max_depth_mm: Annotated[float | None, typer.Option(help="Look no deeper than this.")] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Find the sources in one frame of channel data, or say that there is none."""
+    from markerseek.cli.terminal import print_json
+    from markerseek.records.frame_files import load_frame
+    from markerseek.signals import ImageReader, probe_preset
+
+    reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
+    frame = load_frame(file)
+    findings = reader.findings(frame)
+    picture_file = None
+    if plot:
+        picture_file = out / f"{file.stem}.png"
+        _draw(findings, reader.picture(frame), picture_file, title=f"{file.name}, probe {probe}")
+    if as_json:
+        print_json(_report(findings, probe))
+    else:
+        _print_table(findings, file, probe, picture_file)
+    raise typer.Exit(0 if findings.found else 3)
+
+
+def _metres(value_mm: float | None) -> float | None:
+    return None if value_mm is None else value_mm / 1e3
+
+
+def _report(findings: FrameFindings, probe: str) -> FrameReport:
+    strongest = findings.strongest
+    return FrameReport(
+        found=findings.found,
+        reason=findings.reason,
+        lateral_m=strongest.lateral_m,
+        depth_m=strongest.depth_m,
+        arrival_s=strongest.arrival_s,
+        intensity=strongest.intensity,
+        peak_snr_db=strongest.peak_snr_db,
+        coherence=strongest.coherence,
+        saturated_channels=len(findings.saturated_channels),
+        dead_channels=len(findings.dead_channels),
+        others=[
+            OtherArrival(lateral_m=each.lateral_m, depth_m=each.depth_m, peak_snr_db=each.peak_snr_db)
+            for each in findings.others
+        ],
+        probe=probe,
+    )
+
+
+def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path | None) -> None:
+    from rich.table import Table
+
+    from markerseek.cli.terminal import people
+
+    answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
+    people.print(f"{answer} in {file.name} (probe {probe}): {findings.reason}")
+    if findings.found:
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        for column in ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence"):
+            table.add_column(column, justify="right")
+        for number, each in enumerate((findings.strongest, *findings.others), start=1):
+            table.add_row(
+                str(number),
+                f"{1e3 * each.lateral_m:.2f}",
+                f"{1e3 * each.depth_m:.2f}",
+                f"{1e6 * each.arrival_s:.2f}",
+                f"{each.intensity:.4g}",
+                "–" if each.peak_snr_db is None else f"{each.peak_snr_db:.1f}",
+                f"{each.coherence:.2f}",
+            )
+        people.print(table)
+    if findings.saturated_channels:
+        people.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
+    if findings.dead_channels:
+        people.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
+    if picture is not None:
+        people.print(f"picture: {picture}")
+
+
+def _draw(findings: FrameFindings, picture: Picture, path: Path, *, title: str) -> None:
+    from markerseek.pictures import frame_figure, save_png
+
+    arrivals = (findings.strongest, *findings.others) if findings.found else ()
+    figure = frame_figure(
+        picture.envelope,
+        lateral_m=picture.lateral_m,
+        depth_m=picture.depth_m,
+        marks_m=[(each.lateral_m, each.depth_m) for each in arrivals],
+        title=f"{title}: {'arrivals numbered' if arrivals else 'no source'}",
+    )
+    save_png(figure, path)

@@ -1,0 +1,195 @@
+"""Runs a policy on a rig for `search` and `replay`, and shows the result as a table, a picture and a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+from rich.table import Table
+
+from markerseek.cli.terminal import people, print_json, progress_bar
+from markerseek.core import Measured, Policy, Refused, Sample
+from markerseek.records.result import Recorder, SearchResult
+from markerseek.rigs import Rig
+from markerseek.scan import run
+
+if TYPE_CHECKING:
+    from markerseek.pictures import PaImage
+
+FOUND, OTHER_ANSWER = 0, 3
+"""Exit codes of a search that ended well."""
+
+
+def hunt(
+    policy: Policy,
+    rig: Rig,
+    *,
+    method: str,
+    as_published: bool,
+    most: int,
+    stay: bool,
+    seed: int | None,
+) -> tuple[Recorder, SearchResult]:
+    """Run a search with a progress bar.
+
+    Parameters
+    ----------
+    policy, rig
+        What searches, on what.
+    method, as_published
+        Name and form of the policy.
+    most
+        Most acquisitions, for the bar.
+    stay
+        Whether the last move and the confirmation are left out.
+    seed
+        Seed of a simulation.
+    """
+    recorder = Recorder()
+    with progress_bar(most, what="searching") as progress:
+        task = progress.task_ids[0]
+        for event in run(policy, rig.scanner, dark_frames=0 if as_published else rig.dark_frames, stay=stay):
+            recorder.hear(event)
+            if isinstance(event, Measured) and event.role == "search":
+                sample = event.sample
+                said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                progress.update(task, completed=event.index, description=said)
+            elif isinstance(event, Refused):
+                progress.console.print(f"[yellow]refused:[/] {event.reason}")
+    result = recorder.result(
+        method=method,
+        as_published=as_published,
+        rig=rig.kind,
+        face_radius_m=rig.face_radius_m,
+        truth_deg=rig.truth_deg,
+        seed=seed,
+    )
+    return recorder, result
+
+
+def show(recorder: Recorder, result: SearchResult, rig: Rig, *, as_json: bool, plot: bool, out: Path, name: str) -> int:
+    """Print the result and draw it; the exit code comes back.
+
+    Parameters
+    ----------
+    recorder, result, rig
+        What `hunt` gave, and on what.
+    as_json
+        One object for programs instead of a table for people.
+    plot
+        Whether to write a picture and a page.
+    out, name
+        Folder and stem of their files.
+    """
+    files = _draw(recorder, result, rig, out / f"{name}.png", out / f"{name}.html") if plot else ()
+    if as_json:
+        print_json(result)
+    else:
+        _print_table(result, rig, files)
+    return FOUND if result.found else OTHER_ANSWER
+
+
+def facts(result: SearchResult) -> list[tuple[str, str]]:
+    """Names and values of a result, as people read them."""
+    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
+    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
+        low, high = result.interval95_deg
+        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
+        rows.append(("95 % interval", f"[{low:.3f}°, {high:.3f}°], {_KINDS[result.interval_kind or 'propagated']}"))
+    else:
+        rows.append(("the rule points at", f"{result.angle_deg:.3f}°, which is not claimed"))
+    if result.marker_trus_m is not None:
+        rows.append(("marker in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
+    rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
+    rows.append(("rotation", f"{result.travel_deg:.1f}°"))
+    if result.elapsed_s is not None:
+        rows.append(("time", f"{result.elapsed_s:.0f} s (virtual)"))
+    if result.confirmation is not None:
+        confirmation = result.confirmation
+        rows.append(("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°"))
+    if result.floor is not None:
+        level = "unknown" if result.floor.level is None else f"{result.floor.level:.4g} from {result.floor.source}"
+        rows.append(("noise floor", level))
+    if result.truth_deg is not None and result.error_deg is not None:
+        name = "truth (simulated)" if result.rig == "simulated" else "reference"
+        rows.append((name, f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
+    return rows
+
+
+_KINDS = {
+    "posterior": "a posterior probability",
+    "bracket": "the bracket's width, not a probability",
+    "propagated": "noise propagated through the average, not a posterior",
+}
+
+
+def _mm(point_m: tuple[float, float, float]) -> list[float]:
+    return [1e3 * value for value in point_m]
+
+
+def _print_table(result: SearchResult, rig: Rig, files: tuple[Path, ...]) -> None:
+    form = " as published" if result.as_published else ""
+    people.print(f"[bold]{result.method}{form}[/] on a {rig.kind} rig: {rig.description}")
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in facts(result):
+        table.add_row(f"[dim]{name}[/]", value)
+    for path in files:
+        table.add_row("[dim]picture[/]", str(path))
+    people.print(table)
+
+
+def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: Path) -> tuple[Path, ...]:
+    from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
+
+    finished = recorder.finished
+    if finished is None or not recorder.samples:
+        return ()
+    title = f"{result.method} on a {rig.kind} rig: {rig.description}"
+    figure = search_figure(
+        recorder.samples,
+        finished.estimate,
+        title=title,
+        start_deg=recorder.start_deg,
+        truth_deg=result.truth_deg,
+        confirmation=recorder.confirmation,
+        image=_image(rig, recorder.confirmation or recorder.samples[-1]),
+    )
+    save_png(figure, png)
+    write_page(
+        page,
+        title=title,
+        note="Simulated rig: no hardware was involved." if rig.kind == "simulated" else None,
+        facts=facts(result),
+        picture_uri=png_data_uri(figure),
+        alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
+        columns=("", "angle [deg]", "intensity", "lateral [mm]", "depth [mm]"),
+        rows=[
+            (
+                str(number),
+                f"{row.angle_deg:.3f}",
+                f"{row.intensity:.4g}",
+                _optional_mm(row.lateral_m),
+                _optional_mm(row.depth_m),
+            )
+            for number, row in enumerate(result.samples, start=1)
+        ],
+        json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
+    )
+    return png, page
+
+
+def _image(rig: Rig, sample: Sample) -> PaImage | None:
+    """Image of the frame of a sample, where there is one."""
+    from markerseek.pictures import PaImage
+
+    if rig.imaging is None or sample.frame is None:
+        return None
+    picture = rig.imaging.picture(sample.frame)
+    return PaImage(envelope=picture.envelope, lateral_m=picture.lateral_m, depth_m=picture.depth_m)
+
+
+def _optional_mm(value_m: float | None) -> str:
+    return "–" if value_m is None else f"{1e3 * value_m:.2f}"
+
+

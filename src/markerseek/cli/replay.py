@@ -1,0 +1,56 @@
+"""``markerseek replay``: a search on a recorded scan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+NAME = "replay"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek replay examples/scan.csv --method golden-section --plot\n\n"
+    "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
+)
+
+
+def command(
+    bank: Annotated[
+        Path,
+        typer.Argument(help="CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."),
+    ],
+    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "weighted-average",
+    acquisitions: Annotated[
+        int | None, typer.Option(help="Most acquisitions; each method has its own default.")
+    ] = None,
+    as_published: Annotated[
+        bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
+    ] = False,
+    probe: Annotated[str, typer.Option(help="Preset of the imaging chain, for channel data.")] = "BPL9-5/55",
+    reference_deg: Annotated[
+        float | None, typer.Option(help="Reference angle of the marker, to be compared with, in degrees.")
+    ] = None,
+    stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Search a recorded scan as if it were a rig: the methods ask, the recording answers."""
+    from markerseek import rigs
+    from markerseek.cli.hunt import hunt, show
+    from markerseek.search import build, method_named
+
+    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg)
+    policy = build(
+        method,
+        limits=assembled.limits.search,
+        acquisitions=acquisitions,
+        as_published=as_published,
+        start_deg=assembled.stage.angle_deg,
+    )
+    most = acquisitions or method_named(method).acquisitions
+    recorder, result = hunt(
+        policy, assembled, method=method, as_published=as_published, most=most, stay=stay, seed=None
+    )
+    raise typer.Exit(show(recorder, result, assembled, as_json=as_json, plot=plot, out=out, name="replay"))

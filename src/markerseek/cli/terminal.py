@@ -1,0 +1,44 @@
+"""What all commands share: where people and programs are written to, and how long work shows that it goes on.
+
+Programs read one JSON object on standard output (``--json``); progress, warnings and errors go to standard error.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from markerseek.core import MarkerseekError
+
+people = Console(highlight=False, soft_wrap=True)
+"""Standard output, for people."""
+
+aside = Console(stderr=True, highlight=False, soft_wrap=True)
+"""Standard error: progress, warnings, errors."""
+
+
+def print_json(value: object) -> None:
+    """Write one JSON object on standard output."""
+    sys.stdout.write(msgspec.json.encode(value).decode("utf-8") + "\n")
+
+
+def print_error(error: MarkerseekError, *, as_json: bool) -> None:
+    """Say what went wrong: in words on standard error, and as an object on standard output for programs."""
+    aside.print(f"[bold red]error:[/] {escape(str(error))}")
+    if as_json:
+        print_json({"error": str(error), "kind": type(error).__name__})
+
+
+@contextmanager
+def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
+    """A bar on standard error with one task of so many steps; invisible where that is no terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=aside, transient=True, disable=not aside.is_terminal) as progress:
+        progress.add_task(what, total=total)
+        yield progress

@@ -1,0 +1,156 @@
+"""Frames of channel data from files: a folder of SonixDAQ channel files, ``.npy``, and ``.mat`` of the public data set.
+
+Whatever is in a file, what comes back is a frame or a `RecordError`, and no more memory is asked for than some tens of
+times the file's size.
+"""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int16
+
+from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.records._mat import load_mat
+from markerseek.wire import sonixdaq
+
+_LARGEST_BYTES = 1 << 30
+_HEADER_BYTES = 10_000
+
+
+def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0) -> ChannelFrame:
+    """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
+
+    Parameters
+    ----------
+    path
+        A folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of int16 (channels, samples), or a
+        ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
+    sampling_hz
+        Sampling frequency in Hz; none of the files holds it.
+    angle_deg
+        Angle of the probe, for the frame's header, in degrees.
+
+    Raises
+    ------
+    RecordError
+        If there is no frame in it; the message names the file, what was expected, what was found, and the cure.
+    """
+    place = Path(path)
+    try:
+        samples, pulses = _load(place)
+    except OSError as error:
+        raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
+            error
+        )
+    header = FrameHeader(
+        sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=0.0, ended_s=0.0
+    )
+    return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
+
+
+def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+    if not path.exists():
+        raise RecordError(f"{path}: there is no such file or folder; check the name")
+    if path.is_dir():
+        return _load_daq_folder(path)
+    loaders = {".mat": load_mat, ".npy": _load_npy}
+    loader = loaders.get(path.suffix.lower())
+    if loader is None:
+        raise RecordError(
+            f"{path}: {path.suffix or 'a file without suffix'} is no format of frames; "
+            "give a .mat, an .npy, or a folder of SonixDAQ files"
+        )
+    _check_regular(path)
+    return loader(path), 1
+
+
+def _check_regular(path: Path) -> int:
+    """Size of an ordinary file in bytes; a pipe or a device would block or never end."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise RecordError(f"{path}: it is no ordinary file; copy its contents into one")
+    if status.st_size > _LARGEST_BYTES:
+        raise RecordError(
+            f"{path}: {status.st_size} bytes found, at most {_LARGEST_BYTES} expected; no single frame is that large"
+        )
+    return status.st_size
+
+
+def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        try:
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, fortran, dtype = read(file, max_header_size=_HEADER_BYTES)
+        # The header is a Python literal, and a hostile one can upset the parser in many ways.
+        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, KeyError) as error:
+            raise RecordError(f"{path}: no valid .npy header; save it again with numpy.save") from error
+        if dtype.newbyteorder("=") != np.int16 or len(shape) != 2 or min(shape) < 1 or shape[0] > shape[1]:
+            raise RecordError(
+                f"{path}: {dtype} of shape {shape} found, int16 of shape (channels, samples) expected; "
+                "convert it to ADC counts with one row per channel"
+            )
+        expected = file.tell() + 2 * shape[0] * shape[1]
+        if size != expected:
+            raise RecordError(
+                f"{path}: {size} bytes found, {expected} bytes expected; the file is cut off or damaged: save it again"
+            )
+        flat = np.frombuffer(file.read(), dtype=dtype)
+    return np.ascontiguousarray(flat.reshape(shape, order="F" if fortran else "C"), dtype=np.int16)
+
+
+def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+    files = _daq_files(folder)
+    headers = {number: _daq_header(path) for number, path in files.items()}
+    first = headers[0]
+    for number, header in headers.items():
+        if header != first:
+            raise RecordError(
+                f"{files[number]}: {header.frames} pulses of {header.samples} samples under a header of "
+                f"{header.length} bytes found, {first.frames} of {first.samples} under {first.length} expected as in "
+                f"{files[0].name}; the folder mixes acquisitions: acquire it again"
+            )
+    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
+    for number, path in files.items():
+        with path.open("rb") as file:
+            file.seek(first.length)
+            body = file.read(first.file_bytes - first.length)
+        if len(body) != first.file_bytes - first.length:
+            raise RecordError(
+                f"{path}: {first.length + len(body)} bytes found, {first.file_bytes} bytes expected; it became shorter "
+                "while it was read: wait until the acquisition is complete"
+            )
+        pulses = sonixdaq.decode_samples(body, first)
+        samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
+    return samples, first.frames
+
+
+def _daq_files(folder: Path) -> dict[int, Path]:
+    """Channel files by number, all 128 of them."""
+    files: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        number = sonixdaq.file_number(path.name)
+        if number is None:
+            continue
+        if number in files:
+            raise RecordError(
+                f"{folder}: {files[number].name} and {path.name} are both channel {number}; keep one acquisition a folder"
+            )
+        files[number] = path
+    if len(files) != sonixdaq.CHANNELS:
+        missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
+        raise RecordError(
+            f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+            f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
+        )
+    return files
+
+
+def _daq_header(path: Path) -> sonixdaq.DaqHeader:
+    size = _check_regular(path)
+    with path.open("rb") as file:
+        return sonixdaq.decode_header(file.read(sonixdaq.HEADER_BYTES), size=size, name=str(path.name))

@@ -1,0 +1,119 @@
+"""SonixDAQ channel files as bytes: one file per channel, little-endian, a short header and then int16.
+
+Two layouts are in use. SDK 6 and later: three int32 (channel, frames, samples), files ``CH000.daq``. Earlier: two
+int32 (frames, samples), files ``CH000-0000.daq``. The size decides, for names are easily changed. The header of 19
+int32 that some public readers skip belongs to ``.rf`` and ``.b8`` files, not to these.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int16
+
+from markerseek.core import RecordError
+
+CHANNELS = 128
+"""Channels, and files, of one acquisition."""
+
+HEADER_BYTES = 12
+"""Length of the longer header: as many bytes as `decode_header` wants to see."""
+
+_NAME = re.compile(r"CH(\d{3})(?:-\d{4})?\.daq", re.ASCII | re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DaqHeader:
+    """Header of one channel file.
+
+    Attributes
+    ----------
+    length
+        Bytes of the header: 12 (SDK 6 and later) or 8.
+    frames
+        Repeated pulses in the file.
+    samples
+        Samples of each.
+    """
+
+    length: int
+    frames: int
+    samples: int
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the complete file in bytes."""
+        return self.length + 2 * self.frames * self.samples
+
+
+def file_number(name: str) -> int | None:
+    """Number k of the channel file of that name, 0 to 127; None if it is no channel file."""
+    match = _NAME.fullmatch(name)
+    if match is None or int(match[1]) >= CHANNELS:
+        return None
+    return int(match[1])
+
+
+def element_of_file(number: int) -> int:
+    """Element along the array whose sound is in file k, both counted from 0: 16 (k mod 8) + k div 8."""
+    return 16 * (number % 8) + number // 8
+
+
+def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
+    """Header of a channel file, in whichever layout fits its size.
+
+    Parameters
+    ----------
+    head
+        First 12 bytes of the file.
+    size
+        Size of the file in bytes.
+    name
+        Name of the file, for the message and, if both layouts fit, for the decision.
+
+    Raises
+    ------
+    RecordError
+        If neither layout fits; the message names the sizes.
+    """
+    if len(head) < HEADER_BYTES:
+        raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; acquire it again")
+    first, second, third = struct.unpack("<3i", head[:HEADER_BYTES])
+    new = DaqHeader(length=12, frames=second, samples=third)
+    old = DaqHeader(length=8, frames=first, samples=second)
+    number_fits = 0 <= first < CHANNELS
+    fitting = [
+        header
+        for header, possible in ((new, number_fits), (old, True))
+        if possible and header.frames > 0 and header.samples > 0 and header.file_bytes == size
+    ]
+    if len(fitting) == 2 and first != file_number(name):
+        return old
+    if fitting:
+        return fitting[0]
+    raise RecordError(
+        f"{name}: {size} bytes found, expected {_expected(new, possible=number_fits)} by a header of SDK 6 and later, "
+        f"or {_expected(old, possible=True)} by one of an earlier SDK; the file is cut off, still being written, or no "
+        "channel file: wait until it is complete, or acquire it again"
+    )
+
+
+def encode_file(samples: Int16[np.ndarray, "frames samples"], *, number: int | None) -> bytes:
+    """Channel file with the given pulses; with a number in the layout of SDK 6 and later, without in the earlier."""
+    frames, count = samples.shape
+    head = struct.pack("<2i", frames, count) if number is None else struct.pack("<3i", number, frames, count)
+    return head + samples.astype("<i2").tobytes()
+
+
+def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames samples"]:
+    """Samples of a channel file, one row per pulse, from the bytes after the header."""
+    return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
+
+
+def _expected(header: DaqHeader, *, possible: bool) -> str:
+    if not possible or header.frames <= 0 or header.samples <= 0:
+        return "(impossible numbers)"
+    return f"{header.file_bytes} bytes"

@@ -1,0 +1,135 @@
+"""Banks read from disk, and refused when they are not what they should be; each complaint says where and what to do."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.replay import IntensityReader, ReplayReceiver, ReplayStage
+
+PERMIT = Permit(token="a", angle_deg=0.0, pulses=16, expires_s=1.0)
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "scan.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.lists(st.tuples(st.floats(-90, 90), st.floats(0, 1e9)), min_size=3, max_size=30, unique_by=lambda row: row[0])
+)
+def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: list[tuple[float, float]]) -> None:
+    rows = sorted(rows)
+    path = tmp_path / "scan.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("note", "intensity", "angle_deg"))
+        writer.writerows(("x", intensity, angle) for angle, intensity in rows)
+    bank = read_bank(path)
+    assert isinstance(bank, IntensityBank)
+    assert bank.angles_deg == tuple(angle for angle, _ in rows)
+    assert bank.intensities == tuple(intensity for _, intensity in rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: the column angle_deg and intensity is missing, it has nothing"),
+        ("angle_deg,amplitude\n1,2\n", "line 1: the column intensity is missing"),
+        ("angle_deg\n1\n2\n3\n", "line 1: the column intensity is missing"),
+        ("angle_deg,intensity\n1,2\n2\n3,4\n", "line 3: it has 1 columns"),
+        ("angle_deg,intensity\n1,2\n2,nan\n3,4\n", "line 3: intensity is nan, it must be finite"),
+        ("angle_deg,intensity\n1,2\ninf,1\n3,4\n", "line 3: angle_deg is inf"),
+        ("angle_deg,intensity\n1,2\n2,x\n3,4\n", "line 3: intensity is 'x'"),
+        ("angle_deg,intensity\n1,2\n2,-1\n3,4\n", "line 3: intensity is -1.0, it must not be negative"),
+        ("angle_deg,intensity\n1,2\n0,1\n3,4\n", "line 3: angle 0 deg does not rise above 1 deg"),
+        ("angle_deg,intensity\n1,2\n1,1\n3,4\n", "average repeated angles"),
+        ("angle_deg,intensity\n1,2\n2,1\n", "it holds 2 angles, at least 3"),
+        ('angle_deg,intensity\n"1,2\n2,1\n', "cannot be read as a CSV"),
+    ],
+)
+def test_a_table_with_a_fault_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(RecordError, match=message):
+        read_bank(write(tmp_path, text))
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scan.csv"
+    path.write_bytes(bytes(range(128, 256)))
+    with pytest.raises(RecordError, match="cannot be read as a CSV"):
+        read_bank(path)
+
+
+def test_what_is_not_there_is_said_to_be_so(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="there is no such file or folder"):
+        read_bank(tmp_path / "nothing")
+
+
+def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path) -> None:
+    for name in ("angle_10.0deg", "-2.5", "+3", "angle_-12.5deg"):
+        (tmp_path / name).mkdir()
+    bank = read_bank(tmp_path)
+    assert isinstance(bank, FrameBank)
+    assert bank.angles_deg == (-12.5, -2.5, 3.0, 10.0)
+    assert [folder.name for folder in bank.folders] == ["angle_-12.5deg", "-2.5", "+3", "angle_10.0deg"]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("1", "2", "scan 3 of 7"), "it holds 2"),
+        (("1", "2", "dark"), "it holds 0"),
+        (("1", "2", "1.0"), "was given before"),
+        (("1", "2"), "it holds 2 angles"),
+    ],
+)
+def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple[str, ...], message: str) -> None:
+    for name in names:
+        (tmp_path / name).mkdir()
+    with pytest.raises(RecordError, match=message):
+        read_bank(tmp_path)
+
+
+BANK = IntensityBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), intensities=(1.0, 3.0, 9.0, 2.0))
+
+
+@given(angle_deg=st.floats(-10, 20))
+def test_between_recorded_angles_the_intensity_is_interpolated(angle_deg: float) -> None:
+    stage = ReplayStage(BANK)
+    receiver = ReplayReceiver(stage=stage, bank=BANK)
+    assert stage.move_to(angle_deg) == angle_deg
+    receiver.arm(PERMIT)
+    frame = receiver.acquire(PERMIT)
+    assert isinstance(frame, ReadingFrame)
+    assert IntensityReader().read(frame).intensity == pytest.approx(
+        np.interp(angle_deg, BANK.angles_deg, BANK.intensities)
+    )
+
+
+def test_a_bank_of_frames_takes_the_stage_to_the_nearest_recorded_angle() -> None:
+    stage = ReplayStage(FrameBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), folders=(Path(),) * 4))
+    assert stage.angle_deg == -10.0
+    assert stage.limits == Interval(low_deg=-10.0, high_deg=20.0)
+    asked = (-10.0, -5.1, -4.9, 2.4, 2.6, 5.0, 19.0, 20.0)
+    assert [stage.move_to(angle) for angle in asked] == [-10.0, -10.0, 0.0, 0.0, 5.0, 5.0, 20.0, 20.0]
+
+
+@pytest.mark.parametrize("angle_deg", [-10.1, 20.5, float("nan")])
+def test_what_was_not_recorded_cannot_be_replayed(angle_deg: float) -> None:
+    with pytest.raises(LimitError, match="outside the recorded range"):
+        ReplayStage(BANK).move_to(angle_deg)
+
+
+def test_a_recording_has_no_dark_frames_to_give() -> None:
+    receiver = ReplayReceiver(stage=ReplayStage(BANK), bank=BANK)
+    with pytest.raises(ConfigError, match="no dark frames"):
+        receiver.arm(Permit(token="a", angle_deg=0.0, pulses=0, expires_s=1.0))

@@ -1,0 +1,65 @@
+"""Rig files: what they say is what comes out, and a key that does not exist is never passed over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import ConfigError
+from markerseek.rig_file import read_rig_file
+from markerseek.sim import SimulatedSettings
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "rigs"
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_commented_example_holds_the_defaults_but_for_the_marker() -> None:
+    settings = read_rig_file(EXAMPLES / "simulated.toml")
+    defaults = SimulatedSettings()
+    assert settings.marker.angle_deg == 12.5
+    for name in ("tissue", "start_deg", "probe", "laser", "noise", "stage", "receiver", "limits"):
+        assert getattr(settings, name) == getattr(defaults, name), name
+
+
+def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) -> None:
+    text = 'kind = "simulated"\ntissue = "liver"\n[probe]\nelevation_focus_m = "none"\n[noise]\npeak_snr_db = 30\n'
+    settings = read_rig_file(write(tmp_path, text + "[noise.bursts]\nframe_probability = 0.01\n"))
+    assert settings.tissue == "liver"
+    assert settings.probe.elevation_focus_m is None
+    assert settings.noise.peak_snr_db == 30
+    assert settings.noise.bursts is not None
+    assert settings.noise.bursts.frame_probability == 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "kind is None, it must be one of: simulated"),
+        ('kind = "real"\n', "kind is 'real'"),
+        ('kind = "simulated"\ntisue = "liver"\n', "key tisue is unknown; did you mean tissue?"),
+        ('kind = "simulated"\n[probe]\nelment_height_m = 1\n', "key probe.elment_height_m is unknown; did you mean"),
+        ('kind = "simulated"\n[limits.serch]\nlow_deg = -30\n', "key limits.serch is unknown; did you mean limits.search"),
+        ('kind = "simulated"\n[noise.bursts]\nzzz = 1\n', "key noise.bursts.zzz is unknown; known here: frame_prob"),
+        ('kind = "simulated"\n[stage]\nspeed_deg_s = "fast"\n', "Expected `float`, got `str`"),
+        ('kind = "simulated"\n[stage]\nspeed_deg_s = 26.0\n', r"speed_deg_s is 26.0, it must lie in \(0, 25.0\]"),
+        ('kind = "simulated"\n[stage]\nspeed_deg_s = nan\n', "speed_deg_s is nan"),
+        ('kind = "simulated"\n[limits.search]\nlow_deg = -60.0\nhigh_deg = 35.0\n', "leaves the travel range"),
+        ('kind = "simulated"\nstart_deg = 40.0\n', "outside the travel range"),
+        ('kind = "simulated"\n[stage\n', "not valid TOML"),
+    ],
+)
+def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_rig_file(write(tmp_path, text))
+    assert "rig.toml" in str(caught.value)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read: No such file"):
+        read_rig_file(tmp_path / "rig.toml")
