@@ -29,30 +29,21 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
 
     ``AdcData_frame000`` is (32, AlignedSampleNum, 4): channel c stands in row c mod 32 of bank c div 32.
     """
-    # Other programs' readers of an unknown file: slow to import, and needed for this format alone.
-    from scipy.io import loadmat, whosmat
-
-    # The stubs of SciPy know file names only.
-    stream: Any = _unpacked(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            kinds = {name: (shape, kind) for name, shape, kind in whosmat(stream)}
-            shape, kind = kinds.get(_FRAME, ((), "missing"))
-            if kind != "int16" or len(shape) != 3 or (shape[0], shape[2]) != (32, 4) or "SampleNum" not in kinds:
-                found = ", ".join(f"{name} {k} {s}" for name, (s, k) in sorted(kinds.items())[:8]) or "nothing"
-                raise RecordError(
-                    f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and SampleNum expected, found {found}; "
-                    "save channel data as an .npy of int16 (channels, samples) instead"
-                )
-            stream.seek(0)
-            content = loadmat(stream, variable_names=[_FRAME, "SampleNum"])
-            frame, count = np.asarray(content[_FRAME]), np.asarray(content["SampleNum"])
+        kinds, content = _read(_unpacked(path))
     except RecordError:
         raise
     # The parser is other people's and the bytes are a stranger's: whatever it raises says that it cannot read them.
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         raise RecordError(f"{path}: damaged .mat file ({error}); fetch or save it again") from error
+    if content is None:
+        found = ", ".join(f"{name} {kind} {shape}" for name, (shape, kind) in sorted(kinds.items())[:8]) or "nothing"
+        raise RecordError(
+            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and SampleNum expected, found {found}; "
+            "save channel data as an .npy of int16 (channels, samples) instead"
+        )
+    frame, count = content
+    shape = kinds[_FRAME][0]
     samples = int(count.flat[0]) if count.size == 1 and count.dtype.kind in "iu" else 0
     if frame.shape != shape or not 1 <= samples <= shape[1]:
         raise RecordError(
@@ -61,6 +52,22 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
         )
     channels = frame.transpose(0, 2, 1).reshape((128, shape[1]), order="F")[:, :samples]
     return np.ascontiguousarray(channels, dtype=np.int16)
+
+
+def _read(stream: Any) -> tuple[dict[str, tuple[tuple[int, ...], str]], tuple[np.ndarray, np.ndarray] | None]:
+    """Shapes and kinds of the variables, and the two that make a frame if they are there."""
+    # Slow to import, and needed for this format alone. Its stubs know file names only, so the stream is Any.
+    from scipy.io import loadmat, whosmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kinds = {name: (tuple(shape), kind) for name, shape, kind in whosmat(stream)}
+        shape, kind = kinds.get(_FRAME, ((), ""))
+        if kind != "int16" or len(shape) != 3 or (shape[0], shape[2]) != (32, 4) or "SampleNum" not in kinds:
+            return kinds, None
+        stream.seek(0)
+        content = loadmat(stream, variable_names=[_FRAME, "SampleNum"])
+    return kinds, (np.asarray(content[_FRAME]), np.asarray(content["SampleNum"]))
 
 
 def _unpacked(path: Path) -> io.BytesIO:

@@ -138,7 +138,8 @@ def _daq_files(folder: Path) -> dict[int, Path]:
             continue
         if number in files:
             raise RecordError(
-                f"{folder}: {files[number].name} and {path.name} are both channel {number}; keep one acquisition a folder"
+                f"{folder}: {files[number].name} and {path.name} are both channel {number}; "
+                "keep one acquisition in a folder"
             )
         files[number] = path
     if len(files) != sonixdaq.CHANNELS:
