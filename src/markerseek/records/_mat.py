@@ -61,7 +61,7 @@ def _read(stream: Any) -> tuple[dict[str, tuple[tuple[int, ...], str]], tuple[np
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        kinds = {name: (tuple(shape), kind) for name, shape, kind in whosmat(stream)}
+        kinds = {name: (tuple(shape), str(kind)) for name, shape, kind in whosmat(stream)}
         shape, kind = kinds.get(_FRAME, ((), ""))
         if kind != "int16" or len(shape) != 3 or (shape[0], shape[2]) != (32, 4) or "SampleNum" not in kinds:
             return kinds, None

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.signals.beamform import half_aperture_m
 from markerseek.signals.filtering import band_pass_taps, response
 from markerseek.signals.presets import ProbePreset
 
@@ -46,31 +47,37 @@ def beamformed_sigma(
     return float(channel_sigma * np.sqrt(np.sum(weight * _power_gain(preset, len(weight))) / np.sum(weight)))
 
 
-def envelope_cells(preset: ProbePreset, *, depth_m: float, false_found: float = 1e-3) -> int:
-    """Number of independent envelope cells of a noise image of that depth.
+def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"], false_found: float = 1e-3) -> int:
+    """Number of independent envelope cells of a noise image with these rows.
 
-    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p. Columns on the element pitch are
-    nearly independent; along a column the envelope of noise with the spread w of its angular frequency exceeds u
-    ``L w u exp(-u^2/2) / sqrt(2 pi)`` times in the time L (Rice 1944), so M = columns L w u / sqrt(2 pi).
+    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p. Noise whose in-phase and
+    quadrature parts change with the standard deviations kx and kz of their gradients (in units of their own) has
+    ``A kx kz (u^2 - 1) exp(-u^2/2) / (2 pi)`` peaks above u in the area A (Worsley 1994, two degrees of freedom in
+    two dimensions); the factor before the exponential is M. Along depth, kz is the spread of the wave number in the
+    band. Across it, kx is the wave number times the spread of the sine of the angle over the aperture.
 
     Parameters
     ----------
     preset
-        The probe, with its default band.
+        The probe, with its default band and aperture.
     depth_m
-        Depth of the image in metres.
+        Rows of the image in metres, evenly spaced.
     false_found
-        The p at which M is wanted; M grows with the root of its logarithm.
+        The p at which M is wanted; M grows with its logarithm.
     """
     gain = _power_gain(preset, 513)
-    omega = np.pi * np.arange(len(gain)) / (len(gain) - 1) * preset.sampling_hz
-    centre = np.average(omega, weights=gain)
-    spread = math.sqrt(float(np.average((omega - centre) ** 2, weights=gain)))
-    rate = preset.array.elements * depth_m / preset.sound_speed_m_s * spread / math.sqrt(2 * math.pi)
-    level = 6.0
-    for _ in range(5):
-        level = math.sqrt(2 * math.log(max(rate * level, 1.0) / false_found))
-    return max(1, math.ceil(rate * level))
+    wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
+    axial = math.sqrt(float(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
+    width = preset.array.elements * preset.array.pitch_m
+    tangent = np.minimum(half_aperture_m(preset, depth_m), width / 2) / depth_m
+    # Mean square of the sine where the tangent is evenly spread from -a to a.
+    lateral = np.sqrt(np.average(wave**2, weights=gain) * (1 - np.arctan(tangent) / tangent))
+    step = depth_m[-1] / len(depth_m) if len(depth_m) < 2 else depth_m[1] - depth_m[0]
+    rate = float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
+    square = 36.0
+    for _ in range(6):
+        square = 2 * math.log(max(rate * (square - 1), 2.0) / false_found)
+    return max(1, math.ceil(rate * (square - 1)))
 
 
 def _power_gain(preset: ProbePreset, bins: int) -> Float64[np.ndarray, " bins"]:

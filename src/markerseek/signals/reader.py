@@ -258,7 +258,7 @@ class ImageReader:
             count = math.floor((far - near) / step) + 1
             depth = near + step * np.arange(-above, count + below)
             grid = image_grid(preset, samples=samples, depth_m=depth)
-            cells = envelope_cells(preset, depth_m=count * step, false_found=self._false_found)
+            cells = envelope_cells(preset, depth_m=depth[above : above + count], false_found=self._false_found)
             self._grids[samples] = (grid, slice(above, above + count), cells)
         return self._grids[samples]
 
