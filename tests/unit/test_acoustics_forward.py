@@ -1,0 +1,222 @@
+"""Properties of the forward model: linearity, silence, limits, refusals; clutter and echoes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from markerseek.acoustics import (
+    Absorber,
+    AcousticModel,
+    Band,
+    Clutter,
+    Disc,
+    GaussianAbsorber,
+    GaussianPulse,
+    Medium,
+    Probe,
+    RectanglePulse,
+    Reflector,
+    Reverberation,
+    Sphere,
+)
+from markerseek.core import ConfigError, Interval, LinearArray
+
+MODEL = AcousticModel()
+MARKER = Absorber(radius_m=60e-3)
+
+places = st.builds(
+    Absorber,
+    radius_m=st.floats(11.1e-3, 90e-3),
+    angle_deg=st.floats(-180.0, 180.0),
+    lateral_m=st.floats(-40e-3, 40e-3),
+    strength=st.floats(-10.0, 10.0),
+)
+angles = st.floats(-35.0, 35.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(absorber=places, angle_deg=angles)
+def test_whatever_is_heard_is_finite_and_of_the_right_shape(absorber: Absorber, angle_deg: float) -> None:
+    heard = MODEL.channel_data([absorber], angle_deg=angle_deg)
+    assert heard.shape == (128, 2080)
+    assert heard.dtype == np.float32
+    assert np.isfinite(heard).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(radius_m=st.floats(20e-3, 70e-3), lateral_m=st.floats(-25e-3, 25e-3), off_deg=st.floats(0.0, 35.0))
+def test_world_and_its_mirror_image_sound_alike(radius_m: float, lateral_m: float, off_deg: float) -> None:
+    here = MODEL.channel_data([Absorber(radius_m=radius_m, lateral_m=lateral_m)], angle_deg=off_deg)
+    turned = MODEL.channel_data([Absorber(radius_m=radius_m, lateral_m=lateral_m)], angle_deg=-off_deg)
+    along = MODEL.channel_data([Absorber(radius_m=radius_m, lateral_m=-lateral_m)], angle_deg=off_deg)
+    atol = 1e-4 * max(np.abs(here).max(), 1e-3)
+    np.testing.assert_allclose(turned, here, atol=atol)
+    np.testing.assert_allclose(along[::-1], here, atol=atol)
+
+
+@settings(max_examples=30, deadline=None)
+@given(off_deg=st.floats(1.0, 35.0))
+def test_nowhere_is_the_sum_of_energies_larger_than_in_the_plane(off_deg: float) -> None:
+    on = MODEL.channel_data([MARKER], angle_deg=0.0)
+    off = MODEL.channel_data([MARKER], angle_deg=off_deg)
+    assert 0 < (off**2).sum() < (on**2).sum()
+
+
+def test_absorbers_add_up_and_strength_is_a_factor() -> None:
+    one, other = replace(MARKER, strength=2.5), Absorber(radius_m=45e-3, angle_deg=10.0, source=Sphere())
+    both = MODEL.channel_data([one, other], angle_deg=3.0)
+    alone = MODEL.channel_data([MARKER], angle_deg=3.0), MODEL.channel_data([other], angle_deg=3.0)
+    np.testing.assert_allclose(both, 2.5 * alone[0] + alone[1], atol=1e-5)
+    assert np.abs(alone[1]).max() > 1e-3
+
+
+def test_sound_arrives_at_the_middle_channel_after_range_over_speed() -> None:
+    medium = Medium(sound_speed_m_s=1480.0)
+    heard = AcousticModel(medium=medium).channel_data([MARKER], angle_deg=0.0)[64].astype(float)
+    centroid = (np.arange(heard.size) * heard**2).sum() / (heard**2).sum()
+    assert centroid == pytest.approx(50e-3 / 1480.0 * 40e6, abs=0.5)
+    assert heard[: round(centroid) - 60].any() == 0
+
+
+def test_absorber_beside_or_behind_the_face_is_silent() -> None:
+    assert not MODEL.channel_data([], angle_deg=0.0).any()
+    assert not MODEL.channel_data([MARKER], angle_deg=180.0).any()
+    edge_deg = math.degrees(math.acos(11e-3 / 60e-3))
+    assert MODEL.channel_data([MARKER], angle_deg=edge_deg - 0.01).any()
+    assert not MODEL.channel_data([MARKER], angle_deg=edge_deg + 0.01).any()
+    assert not MODEL.channel_data([replace(MARKER, strength=0.0)], angle_deg=0.0).any()
+
+
+def test_sound_that_comes_after_the_record_or_before_it_is_cut_off() -> None:
+    assert not MODEL.channel_data([Absorber(radius_m=150e-3)], angle_deg=0.0).any()
+    early = AcousticModel(trigger_offset_s=-32.475e-6).channel_data([MARKER], angle_deg=0.0)
+    full = MODEL.channel_data([MARKER], angle_deg=0.0)
+    shift = round(32.475e-6 * 40e6)
+    assert np.abs(early[64, :20]).max() > 0.1 * np.abs(full).max()
+    np.testing.assert_allclose(early[:, :-shift], full[:, shift:], atol=1e-3 * np.abs(full).max())
+    short = AcousticModel(samples=1310).channel_data([MARKER], angle_deg=0.0)
+    np.testing.assert_allclose(short, full[:, :1310], atol=1e-6)
+
+
+def test_sampling_is_a_parameter() -> None:
+    fine = AcousticModel(sampling_hz=80e6, samples=4160).channel_data([MARKER], angle_deg=5.0)
+    coarse = MODEL.channel_data([MARKER], angle_deg=5.0)
+    np.testing.assert_allclose(fine[:, ::2], coarse, atol=5e-3 * np.abs(coarse).max())
+
+
+def test_lines_are_made_once_for_equal_sources() -> None:
+    assert MODEL.pulse(GaussianAbsorber()) is AcousticModel().pulse(GaussianAbsorber())
+    assert MODEL.pulse(GaussianAbsorber()) is not MODEL.pulse(Sphere())
+
+
+def test_reverberation_repeats_each_arrival_behind_itself() -> None:
+    plain = MODEL.channel_data([MARKER], angle_deg=0.0)
+    echoing = AcousticModel(reverberation=Reverberation(delay_s=5e-6, gain=-0.3, repeats=2))
+    heard = echoing.channel_data([MARKER], angle_deg=0.0)
+    expected = plain.copy()
+    expected[:, 200:] += -0.3 * plain[:, :-200]
+    expected[:, 400:] += 0.09 * plain[:, :-400]
+    np.testing.assert_allclose(heard, expected, atol=1e-4 * np.abs(plain).max())
+
+
+def test_reflector_makes_an_image_as_far_behind_as_the_absorber_is_before() -> None:
+    (image,) = Reflector(distance_m=65e-3, gain=0.4).images([MARKER])
+    assert (image.radius_m, image.angle_deg, image.strength) == pytest.approx((70e-3, 0.0, 0.4))
+    absorber = Absorber(radius_m=50e-3, angle_deg=30.0, lateral_m=7e-3, source=Sphere())
+    (image,) = Reflector(distance_m=60e-3, angle_deg=10.0).images([absorber])
+
+    def cartesian(a: Absorber) -> np.ndarray:
+        turned = math.radians(a.angle_deg)
+        return np.array([a.radius_m * math.sin(turned), a.radius_m * math.cos(turned)])
+
+    normal = np.array([math.sin(math.radians(10)), math.cos(math.radians(10))])
+    middle = (cartesian(image) + cartesian(absorber)) / 2
+    assert middle @ normal == pytest.approx(60e-3)
+    assert np.cross(np.append(cartesian(image) - cartesian(absorber), 0), np.append(normal, 0))[2] == pytest.approx(0)
+    assert (image.lateral_m, image.source) == (absorber.lateral_m, absorber.source)
+    with pytest.raises(ConfigError, match="behind it"):
+        Reflector(distance_m=40e-3).images([MARKER])
+
+
+def test_clutter_fills_its_sector_evenly_and_repeats_with_its_seed() -> None:
+    clutter = Clutter(count=4000, strength=0.05, angles=Interval(low_deg=-40.0, high_deg=20.0))
+    drawn = clutter.draw(np.random.default_rng(7))
+    assert drawn == clutter.draw(np.random.default_rng(7))
+    assert drawn != clutter.draw(np.random.default_rng(8))
+    radius = np.array([a.radius_m for a in drawn])
+    assert 20e-3 <= radius.min() < 21e-3
+    assert 69.8e-3 < radius.max() <= 70e-3
+    half = math.sqrt((20e-3**2 + 70e-3**2) / 2)
+    assert np.mean(radius < half) == pytest.approx(0.5, abs=0.03)
+    assert np.mean([a.angle_deg for a in drawn]) == pytest.approx(-10.0, abs=1.0)
+    assert np.std([a.lateral_m for a in drawn]) == pytest.approx(30e-3 / math.sqrt(3), rel=0.03)
+    strength = np.array([a.strength for a in drawn])
+    assert np.abs(strength).mean() == pytest.approx(0.05, rel=0.06)
+    assert np.mean(strength > 0) == pytest.approx(0.5, abs=0.03)
+    assert Clutter(count=0).draw(np.random.default_rng(1)) == ()
+    heard = MODEL.channel_data(drawn[:30], angle_deg=-10.0)
+    assert np.isfinite(heard).all()
+    assert 0 < np.abs(heard).max() < 1
+
+
+NAN, INF = float("nan"), float("inf")
+REFUSED = {
+    "probe: element_width_m": lambda: Probe(element_width_m=0.5e-3),
+    "probe: element_height_m": lambda: Probe(element_height_m=0.0),
+    "probe: elevation_focus_m": lambda: Probe(elevation_focus_m=NAN),
+    "probe: face_radius_m": lambda: Probe(face_radius_m=-1e-3),
+    "medium: sound_speed_m_s": lambda: Medium(sound_speed_m_s=1.54),
+    "medium: attenuation_db_cm_mhz": lambda: Medium(attenuation_db_cm_mhz=-0.1),
+    "medium: power": lambda: Medium(power=NAN),
+    "band: low_hz": lambda: Band(low_hz=7e6),
+    "band: centre_hz": lambda: Band(centre_hz=5.1e6),
+    "band: low_hz nan": lambda: Band(low_hz=NAN),
+    "Gaussian absorber: radius_m": lambda: GaussianAbsorber(radius_m=NAN),
+    "sphere: radius_m": lambda: Sphere(radius_m=0.0),
+    "disc: radius_m": lambda: Disc(radius_m=INF),
+    "disc: thickness_m": lambda: Disc(thickness_m=0.0),
+    "disc: tilt_deg": lambda: Disc(tilt_deg=91.0),
+    "rectangle pulse: duration_s": lambda: RectanglePulse(duration_s=0.0),
+    "Gaussian pulse: fwhm_s": lambda: GaussianPulse(fwhm_s=NAN),
+    "absorber: radius_m": lambda: Absorber(radius_m=NAN),
+    "absorber: angle_deg": lambda: Absorber(radius_m=0.06, angle_deg=INF),
+    "absorber: lateral_m": lambda: Absorber(radius_m=0.06, lateral_m=NAN),
+    "absorber: strength": lambda: Absorber(radius_m=0.06, strength=NAN),
+    "clutter: count": lambda: Clutter(count=-1),
+    "clutter: strength": lambda: Clutter(count=1, strength=NAN),
+    "clutter: nearest_m": lambda: Clutter(count=1, nearest_m=0.08),
+    "clutter: half_length_m": lambda: Clutter(count=1, half_length_m=0.0),
+    "reverberation: delay_s": lambda: Reverberation(delay_s=0.0),
+    "reverberation: gain": lambda: Reverberation(delay_s=1e-6, gain=1.1),
+    "reverberation: repeats": lambda: Reverberation(delay_s=1e-6, repeats=0),
+    "reflector: distance_m": lambda: Reflector(distance_m=NAN),
+    "acoustic model: sampling_hz": lambda: AcousticModel(sampling_hz=NAN),
+    "acoustic model: samples": lambda: AcousticModel(samples=0),
+    "acoustic model: trigger_offset_s": lambda: AcousticModel(trigger_offset_s=NAN),
+    "acoustic model: angle_deg": lambda: MODEL.channel_data([MARKER], angle_deg=NAN),
+    "absorber: radius_m is 0.0105": lambda: MODEL.channel_data([Absorber(radius_m=0.0105)], angle_deg=0.0),
+    "sampling_hz is 20000000.0": lambda: AcousticModel(sampling_hz=20e6).channel_data([MARKER], angle_deg=0.0),
+    "leaves nothing in the band": lambda: AcousticModel(laser=GaussianPulse(fwhm_s=1e-3)).pulse(Sphere()),
+    "lasts": lambda: AcousticModel(laser=RectanglePulse(duration_s=40e-6)).pulse(GaussianAbsorber()),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_used_is_refused_by_name(message: str) -> None:
+    with pytest.raises(ConfigError, match=message.removesuffix(" nan")):
+        REFUSED[message]()
+
+
+def test_array_of_two_elements_will_do() -> None:
+    heard = AcousticModel(probe=Probe(array=LinearArray(elements=2)), samples=2000).channel_data(
+        [MARKER], angle_deg=0.0
+    )
+    assert heard.shape == (2, 2000)
+    np.testing.assert_allclose(heard[0], heard[1], atol=1e-5)
+    assert np.abs(heard).max() > 0.1

@@ -1,0 +1,142 @@
+"""Statistics of the noise, and the converter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal, stats
+
+from markerseek.acoustics import Band, Bursts, Digitiser, Noise
+from markerseek.core import ConfigError
+
+
+def draw(noise: Noise, seed: int = 1, channels: int = 128, samples: int = 2080) -> np.ndarray:
+    return noise.sample(np.random.default_rng(seed), channels=channels, samples=samples, sampling_hz=40e6)
+
+
+KINDS = {
+    "white": Noise(white_sigma=3.0),
+    "coloured": Noise(coloured_sigma=3.0),
+    "both": Noise(white_sigma=1.8, coloured_sigma=2.4),
+}
+
+
+@pytest.mark.parametrize("noise", KINDS.values(), ids=KINDS.keys())
+@pytest.mark.parametrize("samples", [2080, 2081, 1300])
+def test_sigma_is_what_was_asked_for_and_samples_are_normal(noise: Noise, samples: int) -> None:
+    drawn = draw(noise, samples=samples)
+    assert drawn.shape == (128, samples)
+    assert drawn.dtype == np.float32
+    assert drawn.std() == pytest.approx(3.0, rel=0.01)
+    assert abs(drawn.mean()) < 0.05
+    # every moment of the record is as loud as any other, at the ends too
+    assert drawn[:, :20].std() == pytest.approx(3.0, rel=0.1)
+    assert drawn[:, -20:].std() == pytest.approx(3.0, rel=0.1)
+    apart = drawn[:, ::40].ravel()
+    assert stats.kstest(apart / 3.0, "norm").pvalue > 1e-3
+    assert abs(stats.kurtosis(drawn.ravel())) < 0.05
+
+
+@pytest.mark.parametrize("noise", KINDS.values(), ids=KINDS.keys())
+def test_spectrum_is_that_of_the_band_upon_a_flat_one(noise: Noise) -> None:
+    frames = np.concatenate([draw(noise, seed) for seed in range(8)])
+    f, density = signal.welch(frames, fs=40e6, nperseg=208, noverlap=0, axis=1)
+    density = density.mean(axis=0)
+    gain = noise.band.gain(f) ** 2
+    expected = noise.white_sigma**2 / 20e6 + noise.coloured_sigma**2 * gain / (gain.sum() * f[1])
+    inside = (f > 1e6) & (f < 19e6)
+    np.testing.assert_allclose(density[inside], expected[inside], rtol=0.06, atol=0.01 * expected.max())
+
+
+def test_channels_and_frames_are_independent() -> None:
+    noise = Noise(coloured_sigma=1.0)
+    drawn = draw(noise)
+    correlation = np.corrcoef(drawn)[np.triu_indices(128, 1)]
+    assert np.abs(correlation).max() < 0.2
+    assert correlation.std() == pytest.approx(0.033, abs=0.015)
+    rng = np.random.default_rng(3)
+    first = noise.sample(rng, channels=128, samples=2080, sampling_hz=40e6)
+    second = noise.sample(rng, channels=128, samples=2080, sampling_hz=40e6)
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.01
+    np.testing.assert_array_equal(draw(noise, 5), draw(noise, 5))
+
+
+def test_channels_can_differ_and_no_noise_is_silence() -> None:
+    gains = tuple(np.linspace(0, 2, 128).tolist())
+    sigma = draw(Noise(white_sigma=2.0, channel_gains=gains)).std(axis=1)
+    np.testing.assert_allclose(sigma, 2 * np.array(gains), rtol=0.1)
+    assert not draw(Noise()).any()
+    with pytest.raises(ConfigError, match="channel_gains has 3 entries for 128"):
+        draw(Noise(white_sigma=1.0, channel_gains=(1.0, 1.0, 1.0)))
+
+
+def test_bursts_come_as_often_as_asked_and_have_heavy_tails() -> None:
+    rng = np.random.default_rng(11)
+    some = Bursts(channel_probability=0.1, gain=4.0)
+    sizes = np.array([some.draw(rng, channels=128) for _ in range(400)])
+    assert (sizes != 1).mean() == pytest.approx(0.1, abs=0.005)
+    # gain·sqrt(ν/χ²): of its inverse square the mean is 1/gain²
+    assert (1 / sizes[sizes != 1] ** 2).mean() == pytest.approx(1 / 16, rel=0.05)
+    whole = Bursts(frame_probability=0.25)
+    sizes = np.array([whole.draw(rng, channels=128) for _ in range(4000)])
+    assert (sizes == sizes[:, :1]).all()
+    assert (sizes[:, 0] != 1).mean() == pytest.approx(0.25, abs=0.02)
+    assert (Bursts().draw(rng, channels=8) == 1).all()
+
+
+def test_samples_of_bursts_follow_students_t() -> None:
+    noise = Noise(white_sigma=1.0, bursts=Bursts(channel_probability=1.0, gain=2.0, freedom=3.0))
+    drawn = np.concatenate([draw(noise, seed, samples=16)[:, 5] for seed in range(60)])
+    assert stats.kstest(drawn / 2.0, "t", args=(3,)).pvalue > 1e-3
+    assert stats.kstest(drawn / 2.0, "norm").pvalue < 1e-3
+
+
+def test_converter_rounds_and_saturates() -> None:
+    data = np.array([[0.49, 0.51, -0.51, 1.5, 2.5, 2046.6, 2047.4, 9e9, -2048.4, -2049, np.inf, -np.inf]], np.float32)
+    expected = [[0, 1, -1, 2, 2, 2047, 2047, 2047, -2048, -2048, 2047, -2048]]
+    before = data.copy()
+    counts = Digitiser().digitise(data)
+    assert counts.dtype == np.int16
+    np.testing.assert_array_equal(counts, expected)
+    np.testing.assert_array_equal(data, before)
+    assert (Digitiser().least, Digitiser().largest) == (-2048, 2047)
+
+
+@given(
+    value=st.floats(-1e6, 1e6, width=32),
+    bits=st.integers(2, 16),
+    scale=st.floats(1e-3, 1e3),
+)
+def test_converter_is_within_half_a_count_or_at_full_scale(value: float, bits: int, scale: float) -> None:
+    converter = Digitiser(bits=bits, counts_per_unit=scale)
+    (count,) = converter.digitise(np.array([[value]], np.float32))[0].tolist()
+    exact = value * scale
+    assert converter.least <= count <= converter.largest
+    if converter.least < exact < converter.largest:
+        assert abs(count - exact) <= 0.5 + 1e-6 * abs(exact)
+    else:
+        assert count in (converter.least, converter.largest)
+
+
+NAN = float("nan")
+REFUSED = {
+    "noise: white_sigma": lambda: Noise(white_sigma=NAN),
+    "noise: coloured_sigma": lambda: Noise(coloured_sigma=-1.0),
+    r"noise: channel_gains\[1\]": lambda: Noise(channel_gains=(1.0, NAN)),
+    "bursts: frame_probability": lambda: Bursts(frame_probability=1.2),
+    "bursts: channel_probability": lambda: Bursts(channel_probability=NAN),
+    "bursts: gain": lambda: Bursts(gain=0.0),
+    "bursts: freedom": lambda: Bursts(freedom=NAN),
+    "digitiser: bits": lambda: Digitiser(bits=17),
+    "digitiser: counts_per_unit": lambda: Digitiser(counts_per_unit=NAN),
+    "digitiser: data holds NaN": lambda: Digitiser().digitise(np.full((2, 2), np.nan, np.float32)),
+    "band: ": lambda: Band(high_hz=float("inf")),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_used_is_refused_by_name(message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        REFUSED[message]()
