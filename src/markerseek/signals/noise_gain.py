@@ -67,14 +67,14 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
     """
     gain = _power_gain(preset, 513)
     wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
-    axial = math.sqrt(float(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
+    axial = float(np.sqrt(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
     width = preset.array.elements * preset.array.pitch_m
     tangent = np.minimum(half_aperture_m(preset, depth_m), width / 2) / depth_m
     # Mean square of the sine where the tangent is evenly spread from -a to a.
     lateral = np.sqrt(np.average(wave**2, weights=gain) * (1 - np.arctan(tangent) / tangent))
-    step = depth_m[-1] / len(depth_m) if len(depth_m) < 2 else depth_m[1] - depth_m[0]
+    step = float(depth_m[-1] - depth_m[0]) / max(1, len(depth_m) - 1)
     rate = float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
-    square = 36.0
+    square: float = 36.0
     for _ in range(6):
         square = 2 * math.log(max(rate * (square - 1), 2.0) / false_found)
     return max(1, math.ceil(rate * (square - 1)))

@@ -1,0 +1,103 @@
+"""The noise of the image against Monte Carlo: its strength, its floor under a source, how high its peaks reach."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from markerseek.core import ChannelFrame, FrameHeader
+from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, features, probe_preset
+from markerseek.signals.beamform import beamform, image_grid
+from markerseek.signals.filtering import band_pass, band_pass_taps
+
+SAMPLES = 2080
+
+
+def frame_of(samples, hz=40e6):
+    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    return ChannelFrame(header=header, samples=samples, sampling_hz=hz)
+
+
+def pulse_frame(preset, *, lateral_m, depth_m, samples=2080):
+    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element hears it from one point."""
+    path = np.hypot(preset.array.lateral_m - lateral_m, depth_m)
+    arrival = path / preset.sound_speed_m_s + preset.trigger_offset_s
+    time = np.arange(samples) / preset.sampling_hz - arrival[:, None]
+    width = 1 / (np.pi * (preset.high_hz - preset.low_hz))
+    return np.exp(-((time / width) ** 2) / 2) * np.cos(np.pi * (preset.low_hz + preset.high_hz) * time)
+
+
+def image_rms(preset, samples):
+    depth = np.arange(10e-3, 60e-3, preset.depth_step_m)
+    grid = image_grid(preset, samples=samples.shape[1], depth_m=depth)
+    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+    return float(np.std(beamform(band_pass(samples, taps, blanked=preset.pickup_samples), grid)))
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+@pytest.mark.parametrize("coloured", [False, True])
+def test_channel_noise_becomes_the_predicted_image_noise(name, coloured):
+    """Acceptance: 0.2 dB."""
+    preset = probe_preset(name)
+    rng = np.random.default_rng(11)
+    frequency = np.fft.rfftfreq(SAMPLES, 1 / preset.sampling_hz)
+    power = np.exp(-(((frequency - 6e6) / 3e6) ** 2)) if coloured else np.ones(len(frequency))
+    shape = np.sqrt(power / np.mean(power))
+    squares = []
+    for _ in range(12):
+        noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((128, SAMPLES))) * shape, SAMPLES) * 200
+        squares.append((image_rms(preset, np.rint(noise).astype(np.int16)) / noise.std()) ** 2)
+    measured = np.sqrt(np.mean(squares))
+    predicted = beamformed_sigma(1.0, preset=preset, power=power if coloured else None)
+    assert abs(20 * np.log10(predicted / measured)) < 0.2
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+@pytest.mark.parametrize("snr_db", [None, 20, 40, 60])
+@pytest.mark.parametrize("depth_m", [0.012, 0.05])
+def test_floor_is_unbiased_under_a_source(name, snr_db, depth_m):
+    preset = probe_preset(name)
+    reader = ImageReader(preset)
+    rng = np.random.default_rng(12)
+    sigma = beamformed_sigma(8.0, preset=preset)
+    clean = pulse_frame(preset, lateral_m=3e-3, depth_m=depth_m)
+    peak = reader.read(frame_of(np.rint(clean * 1000).astype(np.int16))).intensity / 1000
+    scale = 0.0 if snr_db is None else 10 ** (snr_db / 20) * sigma / peak
+    floors = [
+        reader.read(frame_of(np.rint(clean * scale + rng.normal(0, 8, clean.shape)).astype(np.int16))).noise_sigma
+        for _ in range(10)
+    ]
+    assert abs(20 * np.log10(np.mean(floors) / sigma)) < 0.3
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_noise_alone_is_found_no_more_often_than_promised(name):
+    """The levels hold at 1 in 1, where they can be counted, and so does the count of cells behind them.
+
+    At p = 0.2 the union bound of 300 frames must hold; at the default 1e-3 none of them may be found.
+    """
+    preset = probe_preset(name)
+    reader = ImageReader(preset)
+    rng = np.random.default_rng(13)
+    heights, cells, found = [], 0, 0
+    for _ in range(300):
+        frame = frame_of(np.rint(rng.normal(0, 10, (128, SAMPLES))).astype(np.int16))
+        reading = reader.read(frame)
+        heights.append(reading.intensity / reading.noise_sigma)
+        cells = reading.cells
+        found += reading.intensity > features.found_level(cells, false_found=1e-3) * reading.noise_sigma
+    above = np.mean(np.array(heights) > features.found_level(cells, false_found=0.1))
+    assert 0.005 < above < 0.1
+    assert found <= 1
+
+
+def test_noise_that_rises_with_depth_is_not_found():
+    """A receiver with time-gain compensation makes noise that is no source."""
+    rng = np.random.default_rng(14)
+    reader = ImageReader(probe_preset("L3-8"))
+    gain = np.linspace(1, 8, SAMPLES)
+    found = sum(
+        reader.findings(frame_of(np.rint(rng.normal(0, 3, (128, SAMPLES)) * gain).astype(np.int16))).found
+        for _ in range(50)
+    )
+    assert found == 0

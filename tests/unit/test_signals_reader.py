@@ -1,0 +1,247 @@
+"""What the image reader says of frames whose source is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, FrameHeader, ReadingFrame
+from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
+from markerseek.signals.beamform import image_grid
+
+BPL = probe_preset("BPL9-5/55")
+READER = ImageReader(BPL)
+
+
+def frame_of(samples, hz=40e6):
+    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    return ChannelFrame(header=header, samples=samples, sampling_hz=hz)
+
+
+def pulse_frame(preset, *, lateral_m, depth_m, samples=2080):
+    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element hears it from one point."""
+    path = np.hypot(preset.array.lateral_m - lateral_m, depth_m)
+    arrival = path / preset.sound_speed_m_s + preset.trigger_offset_s
+    time = np.arange(samples) / preset.sampling_hz - arrival[:, None]
+    width = 1 / (np.pi * (preset.high_hz - preset.low_hz))
+    return np.exp(-((time / width) ** 2) / 2) * np.cos(np.pi * (preset.low_hz + preset.high_hz) * time)
+
+
+def counts(clean, scale=800.0):
+    return np.clip(np.rint(clean * scale), -2048, 2047).astype(np.int16)
+
+
+@settings(max_examples=25, deadline=None)
+@given(lateral_mm=st.floats(-24, 24), depth_mm=st.floats(15, 65), offset_us=st.floats(-0.8, 0.8))
+def test_position_and_arrival_of_a_source(lateral_mm, depth_mm, offset_us):
+    preset = ProbePreset(name="t", trigger_offset_s=offset_us * 1e-6)
+    clean = pulse_frame(preset, lateral_m=lateral_mm * 1e-3, depth_m=depth_mm * 1e-3)
+    reading = ImageReader(preset).read(frame_of(counts(clean)))
+    assert reading.lateral_m == pytest.approx(lateral_mm * 1e-3, abs=0.15e-3)
+    assert reading.depth_m == pytest.approx(depth_mm * 1e-3, abs=0.05e-3)
+    assert reading.arrival_s == pytest.approx(depth_mm * 1e-3 / 1540 + offset_us * 1e-6, abs=0.03e-6)
+    assert reading.coherence > 0.8
+
+
+@settings(max_examples=20, deadline=None)
+@given(shift=st.floats(-0.5, 0.5))
+def test_a_source_between_columns_is_as_strong_as_on_one(shift):
+    on = READER.read(frame_of(counts(pulse_frame(BPL, lateral_m=0.5 * BPL.array.pitch_m, depth_m=0.05))))
+    off = READER.read(frame_of(counts(pulse_frame(BPL, lateral_m=(0.5 + shift) * BPL.array.pitch_m, depth_m=0.05))))
+    assert off.intensity == pytest.approx(on.intensity, rel=0.05)
+
+
+@settings(max_examples=15, deadline=None)
+@given(factor=st.integers(2, 12))
+def test_intensity_is_linear(factor):
+    samples = counts(pulse_frame(BPL, lateral_m=2e-3, depth_m=0.04), 150)
+    once = READER.read(frame_of(samples))
+    more = READER.read(frame_of((samples * factor).astype(np.int16)))
+    assert more.intensity == pytest.approx(factor * once.intensity, rel=1e-4)
+    assert more.lateral_m == pytest.approx(once.lateral_m, abs=1e-8)
+
+
+@pytest.mark.parametrize("columns", [1, 7, 30])
+def test_moving_along_the_array_by_whole_pitches_changes_nothing_else(columns):
+    pitch = BPL.array.pitch_m
+    here = READER.read(frame_of(counts(pulse_frame(BPL, lateral_m=-5.5 * pitch, depth_m=0.045))))
+    there = READER.read(frame_of(counts(pulse_frame(BPL, lateral_m=(columns - 5.5) * pitch, depth_m=0.045))))
+    assert there.lateral_m - here.lateral_m == pytest.approx(columns * pitch, abs=1e-6)
+    assert there.intensity == pytest.approx(here.intensity, rel=2e-3)
+    assert there.depth_m == pytest.approx(here.depth_m, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+@pytest.mark.parametrize("snr_db", [20.0, 30.0, 40.0])
+def test_intensity_over_noise_is_the_peak_snr(name, snr_db):
+    preset, rng = probe_preset(name), np.random.default_rng(3)
+    reader = ImageReader(preset)
+    clean = pulse_frame(preset, lateral_m=1e-3, depth_m=0.045)
+    peak = reader.read(frame_of(counts(clean))).intensity / 800
+    scale = 10 ** (snr_db / 20) * beamformed_sigma(6.0, preset=preset) / peak
+    found = [
+        reader.findings(frame_of(np.rint(clean * scale + rng.normal(0, 6, clean.shape)).astype(np.int16)))
+        for _ in range(8)
+    ]
+    assert all(each.found for each in found)
+    assert np.mean([each.strongest.peak_snr_db for each in found]) == pytest.approx(snr_db, abs=1.0)
+    assert all(abs(each.strongest.lateral_m - 1e-3) < 0.4e-3 for each in found)
+
+
+def test_two_sources_are_two_arrivals_strongest_first():
+    rng = np.random.default_rng(4)
+    samples = (
+        pulse_frame(BPL, lateral_m=-8e-3, depth_m=0.03) * 300 + pulse_frame(BPL, lateral_m=9e-3, depth_m=0.05) * 700
+    )
+    findings = READER.findings(frame_of(np.rint(samples + rng.normal(0, 5, samples.shape)).astype(np.int16)))
+    assert findings.found
+    assert findings.strongest.lateral_m == pytest.approx(9e-3, abs=0.2e-3)
+    assert findings.others[0].lateral_m == pytest.approx(-8e-3, abs=0.2e-3)
+    assert findings.others[0].depth_m == pytest.approx(0.03, abs=0.1e-3)
+    assert findings.strongest.intensity > findings.others[0].intensity
+
+
+def test_a_strong_source_without_its_coherence_is_none():
+    rng = np.random.default_rng(5)
+    samples = pulse_frame(BPL, lateral_m=0.0, depth_m=0.05) * 700 + rng.normal(0, 5, (128, 2080))
+    mixed = samples[rng.permutation(128)] * rng.choice([-1, 1], 128)[:, None]
+    findings = READER.findings(frame_of(np.rint(mixed).astype(np.int16)))
+    assert not findings.found
+    assert "in phase" in findings.reason
+
+
+def test_noise_says_what_chance_reaches():
+    findings = READER.findings(frame_of(np.rint(np.random.default_rng(6).normal(0, 5, (128, 2080))).astype(np.int16)))
+    assert not findings.found
+    assert findings.others == ()
+    assert "chance" in findings.reason
+
+
+def test_a_silent_frame_is_read_and_holds_nothing():
+    frame = frame_of(np.full((128, 2080), 7, np.int16))
+    findings = READER.findings(frame)
+    assert not findings.found
+    assert findings.reason == "the frame is silent"
+    assert findings.strongest.peak_snr_db is None
+    assert findings.dead_channels == tuple(range(128))
+    assert READER.read(frame).intensity == 0
+
+
+def test_saturation_is_reported_where_the_marker_is():
+    clean = pulse_frame(BPL, lateral_m=0.0, depth_m=0.05)
+    noise = np.random.default_rng(7).normal(0, 3, clean.shape)
+    assert READER.read(frame_of(counts(clean * 1000 + noise, 1))).saturated_fraction == 0
+    clipped = frame_of(counts(clean * 6000 + noise, 1))
+    assert READER.read(clipped).saturated_fraction > 0.5
+    assert len(READER.findings(clipped).saturated_channels) > 20
+    elsewhere = np.rint(clean * 1000 + noise).astype(np.int16)
+    elsewhere[:, 300] = -2048
+    assert READER.read(frame_of(elsewhere)).saturated_fraction == 0
+
+
+def test_saturation_in_the_most_negative_number_is_seen():
+    samples = np.rint(pulse_frame(BPL, lateral_m=0.0, depth_m=0.05) * 1000).astype(np.int16)
+    touching = np.where(samples < -500, np.int16(-32768), samples)
+    found, used = features.saturated_channels(touching, BPL, lateral_m=0.0, depth_m=0.05)
+    assert len(found) > used / 2
+
+
+@pytest.mark.parametrize("value", [0, 17])
+def test_dead_channels_are_named(value):
+    samples = np.rint(np.random.default_rng(8).normal(0, 20, (128, 2080))).astype(np.int16)
+    samples[[0, 31, 127]] = value
+    assert READER.read(frame_of(samples)).dead_channels == (0, 31, 127)
+
+
+def test_default_depths_hide_nothing_but_the_pickup():
+    picture = ImageReader(probe_preset("L3-8")).picture(frame_of(np.zeros((128, 2455), np.int16)))
+    assert picture.depth_m[0] <= 200 * 1480 / 40e6 + 1e-9
+    assert picture.depth_m[-1] > 2400 * 1480 / 40e6
+    assert picture.envelope.shape == (len(picture.depth_m), len(picture.lateral_m)) == (len(picture.depth_m), 128)
+
+
+def test_depths_can_be_cropped():
+    samples = (
+        pulse_frame(BPL, lateral_m=-8e-3, depth_m=0.03) * 300 + pulse_frame(BPL, lateral_m=9e-3, depth_m=0.05) * 700
+    )
+    frame = frame_of(np.rint(samples).astype(np.int16))
+    cropped = ImageReader(BPL, max_depth_m=0.04)
+    assert cropped.read(frame).depth_m == pytest.approx(0.03, abs=0.1e-3)
+    assert cropped.picture(frame).depth_m[-1] <= 0.04
+    assert ImageReader(BPL, min_depth_m=0.04).picture(frame).depth_m[0] >= 0.04 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("shape", "hz", "words"),
+    [((64, 2080), 40e6, "64 channels"), ((128, 2080), 20e6, "2e+07 Hz"), ((128, 150), 40e6, "150 samples")],
+)
+def test_a_frame_of_another_probe_is_refused(shape, hz, words):
+    with pytest.raises(AcquisitionError) as error:
+        READER.read(frame_of(np.zeros(shape, np.int16), hz))
+    assert words in str(error.value)
+    assert "BPL9-5/55" in str(error.value)
+
+
+def test_a_reading_frame_is_refused():
+    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    with pytest.raises(AcquisitionError, match="ReadingFrame"):
+        READER.read(ReadingFrame(header=header, intensity=1.0))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"min_depth_m": 0.05, "max_depth_m": 0.01},
+        {"max_depth_m": float("nan")},
+        {"min_depth_m": -1.0},
+        {"false_found": 0.0},
+        {"false_found": float("nan")},
+    ],
+)
+def test_impossible_options_are_refused(arguments):
+    with pytest.raises(ConfigError):
+        ImageReader(BPL, **arguments)
+
+
+def test_depths_beyond_the_record_are_refused():
+    with pytest.raises(ConfigError, match="widen"):
+        ImageReader(BPL, min_depth_m=0.5).read(frame_of(np.zeros((128, 2080), np.int16)))
+
+
+def test_unknown_probe_lists_the_names():
+    with pytest.raises(ConfigError) as error:
+        probe_preset("L7-4")
+    assert all(name in str(error.value) for name in PRESET_NAMES)
+
+
+@pytest.mark.parametrize(
+    "field", ["sampling_hz", "sound_speed_m_s", "low_hz", "high_hz", "f_number", "trigger_offset_s"]
+)
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_presets_refuse_what_is_no_number(field, value):
+    with pytest.raises(ConfigError):
+        ProbePreset(name="t", **{field: value})
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"low_hz": 9e6, "high_hz": 5e6},
+        {"high_hz": 19e6},
+        {"pickup_samples": -1},
+        {"full_scale": 0},
+        {"sound_speed_m_s": -1.0},
+    ],
+)
+def test_presets_refuse_what_cannot_be(arguments):
+    with pytest.raises(ConfigError):
+        ProbePreset(name="t", **arguments)
+
+
+def test_grids_refuse_what_cannot_be():
+    with pytest.raises(ConfigError):
+        image_grid(BPL, samples=2080, depth_m=np.array([0.02, 0.01]))
+    with pytest.raises(ConfigError):
+        image_grid(BPL, samples=2080, depth_m=np.array([0.01, 0.02]), columns_per_pitch=3)
