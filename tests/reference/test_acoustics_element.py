@@ -85,6 +85,11 @@ CASES = {
         Absorber(radius_m=60e-3, lateral_m=10e-3),
         10.0,
     ),
+    "tissue, end of the range": (
+        AcousticModel(medium=Medium(attenuation_db_cm_mhz=0.5)),
+        Absorber(radius_m=50e-3),
+        35.0,
+    ),
     "no loss, no lens": (
         AcousticModel(medium=Medium(attenuation_db_cm_mhz=0.0), probe=Probe(elevation_focus_m=None)),
         Absorber(radius_m=60e-3),

@@ -176,6 +176,7 @@ class AcousticModel:
                 nodes,
                 weights,
                 pulse.lines,
+                pulse.loss_np_m,
                 pulse.step_m,
                 wavenumber,
                 self.sampling_hz / speed,

@@ -47,6 +47,8 @@ class PulseTable:
         Sample, counted from the arrival, at which the lines begin; negative.
     step_m
         Path length between one table and the next, in metres; infinite for one table.
+    loss_np_m
+        Attenuation at the middle frequency of the pulse, in Np/m.
     top_hz
         Frequency above which there is nothing left of the pulse (−60 dB), in Hz.
     """
@@ -54,6 +56,7 @@ class PulseTable:
     lines: Float32[np.ndarray, "ranges phases length"]
     first: int
     step_m: float
+    loss_np_m: float
     top_hz: float
 
 
@@ -109,6 +112,7 @@ def pulse_table(
         lines=lines,
         first=first,
         step_m=step_m,
+        loss_np_m=float(loud**2 @ attenuation / (loud**2).sum()),
         top_hz=float(frequency_hz[loud > 1e-3 * loud.max()][-1]),
     )
 
