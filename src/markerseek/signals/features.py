@@ -95,11 +95,10 @@ def coherent_energy(
 ) -> tuple[float, float]:
     """Energy of the sum over the energy of the channels near a point, and the number of channels used.
 
-    Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth on either side, about the
-    length of a pulse; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
+    Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
     """
     step = preset.sound_speed_m_s / preset.sampling_hz
-    half = window_samples(preset)
+    half = max(1, window_samples(preset) // 2)
     depth = np.maximum(depth_m + step * np.arange(-half, half + 1), step)
     aperture = half_aperture_m(preset, depth, at_least=LEAST_CHANNELS / 2)
     values, used = aligned_signals(signals, preset, lateral_m=lateral_m, depth_m=depth, half_width_m=aperture)
@@ -111,7 +110,7 @@ def coherent_energy(
 
 
 def window_samples(preset: ProbePreset) -> int:
-    """Samples in one over the bandwidth: the half-width of a marker's window."""
+    """Samples in one over the bandwidth, the length of the shortest pulse."""
     return max(1, round(preset.sampling_hz / (preset.high_hz - preset.low_hz)))
 
 

@@ -336,9 +336,16 @@ class ImageReader:
             ):
                 continue
             energy, _ = features.coherent_energy(chain.signals, preset, lateral_m=lateral, depth_m=depth)
+            # Between two columns a source is less coherent than it is; one that is hopeless is not looked at twice.
+            if energy <= coherent / 2:
+                continue
+            arrival = self._describe(chain, (row + chain.rows.start, column))[0]
+            energy, _ = features.coherent_energy(
+                chain.signals, preset, lateral_m=arrival.lateral_m, depth_m=arrival.depth_m
+            )
             if energy <= coherent:
                 continue
-            arrivals.append(self._describe(chain, (row + chain.rows.start, column))[0])
+            arrivals.append(arrival)
             if len(arrivals) == most:
                 break
         return sorted(arrivals, key=lambda each: -each.intensity)
