@@ -120,12 +120,13 @@ def simulated(
     rng = np.random.default_rng(seed)
     imaging = ImageReader(probe_preset(PRESET_NAMES[0]))
     model = _model(settings, material)
-    marker = _draw_marker(settings, material, rng)
-    marker, noise = _scaled(marker, settings, model, imaging)
-    absorbers = [marker] if settings.marker.present else []
+    marker = _draw_marker(settings, rng)
+    spot, noise = _scaled(material.spot.draw(marker, rng), marker, settings, model, imaging)
+    absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
-        absorbers += [replace(weak, strength=weak.strength * marker.strength) for weak in clutter]
+        loud = settings.receiver.peak_counts / _loudness([marker], model, marker)
+        absorbers = absorbers + [replace(weak, strength=weak.strength * loud) for weak in clutter]
     clock = VirtualClock(pace=pace)
     world = World(
         model=model,
@@ -229,8 +230,8 @@ def _model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
     )
 
 
-def _draw_marker(settings: SimulatedSettings, material: Tissue, rng: np.random.Generator) -> Absorber:
-    """The marker of the settings, what they leave open drawn; of strength 1."""
+def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
+    """Place of the marker of the settings, what they leave open drawn; of strength 1."""
     search = settings.limits.search
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-20e-3, 20e-3)
     marker = settings.marker
@@ -238,25 +239,19 @@ def _draw_marker(settings: SimulatedSettings, material: Tissue, rng: np.random.G
         radius_m=marker.radius_m,
         angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
         lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
-        source=material.source,
     )
 
 
 def _scaled(
-    marker: Absorber, settings: SimulatedSettings, model: AcousticModel, imaging: ImageReader
-) -> tuple[Absorber, Noise]:
-    """The marker so strong that it fills the converter as set, and noise for the peak SNR as set, both in counts.
+    spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel, imaging: ImageReader
+) -> tuple[list[Absorber], Noise]:
+    """The spot so strong that it fills the converter as set, and noise for the peak SNR as set, both in counts.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
     """
-    heard = model.channel_data([marker], angle_deg=marker.angle_deg)
-    largest = float(np.abs(heard).max())
-    if not largest > 0:
-        raise ConfigError(
-            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m it is not heard in "
-            f"{settings.receiver.samples} samples; move it nearer or record for longer"
-        )
+    heard = model.channel_data(spot, angle_deg=marker.angle_deg)
+    largest = _loudness(spot, model, marker)
     header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     counts = np.rint(heard * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=header, samples=counts, sampling_hz=model.sampling_hz)
@@ -272,4 +267,16 @@ def _scaled(
     noise = Noise(
         white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
     )
-    return replace(marker, strength=settings.receiver.peak_counts / largest), noise
+    louder = settings.receiver.peak_counts / largest
+    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise
+
+
+def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
+    """Largest value that absorbers give a channel with the probe on the marker."""
+    largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
+    if not largest > 0:
+        raise ConfigError(
+            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m it is not heard in "
+            f"{model.samples} samples; move it nearer or record for longer"
+        )
+    return largest

@@ -25,7 +25,9 @@ def write(folder: Path, text: str) -> Path:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    rows=st.lists(st.tuples(st.floats(-90, 90), st.floats(0, 1e9)), min_size=3, max_size=30, unique_by=lambda row: row[0])
+    rows=st.lists(
+        st.tuples(st.floats(-90, 90), st.floats(0, 1e9)), min_size=3, max_size=30, unique_by=lambda row: row[0]
+    )
 )
 def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: list[tuple[float, float]]) -> None:
     rows = sorted(rows)

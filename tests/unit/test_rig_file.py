@@ -44,7 +44,10 @@ def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) ->
         ('kind = "real"\n', "kind is 'real'"),
         ('kind = "simulated"\ntisue = "liver"\n', "key tisue is unknown; did you mean tissue?"),
         ('kind = "simulated"\n[probe]\nelment_height_m = 1\n', "key probe.elment_height_m is unknown; did you mean"),
-        ('kind = "simulated"\n[limits.serch]\nlow_deg = -30\n', "key limits.serch is unknown; did you mean limits.search"),
+        (
+            'kind = "simulated"\n[limits.serch]\nlow_deg = -30\n',
+            "key limits.serch is unknown; did you mean",
+        ),
         ('kind = "simulated"\n[noise.bursts]\nzzz = 1\n', "key noise.bursts.zzz is unknown; known here: frame_prob"),
         ('kind = "simulated"\n[stage]\nspeed_deg_s = "fast"\n', "Expected `float`, got `str`"),
         ('kind = "simulated"\n[stage]\nspeed_deg_s = 26.0\n', r"speed_deg_s is 26.0, it must lie in \(0, 25.0\]"),

@@ -1,4 +1,4 @@
-"""``markerseek doctor``: is everything here that a search needs?"""
+"""``markerseek doctor``: whether everything is here that a search needs."""
 
 from __future__ import annotations
 
@@ -48,8 +48,7 @@ def command(
 def _packages() -> list[Finding]:
     """Python, the packages that are needed, and those of the extras."""
     found = [Finding(what="Python", state="ok", detail=platform.python_version())]
-    for package in REQUIRED:
-        found.append(Finding(what=package, state="ok", detail=importlib.metadata.version(package)))
+    found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():
         if importlib.util.find_spec(package) is None:
             cure = f"not installed; pip install 'markerseek[{extra}]'"

@@ -69,7 +69,7 @@ def command(
     findings = reader.findings(frame)
     picture_file = None
     if plot:
-        picture_file = out / f"{file.stem}.png"
+        picture_file = out / f"{file.stem if file.is_file() else file.name}.png"
         _draw(findings, reader.picture(frame), picture_file, title=f"{file.name}, probe {probe}")
     if as_json:
         print_json(_report(findings, probe))
@@ -104,12 +104,13 @@ def _report(findings: FrameFindings, probe: str) -> FrameReport:
 
 
 def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path | None) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     from markerseek.cli.terminal import people
 
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
-    people.print(f"{answer} in {file.name} (probe {probe}): {findings.reason}")
+    people.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
     if findings.found:
         table = Table(box=None, padding=(0, 2, 0, 0))
         for column in ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence"):
@@ -130,7 +131,7 @@ def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path 
     if findings.dead_channels:
         people.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
     if picture is not None:
-        people.print(f"picture: {picture}")
+        people.print(f"[dim]picture:[/] {escape(str(picture))}")
 
 
 def _draw(findings: FrameFindings, picture: Picture, path: Path, *, title: str) -> None:

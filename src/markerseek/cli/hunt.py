@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
+from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import people, print_json, progress_bar
@@ -56,7 +57,7 @@ def hunt(
                 said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
                 progress.update(task, completed=event.index, description=said)
             elif isinstance(event, Refused):
-                progress.console.print(f"[yellow]refused:[/] {event.reason}")
+                progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
     result = recorder.result(
         method=method,
         as_published=as_published,
@@ -130,13 +131,13 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
 
 def _print_table(result: SearchResult, rig: Rig, files: tuple[Path, ...]) -> None:
     form = " as published" if result.as_published else ""
-    people.print(f"[bold]{result.method}{form}[/] on a {rig.kind} rig: {rig.description}")
+    people.print(f"[bold]{result.method}{form}[/] on a {rig.kind} rig: {escape(rig.description)}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
-        table.add_row(f"[dim]{name}[/]", value)
-    for path in files:
-        table.add_row("[dim]picture[/]", str(path))
+        table.add_row(f"[dim]{name}[/]", escape(value))
     people.print(table)
+    for path in files:
+        people.print(f"[dim]picture:[/] {escape(str(path))}")
 
 
 def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: Path) -> tuple[Path, ...]:
@@ -191,5 +192,3 @@ def _image(rig: Rig, sample: Sample) -> PaImage | None:
 
 def _optional_mm(value_m: float | None) -> str:
     return "–" if value_m is None else f"{1e3 * value_m:.2f}"
-
-

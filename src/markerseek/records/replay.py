@@ -11,9 +11,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import ConfigError, Frame, FrameHeader, Interval, LimitError, Permit, Reading, ReadingFrame
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    Frame,
+    FrameHeader,
+    Interval,
+    LaserError,
+    LimitError,
+    Permit,
+    Reading,
+    ReadingFrame,
+)
 from markerseek.records.banks import FrameBank, IntensityBank
-# from markerseek.records.frame_files import load_frame
+from markerseek.records.frame_files import load_frame
 
 
 class ReplayStage:
@@ -53,10 +64,22 @@ class ReplayStage:
 
 
 class ReplayLaser:
-    """Fired when the scan was recorded; agrees to whatever is permitted."""
+    """Fired when the scan was recorded; agrees once to whatever is permitted."""
+
+    def __init__(self) -> None:
+        self._used: set[str] = set()
 
     def fire(self, permit: Permit) -> int:
-        """Pulses permitted: the recording holds its own."""
+        """Pulses permitted: the recording holds its own.
+
+        Raises
+        ------
+        LaserError
+            If the permit was used before.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"replay: the permit {permit.token!r} was used before")
+        self._used.add(permit.token)
         return permit.pulses
 
     def disarm(self) -> None:
@@ -78,15 +101,17 @@ class ReplayReceiver:
         self._stage = stage
         self._bank = bank
         self._sequence = 0
+        self._armed: Permit | None = None
 
     def arm(self, permit: Permit) -> None:
-        """Refuse what a recording cannot give.
+        """Get ready to hand over, and refuse what a recording cannot give.
 
         Raises
         ------
         ConfigError
             If a dark frame is asked for: this bank has none.
         """
+        self._armed = permit
         if permit.pulses == 0:
             raise ConfigError("replay: the bank holds no dark frames; ask for 0 of them")
 
@@ -95,9 +120,14 @@ class ReplayReceiver:
 
         Raises
         ------
+        AcquisitionError
+            If it was not armed for this permit.
         RecordError
             If a frame cannot be read.
         """
+        if self._armed != permit:
+            raise AcquisitionError(f"replay: it was not armed for the permit {permit.token!r}")
+        self._armed = None
         self._sequence += 1
         angle_deg = self._stage.angle_deg
         header = FrameHeader(

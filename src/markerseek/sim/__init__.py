@@ -6,7 +6,6 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
-from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.settings import (
     LaserSettings,
     MarkerSettings,
@@ -14,7 +13,8 @@ from markerseek.sim.settings import (
     ReceiverSettings,
     SimulatedSettings,
 )
-from markerseek.sim.tissues import TISSUES, Tissue, tissue_named
+from markerseek.sim.stage import SimulatedStage, StageMotion
+from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, World
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "SimulatedReceiver",
     "SimulatedSettings",
     "SimulatedStage",
+    "Spot",
     "StageMotion",
     "Tissue",
     "VirtualClock",

@@ -1,16 +1,71 @@
 """The paper's five materials as parameter sets: simulated stand-ins, chosen by us and measured on nothing.
 
-The paper names the materials and not their acoustics. What is set here is what tells them apart for a search: the size
-of the absorber under the laser (the wider it is, the wider the intensity curve), the loss on the way, weak absorbers
-around (clutter) and repeats of the arrival. The path leads through 5 cm of gel pad in all of them.
+The paper names the materials and not their acoustics. What is set here is what tells them apart for a search: how
+large the spot is that absorbs the light (a larger one has a wider and less regular intensity curve), the loss on the
+way, weak absorbers around it (clutter) and repeats of the arrival. The path leads through 5 cm of gel pad in all.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
-from markerseek.acoustics import Clutter, Disc, GaussianAbsorber, Medium, Reverberation, Source
+import numpy as np
+
+from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation
 from markerseek.core import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """The stained and lit spot that is the marker: small absorbers scattered over a disc, or a single one.
+
+    Attributes
+    ----------
+    count
+        Number of absorbers; 1 puts it in the middle.
+    radius_m
+        Radius of the disc, which lies level (across the z axis of the TRUS frame), in metres.
+    depth_m
+        Mean depth of the absorbers below its surface, away from the probe, in metres; exponentially distributed.
+    grain
+        Size and shape of each.
+    """
+
+    count: int = 1
+    radius_m: float = 0.0
+    depth_m: float = 0.0
+    grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
+
+    def draw(self, middle: Absorber, rng: np.random.Generator) -> list[Absorber]:
+        """Absorbers of a spot, their strengths adding up to that of the middle.
+
+        Parameters
+        ----------
+        middle
+            Place of the marker, and its strength.
+        rng
+            Source of randomness.
+        """
+        if self.count == 1:
+            return [replace(middle, source=self.grain)]
+        away_m = self.radius_m * np.sqrt(rng.uniform(size=self.count))
+        around = rng.uniform(0, 2 * np.pi, self.count)
+        turned = math.radians(middle.angle_deg)
+        x_m = middle.radius_m * math.sin(turned) + away_m * np.cos(around)
+        z_m = middle.radius_m * math.cos(turned) + rng.exponential(self.depth_m, self.count)
+        y_m = middle.lateral_m + away_m * np.sin(around)
+        places = zip(x_m.tolist(), y_m.tolist(), z_m.tolist(), strict=True)
+        return [
+            Absorber(
+                radius_m=math.hypot(x, z),
+                angle_deg=math.degrees(math.atan2(x, z)),
+                lateral_m=y,
+                strength=middle.strength / self.count,
+                source=self.grain,
+            )
+            for x, y, z in places
+        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,52 +76,59 @@ class Tissue:
     ----------
     description
         What it stands for, and that it is simulated.
-    source
-        Size and shape of the marker's absorber.
+    spot
+        The marker's absorbers.
     medium
         Sound speed and attenuation of the path.
     clutter
-        Weak absorbers around; None for none.
+        Weak absorbers around; a strength of 1 would be as loud as the marker; None for none.
     reverberation
         Repeats of every arrival; None for none.
     """
 
     description: str
-    source: Source
+    spot: Spot = field(default_factory=Spot)
     medium: Medium = field(default_factory=Medium)
     clutter: Clutter | None = None
     reverberation: Reverberation | None = None
 
 
+_FINE = GaussianAbsorber(radius_m=0.08e-3)
+
+
+def _background(strength: float) -> Clutter:
+    """Weak absorbers in the slab of tissue, which begins behind the gel pad."""
+    return Clutter(count=8, strength=strength, nearest_m=58e-3, farthest_m=75e-3, half_length_m=25e-3)
+
+
 TISSUES: dict[str, Tissue] = {
     "plastisol-phantom": Tissue(
         description="homogeneous black plastisol phantom (simulated stand-in)",
-        source=GaussianAbsorber(radius_m=0.15e-3),
     ),
     "liver": Tissue(
         description="bovine liver with an ink spot (simulated stand-in)",
-        source=Disc(radius_m=0.8e-3, thickness_m=0.1e-3),
+        spot=Spot(count=24, radius_m=0.6e-3, depth_m=0.3e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.15),
-        clutter=Clutter(count=8, strength=0.02),
+        clutter=_background(0.02),
     ),
     "muscle": Tissue(
         description="bovine muscle with an ink spot (simulated stand-in)",
-        source=Disc(radius_m=0.5e-3, thickness_m=0.1e-3),
+        spot=Spot(count=24, radius_m=0.9e-3, depth_m=0.5e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
-        clutter=Clutter(count=8, strength=0.04),
+        clutter=_background(0.03),
         reverberation=Reverberation(delay_s=4e-6, gain=0.1, repeats=1),
     ),
     "chicken-breast": Tissue(
         description="chicken breast with an ink spot (simulated stand-in)",
-        source=Disc(radius_m=0.3e-3, thickness_m=0.1e-3),
+        spot=Spot(count=24, radius_m=0.4e-3, depth_m=0.2e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.12),
-        clutter=Clutter(count=8, strength=0.01),
+        clutter=_background(0.01),
     ),
     "muscle-icg": Tissue(
         description="bovine muscle stained with indocyanine green (simulated stand-in)",
-        source=GaussianAbsorber(radius_m=0.4e-3),
+        spot=Spot(count=24, radius_m=1.2e-3, depth_m=0.8e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
-        clutter=Clutter(count=8, strength=0.06),
+        clutter=_background(0.04),
     ),
 }
 

@@ -1,13 +1,4 @@
-"""The rules of a policy as a class of tests: inherit it and name the policy to prove your own.
-
-::
-
-    class TestMyPolicy(PolicyContract):
-        def make(self, limits: Interval) -> Policy:
-            return MyPolicy(limits=limits)
-
-pytest then runs every rule. A test fails by `AssertionError`; pytest itself is not needed to run one.
-"""
+"""What every policy promises, over curves that are kind and curves that are not."""
 
 # ruff: noqa: S101 - the rules are tests, and tests assert
 

@@ -1,0 +1,134 @@
+"""What every stage, laser and receiver promises."""
+
+# ruff: noqa: S101 - the rules are tests, and tests assert
+
+from __future__ import annotations
+
+import math
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Laser,
+    LaserError,
+    LimitError,
+    Permit,
+    ReadingFrame,
+    Receiver,
+    Stage,
+)
+
+
+def _permit(token: str, *, pulses: int = 4) -> Permit:
+    return Permit(token=token, angle_deg=0.0, pulses=pulses, expires_s=math.inf)
+
+
+class StageContract:
+    """What every stage promises; subclasses say how one is made.
+
+    Attributes
+    ----------
+    resolution_deg
+        Most that the readback may differ from an angle asked for, in degrees.
+    """
+
+    resolution_deg: float = 1e-3
+
+    def make(self) -> Stage:
+        """Return a stage at rest."""
+        raise AssertionError("say how the stage is made: override make()")
+
+    def test_it_arrives_where_it_is_sent_and_says_so(self) -> None:
+        """The readback after a move is the angle asked for, within the resolution."""
+        stage = self.make()
+        low, high = stage.limits.low_deg, stage.limits.high_deg
+        for share in (0.5, 0.1, 0.9, 0.9, 0.0, 1.0, 0.3):
+            target = low + share * (high - low)
+            reached = stage.move_to(target)
+            assert abs(reached - target) <= self.resolution_deg
+            assert stage.angle_deg == reached
+
+    def test_it_refuses_to_leave_its_limits_and_stays_where_it_is(self) -> None:
+        """Beyond the limits, and at NaN, nothing moves."""
+        stage = self.make()
+        stage.move_to(stage.limits.centre_deg)
+        before = stage.angle_deg
+        beyond = (stage.limits.low_deg - 0.5, stage.limits.high_deg + 0.5, math.nan, math.inf, -math.inf)
+        for target in beyond:
+            try:
+                stage.move_to(target)
+            except LimitError:
+                assert stage.angle_deg == before
+            else:
+                raise AssertionError(f"the stage accepted {target} deg outside of {stage.limits}")
+
+    def test_stopping_is_allowed_at_any_time_and_twice(self) -> None:
+        """A stop at rest changes nothing."""
+        stage = self.make()
+        before = stage.angle_deg
+        stage.stop()
+        stage.stop()
+        assert stage.angle_deg == before
+
+
+class LaserContract:
+    """What every laser promises; subclasses say how one is made."""
+
+    def make(self) -> Laser:
+        """Return a laser that has fired nothing."""
+        raise AssertionError("say how the laser is made: override make()")
+
+    def test_it_fires_what_is_permitted_and_no_more(self) -> None:
+        """The pulses reported are those permitted, also when there are none."""
+        laser = self.make()
+        assert laser.fire(_permit("one", pulses=4)) == 4
+        assert laser.fire(_permit("none", pulses=0)) == 0
+
+    def test_a_permit_is_good_once(self) -> None:
+        """A second firing under one permit is refused."""
+        laser = self.make()
+        laser.fire(_permit("once"))
+        try:
+            laser.fire(_permit("once"))
+        except LaserError:
+            return
+        raise AssertionError("the laser fired twice under one permit")
+
+    def test_disarming_is_allowed_at_any_time_and_twice(self) -> None:
+        """A laser without a permit can be disarmed."""
+        laser = self.make()
+        laser.disarm()
+        laser.disarm()
+
+
+class ReceiverContract:
+    """What every receiver promises; subclasses say how one is made, with the laser that it hears."""
+
+    def make(self) -> tuple[Receiver, Laser]:
+        """Return a receiver and the laser that triggers it."""
+        raise AssertionError("say how the receiver and its laser are made: override make()")
+
+    def test_a_frame_answers_its_permit_in_order(self) -> None:
+        """Token, pulses and angle are those of the permit; sequence numbers rise."""
+        receiver, laser = self.make()
+        previous = -1
+        for token in ("a", "b", "c"):
+            permit = _permit(token)
+            receiver.arm(permit)
+            laser.fire(permit)
+            frame = receiver.acquire(permit)
+            assert isinstance(frame, ChannelFrame | ReadingFrame)
+            header = frame.header
+            assert (header.token, header.pulses, header.commanded_deg) == (token, permit.pulses, permit.angle_deg)
+            assert header.sequence > previous
+            assert header.started_s <= header.ended_s
+            previous = header.sequence
+
+    def test_without_arming_there_is_no_frame(self) -> None:
+        """A receiver that nobody armed gives nothing."""
+        receiver, _laser = self.make()
+        try:
+            receiver.acquire(_permit("never armed"))
+        except AcquisitionError:
+            return
+        raise AssertionError("the receiver gave a frame that nobody had armed it for")

@@ -1,0 +1,251 @@
+"""The commands as a user types them: what comes out, what the exit code is, and how wrong input is met."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from markerseek import cli, rigs
+from markerseek.core import ChannelFrame
+from markerseek.wire.sonixdaq import element_of_file
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Shell:
+    """Runs a command in this process, and keeps its exit code and output."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *words: object) -> tuple[int, str, str]:
+        self._monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        output = self._capsys.readouterr()
+        assert "Traceback" not in output.err
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), output.out, output.err
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys)
+
+
+def test_a_search_finds_the_simulated_marker_and_answers_programs_with_one_object(shell: Shell) -> None:
+    code, out, err = shell("search", "--seed", 3, "--json")
+    assert (code, err) == (0, "")
+    result = json.loads(out)
+    assert result["found"] is True
+    assert result["rig"] == "simulated"
+    assert result["error_deg"] == pytest.approx(abs(result["angle_deg"] - result["truth_deg"]))
+    assert result["error_deg"] < 0.75
+    low, high = result["interval95_deg"]
+    assert low < result["angle_deg"] < high
+    assert result["interval_kind"] == "propagated"
+    assert len(result["samples"]) == result["acquisitions"]
+    assert result["confirmation"]["angle_deg"] == pytest.approx(result["angle_deg"], abs=1e-3)
+    assert result["floor"]["source"] == "dark frames"
+    x, _y, z = result["marker_trus_m"]
+    assert np.degrees(np.arctan2(x, z)) == pytest.approx(result["angle_deg"])
+    assert np.hypot(x, z) == pytest.approx(0.060, abs=1e-3)
+
+
+def test_the_same_seed_gives_the_same_search_and_another_seed_another(shell: Shell) -> None:
+    first, again, other = (shell("search", "--seed", seed, "--json", "--stay")[1] for seed in (4, 4, 5))
+    assert first == again
+    assert json.loads(first)["truth_deg"] != json.loads(other)["truth_deg"]
+
+
+def test_a_rig_without_a_marker_is_not_found_and_the_probe_stays(shell: Shell, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\n[marker]\npresent = false\n')
+    code, out, _ = shell("search", "--rig", rig, "--json")
+    result = json.loads(out)
+    assert code == 3
+    assert (result["found"], result["answer"], result["confirmation"]) == (False, "not found", None)
+    assert result["reason"]
+    code, out, _ = shell("search", "--rig", rig, "--json", "--as-published")
+    assert (code, json.loads(out)["found"]) == (0, True), "the paper's form always answers"
+
+
+def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("search", "--seed", 1, "--plot", "--out", tmp_path / "new")
+    assert code == 0
+    png, page = tmp_path / "new" / "search.png", tmp_path / "new" / "search.html"
+    assert str(png) in out.replace("\n", "")
+    assert png.read_bytes().startswith(b"\x89PNG")
+    text = page.read_text(encoding="utf-8")
+    assert "Simulated rig: no hardware was involved." in text
+    assert "data:image/png;base64," in text
+    assert "http" not in text.replace("http-equiv", "")
+    embedded = text[text.index("<pre>") + 5 : text.index("</pre>")].replace("&quot;", '"')
+    assert msgspec.json.decode(embedded)["seed"] == 1
+
+
+def test_the_table_for_people_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:
+    code, out, _ = shell("search", "--seed", 1)
+    assert code == 0
+    for word in ("simulated rig", "marker angle", "±", "95 % interval", "acquisitions", "rotation", "time", "error"):
+        assert word in out
+
+
+def test_the_replayed_example_is_found_beside_its_reference(shell: Shell) -> None:
+    code, out, _ = shell("replay", EXAMPLES / "scan.csv", "--reference-deg", "-8.25", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["rig"] == "replayed"
+    assert result["elapsed_s"] is None
+    assert result["error_deg"] < 0.5
+
+
+@pytest.fixture(scope="module")
+def scan_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scan of the simulated rig as SonixDAQ folders, one angle a folder; older layout below 0 deg, newer above."""
+    folder = tmp_path_factory.mktemp("scan")
+    rig = rigs.simulated(seed=11, marker_deg=2.0)
+    for angle_deg in np.arange(-8.0, 12.01, 1.0):
+        frame = rig.scanner.measure(float(angle_deg)).frame
+        assert isinstance(frame, ChannelFrame)
+        acquisition = folder / f"angle_{angle_deg:+.1f}deg"
+        acquisition.mkdir()
+        for number in range(128):
+            line = frame.samples[element_of_file(number)]
+            header = struct.pack("<2i", 1, 2080) if angle_deg < 0 else struct.pack("<3i", number, 1, 2080)
+            name = f"CH{number:03d}-0000.daq" if angle_deg < 0 else f"CH{number:03d}.daq"
+            (acquisition / name).write_bytes(header + line.astype("<i2").tobytes())
+    return folder
+
+
+def test_a_scan_in_sonixdaq_folders_of_both_layouts_is_searched(shell: Shell, scan_folder: Path) -> None:
+    words = ("replay", scan_folder, "--acquisitions", 21, "--reference-deg", 2.0, "--json", "--as-published")
+    code, out, _ = shell(*words)
+    result = json.loads(out)
+    assert code == 0
+    assert result["error_deg"] < 0.3
+    assert result["samples"][0]["depth_m"] == pytest.approx(0.05, abs=2e-3)
+
+
+def test_a_frame_tells_its_source_to_people_and_programs(shell: Shell, scan_folder: Path, tmp_path: Path) -> None:
+    folder = scan_folder / "angle_+2.0deg"
+    code, out, _ = shell("frame", folder, "--probe", "BPL9-5/55", "--plot", "--out", tmp_path, "--json")
+    report = json.loads(out)
+    assert code == 0
+    assert report["found"]
+    assert report["depth_m"] == pytest.approx(0.05, abs=1e-3)
+    assert (tmp_path / "angle_+2.0deg.png").exists()
+    code, out, _ = shell("frame", folder, "--probe", "BPL9-5/55")
+    assert "source found" in out
+
+
+def test_noise_alone_is_no_source(shell: Shell, tmp_path: Path) -> None:
+    noise = np.random.default_rng(3).normal(0, 40, (128, 2080)).astype(np.int16)
+    np.save(tmp_path / "noise.npy", noise)
+    code, out, _ = shell("frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55", "--json")
+    assert (code, json.loads(out)["found"]) == (3, False)
+
+
+def _truncated(scan: Path, to: Path) -> Path:
+    shutil.copytree(scan / "angle_+2.0deg", to / "frame")
+    file = to / "frame" / "CH017.daq"
+    file.write_bytes(file.read_bytes()[:-100])
+    return to / "frame"
+
+
+def _without_a_channel(scan: Path, to: Path) -> Path:
+    shutil.copytree(scan / "angle_+2.0deg", to / "frame")
+    (to / "frame" / "CH127.daq").unlink()
+    return to / "frame"
+
+
+@pytest.mark.parametrize(("spoil", "word"), [(_truncated, "CH017.daq"), (_without_a_channel, "127")])
+def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
+    shell: Shell, scan_folder: Path, tmp_path: Path, spoil: object, word: str
+) -> None:
+    folder = spoil(scan_folder, tmp_path)  # type: ignore[operator]
+    code, out, err = shell("frame", folder, "--probe", "BPL9-5/55", "--json")
+    assert code == 2
+    assert word in err
+    assert json.loads(out)["kind"] == "RecordError"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("search", "--acquisitions", 1), "acquisitions is 1"),
+        (("search", "--method", "ternery"), "did you mean ternary"),
+        (("search", "--tissue", "beef"), "the simulated ones are"),
+        (("search", "--rig", "nowhere.toml"), "nowhere.toml"),
+        (("search", "--seed", -1), "--seed"),
+        (("search", "--pace", "nan"), "pace is nan"),
+        (("search", "--colour", "red"), "No such option"),
+        (("replay", "nowhere.csv"), "there is no such file"),
+        (("replay", EXAMPLES / "scan.csv", "--reference-deg", "nan"), "reference_deg is nan"),
+        (("replay", EXAMPLES), "angle in degrees as its only number"),
+        (("frame", "nowhere.npy"), "nowhere.npy"),
+        (("frame", EXAMPLES / "scan.csv"), "scan.csv"),
+        (("frame", "nowhere.npy", "--probe", "L99"), "L99"),
+        (("frame", "nowhere.npy", "--max-depth-mm", -3), "depth range"),
+        (("seek",), "No such command"),
+    ],
+)
+def test_wrong_usage_is_met_with_a_sentence_and_exit_code_2(
+    shell: Shell, words: tuple[object, ...], message: str
+) -> None:
+    code, _, err = shell(*words)
+    assert code == 2
+    assert message in " ".join(err.replace("│", " ").split())
+
+
+def test_a_misspelt_key_in_a_rig_file_is_named(shell: Shell, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\n[noise]\npeak_snr = 30\n')
+    code, _, err = shell("search", "--rig", rig)
+    assert code == 2
+    assert "the key noise.peak_snr is unknown; did you mean noise.peak_snr_db?" in err
+
+
+def test_a_fault_ends_without_an_angle_and_with_exit_code_1(shell: Shell, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\n[marker]\nangle_deg = 3.0\n[receiver]\npeak_counts = 9000.0\n')
+    code, out, err = shell("search", "--rig", rig, "--json")
+    assert code == 1
+    assert "saturated" in err
+    assert json.loads(out)["kind"] == "AcquisitionError"
+
+
+def test_without_matplotlib_the_cure_is_named(shell: Shell, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    code, _, err = shell("search", "--plot", "--out", tmp_path)
+    assert code == 2
+    assert "pip install 'markerseek[plot]'" in err
+
+
+def test_the_doctor_is_content(shell: Shell) -> None:
+    code, out, _ = shell("doctor", "--json")
+    findings = json.loads(out)
+    assert (code, findings["ok"]) == (0, True)
+    assert "simulated search" in [finding["what"] for finding in findings["findings"]]
+
+
+def test_a_fresh_process_imports_nothing_heavy_until_it_needs_it() -> None:
+    heavy = ("numba", "scipy", "matplotlib", "rich.progress", "typer")
+    code = f"import sys, markerseek; sys.exit(any(name in sys.modules for name in {heavy}))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    code = f"import sys, markerseek.cli; sys.exit(any(name in sys.modules for name in {heavy[:3]}))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_installed_command_prints_its_version() -> None:
+    command = Path(sys.executable).with_name("markerseek")
+    ran = subprocess.run([command, "--version"], check=True, capture_output=True, text=True)
+    assert ran.stdout.strip().count(".") == 2

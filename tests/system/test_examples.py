@@ -1,0 +1,45 @@
+"""The examples run as they stand, and the one that makes a file makes the file that is kept."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_example_finds_the_marker_by_both_loops(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(ROOT / "examples" / "find_a_marker.py"))
+    out = capsys.readouterr().out
+    found = [float(number) for number in re.findall(r"Found\(mean_deg=(-?[\d.]+)", out)]
+    truth = float(re.findall(r"truth: (-?[\d.]+) deg", out)[0])
+    assert len(found) == 2
+    assert np.abs(np.array(found) - truth).max() < 0.75
+
+
+def test_the_scan_that_is_kept_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
+    script = tmp_path / "make_scan.py"
+    script.write_text((ROOT / "examples" / "make_scan.py").read_text(encoding="utf-8"), encoding="utf-8")
+    subprocess.run([sys.executable, script], check=True)
+    kept, made = (np.loadtxt(path / "scan.csv", delimiter=",", skiprows=1) for path in (ROOT / "examples", tmp_path))
+    np.testing.assert_allclose(made, kept, rtol=1e-3, atol=0.02)
+
+
+def test_the_commands_of_the_readme_exist() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"^make ([a-z]+)$", readme, re.MULTILINE)):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    for command in set(re.findall(r"^markerseek ([a-z]+) .*  ", readme, re.MULTILINE)):
+        ran = subprocess.run(
+            [sys.executable, "-c", "from markerseek.cli import main; main()", command, "--help"],
+            check=False,
+            capture_output=True,
+        )
+        assert ran.returncode == 0, command
