@@ -72,9 +72,9 @@ def test_floor_is_unbiased_under_a_source(name, snr_db, depth_m):
 
 @pytest.mark.parametrize("name", PRESET_NAMES)
 def test_noise_alone_is_found_no_more_often_than_promised(name):
-    """The levels hold at 1 in 1, where they can be counted, and so does the count of cells behind them.
+    """At p = 0.1, where it can be counted, the level is exceeded less often, and not so rarely that it is useless.
 
-    At p = 0.2 the union bound of 300 frames must hold; at the default 1e-3 none of them may be found.
+    At the default p = 1e-3 at most one of 300 frames may exceed it.
     """
     preset = probe_preset(name)
     reader = ImageReader(preset)

@@ -1,8 +1,9 @@
 """From a frame to what it says: filter, one-way delay-and-sum, envelope, features. Pure."""
 
+from markerseek.signals.findings import Arrival, FrameFindings, Picture
 from markerseek.signals.noise_gain import beamformed_sigma, envelope_cells
 from markerseek.signals.presets import PRESET_NAMES, ProbePreset, probe_preset
-from markerseek.signals.reader import Arrival, FrameFindings, ImageReader, Picture
+from markerseek.signals.reader import ImageReader
 
 __all__ = [
     "PRESET_NAMES",

@@ -13,6 +13,9 @@ from markerseek.signals._kernel import magnitude
 QUADRATURE_TAPS = 20
 """Taps on one side; with 20 the gain is 1 to within 1 % from 0.05 to 0.95 of half the row frequency."""
 
+ENVELOPE_MARGIN = 2 * QUADRATURE_TAPS
+"""Rows above and below a row that its envelope depends on."""
+
 
 def quadrature_taps() -> Float64[np.ndarray, " taps"]:
     """One side of the Hilbert transformer 2/(pi n), n = 1, 3, 5 ..., under a Kaiser window (beta 5)."""
@@ -23,7 +26,7 @@ def quadrature_taps() -> Float64[np.ndarray, " taps"]:
 
 def envelope(rf: Float32[np.ndarray, "depth lateral"]) -> Float32[np.ndarray, "depth lateral"]:
     """Magnitude of the analytic signal of an image along depth, in its unit; what lies outside counts as zero."""
-    margin = 2 * QUADRATURE_TAPS
+    margin = ENVELOPE_MARGIN
     padded = np.empty((rf.shape[0] + 2 * margin, rf.shape[1]), np.float32)
     padded[:margin] = 0
     padded[-margin:] = 0

@@ -1,9 +1,9 @@
-"""What an image and its channels say: noise floor, peaks, coherence, saturation, dead channels.
+"""What an image and its channels say: noise floor, coherence, saturation, dead channels.
 
 Whether a peak is a source is decided by two tests, which fail for different reasons. Its height over the noise floor
 rules out noise. Its coherence rules out sound that does not come from a point: with random signs on the channels, the
-energy of the sum over the energy of the channels exceeds t with probability exp(-t), whatever the channels hold. Both
-thresholds follow from the number of tests and the accepted rate of false alarms alone, and none is fitted to data.
+energy of the sum over the energy of the channels exceeds t with a probability of about exp(-t), whatever the channels
+hold, if both quadratures are in the window. Both levels follow from a number of tests and a rate of false alarms.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Float32, Float64, Int16
 
-from markerseek.signals._kernel import PAD, local_maxima
+from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import aligned_signals, half_aperture_m, path_delay
 from markerseek.signals.presets import ProbePreset
 
@@ -71,31 +71,13 @@ def coherent_level(*, false_found: float) -> float:
     return math.log(MOST_TESTED * _FRAMES / false_found)
 
 
-def strongest_peaks(
-    envelope: Float32[np.ndarray, "depth lateral"], *, level: float, limit: int
-) -> list[tuple[int, int]]:
-    """Row and column of the highest local maxima above ``level``, highest first."""
-    places = local_maxima(envelope, np.float32(level))
-    heights = envelope[places[:, 0], places[:, 1]]
-    order = np.argsort(-heights, kind="stable")[:limit]
-    return [(int(places[k, 0]), int(places[k, 1])) for k in order]
-
-
-def parabola_peak(left: float, middle: float, right: float) -> tuple[float, float]:
-    """Offset (in steps, -0.5 to 0.5) and height of the parabola's top through three values, the middle one highest."""
-    bend = left - 2 * middle + right
-    if not bend < 0:
-        return 0.0, middle
-    offset = min(0.5, max(-0.5, 0.5 * (left - right) / bend))
-    return offset, middle - 0.25 * (left - right) * offset
-
-
 def coherent_energy(
     signals: Float32[np.ndarray, "samples columns"], preset: ProbePreset, *, lateral_m: float, depth_m: float
 ) -> tuple[float, float]:
     """Energy of the sum over the energy of the channels near a point, and the number of channels used.
 
-    Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
+    Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
+    is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
     """
     step = preset.sound_speed_m_s / preset.sampling_hz
     half = max(1, window_samples(preset) // 2)

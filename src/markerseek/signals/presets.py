@@ -81,9 +81,10 @@ class ProbePreset:
 _PRESETS = {
     each.name: each
     for each in (
-        # Name and band of the paper's probe; the pitch is inferred from the array's 55 mm.
+        # Name and band of the paper's probe; the pitch is inferred from the array's 55 mm. Elements of two wavelengths
+        # hear little from the side: f-number 2.
         ProbePreset(name="BPL9-5/55"),
-        # Elements of 2 wavelengths or less hear sideways: f-number 1.5; water and phantom focus best at 1480 m/s.
+        # Alpinion L3-8 as the public data set was taken; water and phantom both focus best at 1480 m/s.
         ProbePreset(
             name="L3-8",
             array=LinearArray(elements=128, pitch_m=0.30e-3),

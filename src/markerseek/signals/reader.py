@@ -14,91 +14,13 @@ from jaxtyping import Float32, Float64
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Reading
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid
-from markerseek.signals.envelope import QUADRATURE_TAPS, envelope
+from markerseek.signals.beamform import ImageGrid, beamform, image_grid
+from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
+from markerseek.signals.findings import Arrival, FrameFindings, Picture
 from markerseek.signals.noise_gain import envelope_cells
+from markerseek.signals.peaks import refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
-
-_MARGIN = 2 * QUADRATURE_TAPS
-_FINE = np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Picture:
-    """Envelope image of a frame.
-
-    Attributes
-    ----------
-    envelope
-        Shape (depth, lateral), in ADC counts.
-    lateral_m, depth_m
-        Its columns and rows in metres.
-    """
-
-    envelope: Float32[np.ndarray, "depth lateral"]
-    lateral_m: Float64[np.ndarray, " lateral"]
-    depth_m: Float64[np.ndarray, " depth"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
-    """A peak of the image that is above the noise and coherent.
-
-    Attributes
-    ----------
-    lateral_m, depth_m
-        Where it is, in metres.
-    arrival_s
-        When its sound reached the array after the laser's trigger, in seconds.
-    intensity
-        Its envelope in ADC counts.
-    peak_snr_db
-        The intensity over the frame's noise floor in dB; None where there is no noise at all.
-    coherence
-        Share of the channels' energy that is in phase, 0 to 1.
-    """
-
-    lateral_m: float
-    depth_m: float
-    arrival_s: float
-    intensity: float
-    peak_snr_db: float | None
-    coherence: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameFindings:
-    """What one frame says of sources.
-
-    Attributes
-    ----------
-    found
-        Whether any peak passes both tests.
-    reason
-        Why, or why not, in words.
-    strongest
-        The strongest arrival; if none was found, the largest peak of the image.
-    others
-        The other arrivals, strongest first.
-    noise_sigma
-        Standard deviation of the beamformed signal where there is no source, in ADC counts.
-    cells
-        Number of independent envelope cells.
-    saturated_channels
-        Channels that touch full scale while the strongest arrives.
-    dead_channels
-        Channels without any signal.
-    """
-
-    found: bool
-    reason: str
-    strongest: Arrival
-    others: tuple[Arrival, ...]
-    noise_sigma: float
-    cells: int
-    saturated_channels: tuple[int, ...]
-    dead_channels: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -253,8 +175,8 @@ class ImageReader:
                     "widen the depth range"
                 )
             # Rows above and below that the envelope needs and nobody sees.
-            above = min(_MARGIN, math.floor((near - step / 2) / step))
-            below = min(_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
+            above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
+            below = min(ENVELOPE_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
             count = math.floor((far - near) / step) + 1
             depth = near + step * np.arange(-above, count + below)
             grid = image_grid(preset, samples=samples, depth_m=depth)
@@ -269,7 +191,7 @@ class ImageReader:
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
         """The peak at a pixel, found again between the columns; the saturated channels, and of how many."""
-        lateral, depth, intensity = self._refine(chain, place)
+        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.grid, place=place)
         energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
         touching, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
@@ -284,35 +206,6 @@ class ImageReader:
         )
         return arrival, touching, channels
 
-    def _refine(self, chain: _Chain, place: tuple[int, int]) -> tuple[float, float, float]:
-        """Lateral position, depth and height of a peak, from columns a quarter of a pitch apart around its pixel.
-
-        A beam is about as wide as the pitch, so that a source between two columns would look up to 4 dB too weak.
-        """
-        row, column = place
-        preset, grid = self.preset, chain.grid
-        first = max(0, row - _MARGIN - 1)
-        depth = grid.depth_m[first : row + _MARGIN + 2]
-        lateral = grid.lateral_m[column] + _FINE * preset.array.pitch_m
-        patch = envelope(beamform_at(chain.signals, preset, lateral_m=lateral, depth_m=depth))
-        here = row - first
-        low, high = max(0, here - 1), min(len(depth), here + 2)
-        best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)
-        i, j = int(best[0]) + low, int(best[1])
-        down, height = (
-            features.parabola_peak(*(float(v) for v in patch[i - 1 : i + 2, j]))
-            if 0 < i < len(depth) - 1
-            else (0.0, float(patch[i, j]))
-        )
-        side, across = (
-            features.parabola_peak(*(float(v) for v in patch[i, j - 1 : j + 2]))
-            if 0 < j < len(lateral) - 1
-            else (0.0, float(patch[i, j]))
-        )
-        step = preset.depth_step_m
-        intensity = height + across - float(patch[i, j])
-        return float(lateral[j] + side * 0.25 * preset.array.pitch_m), float(depth[i] + down * step), intensity
-
     def _arrivals(self, chain: _Chain, *, most: int) -> list[Arrival]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
@@ -323,7 +216,7 @@ class ImageReader:
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
         arrivals: list[Arrival] = []
-        for row, column in features.strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
+        for row, column in strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
             depth = float(chain.grid.depth_m[row + chain.rows.start])
             lateral = float(chain.grid.lateral_m[column])
             # Amplified noise grows with depth in some receivers: the floor of the peak's own depth counts as well.

@@ -1,0 +1,88 @@
+"""What is said of one frame: its picture, the arrivals in it, and whether there is a source.
+
+Plain values; `reader.ImageReader` makes them, and `core.Reading` is the short form that a search uses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Picture:
+    """Envelope image of a frame.
+
+    Attributes
+    ----------
+    envelope
+        Shape (depth, lateral), in ADC counts.
+    lateral_m, depth_m
+        Its columns and rows in metres.
+    """
+
+    envelope: Float32[np.ndarray, "depth lateral"]
+    lateral_m: Float64[np.ndarray, " lateral"]
+    depth_m: Float64[np.ndarray, " depth"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrival:
+    """A peak of the image that is above the noise and coherent.
+
+    Attributes
+    ----------
+    lateral_m, depth_m
+        Where it is, in metres.
+    arrival_s
+        When its sound reached the array after the laser's trigger, in seconds.
+    intensity
+        Its envelope in ADC counts.
+    peak_snr_db
+        The intensity over the frame's noise floor in dB; None where there is no noise at all.
+    coherence
+        Share of the channels' energy that is in phase, 0 to 1.
+    """
+
+    lateral_m: float
+    depth_m: float
+    arrival_s: float
+    intensity: float
+    peak_snr_db: float | None
+    coherence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFindings:
+    """What one frame says of sources.
+
+    Attributes
+    ----------
+    found
+        Whether any peak passes both tests.
+    reason
+        Why, or why not, in words.
+    strongest
+        The strongest arrival; if none was found, the largest peak of the image.
+    others
+        The other arrivals, strongest first.
+    noise_sigma
+        Standard deviation of the beamformed signal where there is no source, in ADC counts.
+    cells
+        Number of independent envelope cells.
+    saturated_channels
+        Channels that touch full scale while the strongest arrives.
+    dead_channels
+        Channels without any signal.
+    """
+
+    found: bool
+    reason: str
+    strongest: Arrival
+    others: tuple[Arrival, ...]
+    noise_sigma: float
+    cells: int
+    saturated_channels: tuple[int, ...]
+    dead_channels: tuple[int, ...]
