@@ -1,14 +1,11 @@
 """Find a marker on the simulated rig: the loop in full, then the same by `run`."""
 
-from markerseek import rigs
-from markerseek.core import Finished
-from markerseek.scan import run
-from markerseek.search import build
+import markerseek
 
-rig = rigs.simulated(seed=1)
+rig = markerseek.simulated(seed=1)
 
 # The caller owns the loop.
-policy = build("golden-section", limits=rig.limits.search)
+policy = markerseek.build("golden-section", limits=rig.limits.search)
 for _ in range(rig.dark_frames):
     policy.tell(rig.scanner.measure_dark())
 while (angle_deg := policy.ask()) is not None:
@@ -16,8 +13,8 @@ while (angle_deg := policy.ask()) is not None:
 print(policy.estimate())
 
 # `run` does the same, moves to the marker, confirms, and leaves the rig stopped whatever happens.
-policy = build("weighted-average", limits=rig.limits.search, start_deg=rig.stage.angle_deg)
-for event in run(policy, rig.scanner, dark_frames=rig.dark_frames):
-    if isinstance(event, Finished):
+policy = markerseek.build("weighted-average", limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+for event in markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames):
+    if isinstance(event, markerseek.Finished):
         print(event.estimate)
 print(f"truth: {rig.truth_deg:.3f} deg (simulated)")

@@ -9,7 +9,7 @@ from pathlib import Path
 from markerseek import rigs
 from markerseek.search import equal_steps
 
-rig = rigs.simulated(seed=7, tissue="liver", marker_deg=-8.25)
+rig = rigs.simulated(seed=7, marker_deg=-8.25)
 with (Path(__file__).parent / "scan.csv").open("w", newline="") as file:
     rows = csv.writer(file)
     rows.writerow(("angle_deg", "intensity"))

@@ -43,3 +43,10 @@ def test_the_commands_of_the_readme_exist() -> None:
             capture_output=True,
         )
         assert ran.returncode == 0, command
+
+
+def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for block in re.findall(r"^```python\n(.*?)^```", readme, re.MULTILINE | re.DOTALL):
+        exec(compile(block, "README.md", "exec"), {})
+    assert "Found(mean_deg=" in capsys.readouterr().out

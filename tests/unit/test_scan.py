@@ -139,8 +139,7 @@ def drain(events: Iterator[Event], error: type[Exception]) -> list[Event]:
     """Events up to the error that ends them."""
     seen: list[Event] = []
     with pytest.raises(error):
-        for event in events:
-            seen.append(event)
+        seen.extend(events)
     return seen
 
 

@@ -114,7 +114,7 @@ def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path 
     if findings.found:
         table = Table(box=None, padding=(0, 2, 0, 0))
         for column in ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence"):
-            table.add_column(column, justify="right")
+            table.add_column(escape(column), justify="right")
         for number, each in enumerate((findings.strongest, *findings.others), start=1):
             table.add_row(
                 str(number),

@@ -39,10 +39,19 @@ def frame_figure(
     figure = new_figure(width_in=5.6, height_in=8.0)
     axes = figure.add_subplot()
     draw_image(axes, envelope, lateral_m=lateral_m, depth_m=depth_m)
+    placed: list[tuple[float, float]] = []
     for number, (lateral, depth) in enumerate(marks_m, start=1):
-        axes.plot(1e3 * lateral, 1e3 * depth, marker="o", markersize=14, markerfacecolor="none", color=ACCENT)
+        # Arrivals one behind the other would write their numbers one over the other: each next one steps aside.
+        close = sum(abs(lateral - other[0]) < 3e-3 and abs(depth - other[1]) < 4e-3 for other in placed)
+        placed.append((lateral, depth))
+        axes.plot(1e3 * lateral, 1e3 * depth, marker="o", markersize=7, markerfacecolor="none", color=ACCENT)
         axes.annotate(
-            str(number), (1e3 * lateral, 1e3 * depth), xytext=(9, 6), textcoords="offset points", color=ACCENT
+            str(number),
+            (1e3 * lateral, 1e3 * depth),
+            xytext=(-14 - 9 * close, -3),
+            textcoords="offset points",
+            color=ACCENT,
+            fontsize=9,
         )
     axes.set_title(title, fontsize=9)
     return figure

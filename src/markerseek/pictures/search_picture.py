@@ -76,6 +76,10 @@ def search_figure(
         panel = figure.add_subplot(columns[:, 1])
         draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
         last = confirmation or samples[-1]
+        reading = last.reading
+        if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
+            place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
+            panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
         panel.set_title(f"photoacoustic image at {last.angle_deg:.2f}°")
     return figure
 
