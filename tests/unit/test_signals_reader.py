@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, FrameHeader, ReadingFrame
@@ -35,6 +35,7 @@ def counts(clean, scale=800.0):
 
 @settings(max_examples=25, deadline=None)
 @given(lateral_mm=st.floats(-24, 24), depth_mm=st.floats(15, 65), offset_us=st.floats(-0.8, 0.8))
+@example(lateral_mm=0.515625, depth_mm=15.0, offset_us=0.625)  # the largest pixel is not the nearest
 def test_position_and_arrival_of_a_source(lateral_mm, depth_mm, offset_us):
     preset = ProbePreset(name="t", trigger_offset_s=offset_us * 1e-6)
     clean = pulse_frame(preset, lateral_m=lateral_mm * 1e-3, depth_m=depth_mm * 1e-3)

@@ -10,7 +10,7 @@ from markerseek.signals.beamform import ImageGrid, beamform_at
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.presets import ProbePreset
 
-_FINE = np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
+_FINE = np.arange(-3, 4) * 0.25
 
 
 def strongest_peaks(
@@ -38,7 +38,8 @@ def refine_peak(
     """Lateral position and depth in metres, and height, of the peak at a pixel (row, column) of the image.
 
     The pixel's surroundings are beamformed again on columns a quarter of a pitch apart: a beam is about as wide as the
-    pitch, so that a source midway between two columns looks up to 4 dB too weak in the image.
+    pitch, so that a source midway between two columns looks up to 4 dB too weak in the image. They reach beyond midway,
+    for the number of channels changes from column to column, and the nearest column is not always the highest.
     """
     row, column = place
     first = max(0, row - ENVELOPE_MARGIN - 1)
