@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import struct
 import subprocess
@@ -249,3 +250,13 @@ def test_the_installed_command_prints_its_version() -> None:
     command = Path(sys.executable).with_name("markerseek")
     ran = subprocess.run([command, "--version"], check=True, capture_output=True, text=True)
     assert ran.stdout.strip().count(".") == 2
+
+
+def test_the_first_run_says_that_it_compiles_and_the_second_does_not(tmp_path: Path) -> None:
+    command = [Path(sys.executable).with_name("markerseek"), "frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55"]
+    np.save(tmp_path / "noise.npy", np.random.default_rng(3).normal(0, 40, (128, 2080)).astype(np.int16))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    first, second = (subprocess.run(command, check=False, capture_output=True, env=environment) for _ in range(2))
+    assert b"compiling" in first.stderr
+    assert second.stderr == b""
+    assert first.stdout == second.stdout

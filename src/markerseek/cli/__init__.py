@@ -7,12 +7,13 @@ read.
 from __future__ import annotations
 
 import sys
+import warnings
 
 import typer
 
 from markerseek import __version__
 from markerseek.cli import doctor, frame, replay, search
-from markerseek.cli.terminal import print_error
+from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import MarkerseekError
 
 app = typer.Typer(
@@ -45,6 +46,7 @@ def _top(
 
 def main() -> None:
     """Run the command line, and end the process with its exit code."""
+    warnings.showwarning = print_warning
     try:
         app()
     except MarkerseekError as error:

@@ -60,12 +60,13 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.terminal import print_json
+    from markerseek.cli.terminal import announce_compilation, print_json
     from markerseek.records.frame_files import load_frame
     from markerseek.signals import ImageReader, probe_preset
 
     reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
     frame = load_frame(file)
+    announce_compilation()
     findings = reader.findings(frame)
     picture_file = None
     if plot:

@@ -39,8 +39,10 @@ def command(
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers."""
     from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
+    from markerseek.cli.terminal import announce_compilation
     from markerseek.search import build, method_named
 
+    announce_compilation()
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg)
     policy = build(
         method,

@@ -42,6 +42,7 @@ def command(
 
     from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
+    from markerseek.cli.terminal import announce_compilation
     from markerseek.rig_file import read_rig_file
     from markerseek.search import build, method_named
     from markerseek.sim import SimulatedSettings
@@ -56,6 +57,7 @@ def command(
         as_published=as_published,
         start_deg=settings.start_deg,
     )
+    announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, pace=pace)
     most = acquisitions or method_named(method).acquisitions
     recorder, result = hunt(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import msgspec
 from rich.console import Console
@@ -42,3 +43,19 @@ def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
     with Progress(*columns, console=aside, transient=True, disable=not aside.is_terminal) as progress:
         progress.add_task(what, total=total)
         yield progress
+
+
+def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
+    """Say on standard error what Python warns of, without the line of code that it came from."""
+    aside.print(f"[yellow]warning:[/] {escape(str(message))}")
+
+
+def announce_compilation() -> None:
+    """Say that the first run of an installation compiles, before it does; once the code lies on disk, nothing."""
+    from markerseek.core.compiled import KERNELS
+
+    for kernel in KERNELS:
+        folder = kernel.stats.cache_path
+        if folder is not None and not any(Path(folder).glob(f"*.{kernel.__name__}-*.nbi")):
+            aside.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
+            return

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar, cast
 
 from numba import njit
+from numba.core.dispatcher import Dispatcher
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -17,19 +19,30 @@ _REASSOCIATE = {"nsz", "arcp", "contract", "reassoc"}
 """Sums may be reordered, so that they run in vector registers; NaN and infinity keep their meaning."""
 
 
+KERNELS: list[Dispatcher] = []
+"""All kernels of the process, for whoever wants to know whether they lie on disk."""
+
+
 def compiled(kernel: Kernel) -> Kernel:
     """Return the kernel as machine code, made at its first call and kept on disk.
 
     Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled anew in each
-    process, and a warning says so.
+    process, and a warning says so once.
     """
     try:
-        return cast("Kernel", njit(cache=True, fastmath=_REASSOCIATE, nogil=True)(kernel))
+        machine_code = njit(cache=True, fastmath=_REASSOCIATE, nogil=True)(kernel)
     except RuntimeError:
-        warnings.warn(
-            "no folder for compiled code can be written, so each start takes some seconds more; "
-            "set NUMBA_CACHE_DIR to a folder that can be written",
-            RuntimeWarning,
-            stacklevel=2,
-        )
-        return cast("Kernel", njit(fastmath=_REASSOCIATE, nogil=True)(kernel))
+        _warn_that_nothing_is_kept()
+        machine_code = njit(fastmath=_REASSOCIATE, nogil=True)(kernel)
+    KERNELS.append(machine_code)
+    return cast("Kernel", machine_code)
+
+
+@cache
+def _warn_that_nothing_is_kept() -> None:
+    warnings.warn(
+        "no folder for compiled code can be written, so each start takes some seconds more; "
+        "set NUMBA_CACHE_DIR to a folder that can be written",
+        RuntimeWarning,
+        stacklevel=3,
+    )
