@@ -1,6 +1,7 @@
 """Assembly, here and nowhere else: the parts of a rig, put together for a search.
 
-`simulated` makes a rig of a simulated world, `replayed` one of a recorded scan. Both run under the same `Scanner`.
+`simulated` makes a rig of a simulated world, `of_intensities` one of its intensity curve alone, `replayed` one of a
+recorded scan. All run under the same `Scanner`.
 """
 
 from __future__ import annotations
@@ -12,29 +13,31 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, AcousticModel, Band, Digitiser, Noise, RectanglePulse
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Laser, Receiver, Stage
+from markerseek.acoustics import Digitiser
+from markerseek.core import ConfigError, Laser, Reader, Receiver, Stage
 from markerseek.guard import Admission, FiringLimits, Limits, Permits
 from markerseek.records.banks import FrameBank, read_bank
 from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset
+from markerseek.scene import draw_scene, image_reader
+from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import (
+    CurveWorld,
+    IntensityCurve,
     SimulatedLaser,
     SimulatedReceiver,
     SimulatedSettings,
     SimulatedStage,
-    Tissue,
+    Surroundings,
     VirtualClock,
     World,
-    tissue_named,
 )
 
 DARK_FRAMES = 3
 """Frames without laser before a guarded search, on a rig that can take them."""
 
-_MOST_COUNTS = 30_000
-"""Height to which the noise-free frame is blown up to measure its image without rounding errors, in counts."""
+USUAL_CELLS = 460_000
+"""Independent cells of an image of the simulated probe, about."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,52 +119,83 @@ def simulated(
         settings = replace(settings, tissue=tissue)
     if marker_deg is not None:
         settings = replace(settings, marker=replace(settings.marker, angle_deg=marker_deg))
-    material = tissue_named(settings.tissue)
     rng = np.random.default_rng(seed)
-    imaging = ImageReader(probe_preset(PRESET_NAMES[0]))
-    model = _model(settings, material)
-    marker = _draw_marker(settings, rng)
-    spot, noise = _scaled(material.spot.draw(marker, rng), marker, settings, model, imaging)
-    absorbers = spot if settings.marker.present else []
-    if material.clutter is not None:
-        clutter = material.clutter.draw(rng)
-        loud = settings.receiver.peak_counts / _loudness([marker], model, marker)
-        absorbers = absorbers + [replace(weak, strength=weak.strength * loud) for weak in clutter]
-    clock = VirtualClock(pace=pace)
+    scene = draw_scene(settings, rng)
     world = World(
-        model=model,
-        absorbers=absorbers,
-        noise=noise,
+        model=scene.model,
+        absorbers=scene.absorbers,
+        noise=scene.noise,
         digitiser=Digitiser(),
         energy_jitter=settings.laser.energy_jitter,
         start_deg=settings.start_deg,
         rng=rng,
     )
-    stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
-    laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
-    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s)
-    scanner = Scanner(
-        stage=stage,
-        laser=laser,
-        receiver=receiver,
+    imaging = image_reader()
+    return _in_world(
+        world,
+        settings,
+        clock=VirtualClock(pace=pace),
         reader=imaging,
-        clock=clock,
-        limits=settings.limits,
-        permits=Permits(FiringLimits()),
-        admission=Admission(),
-        pulses=settings.laser.pulses,
-    )
-    return Rig(
-        kind="simulated",
-        description=f"{material.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
-        stage=stage,
-        laser=laser,
-        receiver=receiver,
-        scanner=scanner,
         imaging=imaging,
-        dark_frames=DARK_FRAMES,
-        face_radius_m=settings.probe.face_radius_m,
-        truth_deg=marker.angle_deg if settings.marker.present else None,
+        description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
+        truth_deg=scene.marker.angle_deg if settings.marker.present else None,
+    )
+
+
+def of_intensities(
+    *,
+    seed: int,
+    curve: IntensityCurve | None,
+    marker_deg: float,
+    cells: int = USUAL_CELLS,
+    settings: SimulatedSettings | None = None,
+) -> Rig:
+    """A simulated rig that hands out intensities instead of frames: hundreds of times as fast, for studies.
+
+    Stage, laser, noise level and limits are those of the settings; tissue and probe are in the curve already.
+    Intensities are in units of the noise's standard deviation. A reading knows neither lateral position nor depth, and
+    the noise is taken as known exactly.
+
+    Parameters
+    ----------
+    seed
+        Seed of noise and energy.
+    curve
+        Noise-free intensity over the angle off the marker; None: there is no marker.
+    marker_deg
+        Angle of the marker in degrees.
+    cells
+        Independent envelope cells of an image.
+    settings
+        All the rest.
+
+    Raises
+    ------
+    ConfigError
+        If a setting cannot be used; bursts of noise need frames.
+    """
+    settings = settings or SimulatedSettings()
+    if settings.noise.bursts is not None:
+        raise ConfigError("noise: bursts are simulated in frames only; leave them out, or study frames")
+    snr_db = settings.noise.peak_snr_db
+    world = CurveWorld(
+        curve=curve,
+        marker_deg=marker_deg,
+        peak=10 ** (snr_db / 20),
+        noise_sigma=1.0,
+        cells=cells,
+        energy_jitter=settings.laser.energy_jitter,
+        start_deg=settings.start_deg,
+        rng=np.random.default_rng(seed),
+    )
+    return _in_world(
+        world,
+        settings,
+        clock=VirtualClock(),
+        reader=IntensityReader(),
+        imaging=None,
+        description=f"simulated intensities, peak SNR {snr_db:g} dB, seed {seed}",
+        truth_deg=None if curve is None else marker_deg,
     )
 
 
@@ -218,65 +252,40 @@ def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float |
     )
 
 
-def _model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
-    return AcousticModel(
-        probe=settings.probe,
-        medium=material.medium,
-        laser=RectanglePulse(duration_s=settings.laser.pulse_s),
-        sampling_hz=settings.receiver.sampling_hz,
-        samples=settings.receiver.samples,
-        trigger_offset_s=settings.receiver.trigger_offset_s,
-        reverberation=material.reverberation,
+def _in_world(
+    world: Surroundings,
+    settings: SimulatedSettings,
+    *,
+    clock: VirtualClock,
+    reader: Reader,
+    imaging: ImageReader | None,
+    description: str,
+    truth_deg: float | None,
+) -> Rig:
+    """Simulated devices in a world, put together."""
+    stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
+    laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
+    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s)
+    scanner = Scanner(
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        reader=reader,
+        clock=clock,
+        limits=settings.limits,
+        permits=Permits(FiringLimits()),
+        admission=Admission(),
+        pulses=settings.laser.pulses,
     )
-
-
-def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Place of the marker of the settings, what they leave open drawn; of strength 1."""
-    search = settings.limits.search
-    angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-20e-3, 20e-3)
-    marker = settings.marker
-    return Absorber(
-        radius_m=marker.radius_m,
-        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
-        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
+    return Rig(
+        kind="simulated",
+        description=description,
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        scanner=scanner,
+        imaging=imaging,
+        dark_frames=DARK_FRAMES,
+        face_radius_m=settings.probe.face_radius_m,
+        truth_deg=truth_deg,
     )
-
-
-def _scaled(
-    spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel, imaging: ImageReader
-) -> tuple[list[Absorber], Noise]:
-    """The spot so strong that it fills the converter as set, and noise for the peak SNR as set, both in counts.
-
-    The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
-    deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
-    """
-    heard = model.channel_data(spot, angle_deg=marker.angle_deg)
-    largest = _loudness(spot, model, marker)
-    header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    counts = np.rint(heard * (_MOST_COUNTS / largest)).astype(np.int16)
-    frame = ChannelFrame(header=header, samples=counts, sampling_hz=model.sampling_hz)
-    peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
-    power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
-    share = settings.noise.coloured
-    white, coloured = np.sqrt(1 - share), np.sqrt(share)
-    gain = math.hypot(
-        beamformed_sigma(white, preset=imaging.preset),
-        beamformed_sigma(coloured, preset=imaging.preset, power=power),
-    )
-    channel_sigma = peak / 10 ** (settings.noise.peak_snr_db / 20) / gain
-    noise = Noise(
-        white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
-    )
-    louder = settings.receiver.peak_counts / largest
-    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise
-
-
-def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
-    """Largest value that absorbers give a channel with the probe on the marker."""
-    largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
-    if not largest > 0:
-        raise ConfigError(
-            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m it is not heard in "
-            f"{model.samples} samples; move it nearer or record for longer"
-        )
-    return largest

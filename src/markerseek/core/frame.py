@@ -79,10 +79,14 @@ class ReadingFrame:
         See `FrameHeader`.
     intensity
         Peak of the photoacoustic image, in any unit that stays the same over a scan.
+    noise_sigma, cells
+        Noise of that image and the number of its independent cells, as in `Reading`, where they are known.
     """
 
     header: FrameHeader
     intensity: float
+    noise_sigma: float | None = None
+    cells: int | None = None
 
 
 Frame: TypeAlias = ChannelFrame | ReadingFrame

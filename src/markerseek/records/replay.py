@@ -149,7 +149,7 @@ class IntensityReader:
     """Reader of frames that somebody else has reduced to one number."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading with an intensity and nothing else.
+        """Reading with the intensity, and with the noise where the frame tells it.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class IntensityReader:
         """
         if not isinstance(frame, ReadingFrame):
             raise ConfigError("this reader takes intensities; channel data need a probe preset")
-        return Reading(intensity=frame.intensity)
+        return Reading(intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells)
 
 
 def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:

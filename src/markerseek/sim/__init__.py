@@ -4,6 +4,8 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 """
 
 from markerseek.sim.clock import VirtualClock
+from markerseek.sim.curve_world import CurveWorld
+from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
@@ -15,21 +17,28 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.world import Flash, World
+from markerseek.sim.world import Flash, Surroundings, World
 
 __all__ = [
     "TISSUES",
+    "CurveWorld",
     "Flash",
+    "GaussianCurve",
+    "IntensityCurve",
     "LaserSettings",
     "MarkerSettings",
     "NoiseSettings",
+    "PowerCurve",
     "ReceiverSettings",
+    "RecordedCurve",
+    "SechCurve",
     "SimulatedLaser",
     "SimulatedReceiver",
     "SimulatedSettings",
     "SimulatedStage",
     "Spot",
     "StageMotion",
+    "Surroundings",
     "Tissue",
     "VirtualClock",
     "World",

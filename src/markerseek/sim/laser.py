@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from markerseek.core import Clock, ConfigError, LaserError, Permit
-from markerseek.sim.world import World
+from markerseek.sim.world import Surroundings
 
 
 class SimulatedLaser:
@@ -21,7 +21,7 @@ class SimulatedLaser:
         Pulses per second.
     """
 
-    def __init__(self, *, world: World, clock: Clock, rate_hz: float = 100.0) -> None:
+    def __init__(self, *, world: Surroundings, clock: Clock, rate_hz: float = 100.0) -> None:
         if not 0 < rate_hz < math.inf:
             raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
         self._world = world

@@ -1,11 +1,11 @@
-"""A receiver of channel data, simulated: it hears the flash that came since it was armed."""
+"""A receiver, simulated: it hears the flash that came since it was armed, as the world sounds."""
 
 from __future__ import annotations
 
 import math
 
-from markerseek.core import AcquisitionError, ChannelFrame, Clock, ConfigError, FrameHeader, Permit
-from markerseek.sim.world import World
+from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, FrameHeader, Permit
+from markerseek.sim.world import Surroundings
 
 
 class SimulatedReceiver:
@@ -21,7 +21,7 @@ class SimulatedReceiver:
         Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (paper, section 4).
     """
 
-    def __init__(self, *, world: World, clock: Clock, readout_s: float) -> None:
+    def __init__(self, *, world: Surroundings, clock: Clock, readout_s: float) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"receiver: readout_s is {readout_s} s, it must be finite and not negative")
         self._world = world
@@ -34,8 +34,8 @@ class SimulatedReceiver:
         """Get ready for the flash that the laser will give under this permit."""
         self._armed = (permit, len(self._world.flashes), self._clock.now_s())
 
-    def acquire(self, permit: Permit) -> ChannelFrame:
-        """Averaged channel data of the flash since `arm`; noise alone where there was none.
+    def acquire(self, permit: Permit) -> Frame:
+        """Averaged frame of the flash since `arm`; noise alone where there was none.
 
         Raises
         ------
@@ -47,7 +47,6 @@ class SimulatedReceiver:
         _, flashes_before, started_s = self._armed
         self._armed = None
         new = self._world.flashes[flashes_before:]
-        samples = self._world.listen(new[-1] if new else None)
         self._clock.wait(self._readout_s)
         self._sequence += 1
         header = FrameHeader(
@@ -58,4 +57,4 @@ class SimulatedReceiver:
             started_s=started_s,
             ended_s=self._clock.now_s(),
         )
-        return ChannelFrame(header=header, samples=samples, sampling_hz=self._world.model.sampling_hz)
+        return self._world.frame(new[-1] if new else None, header=header)

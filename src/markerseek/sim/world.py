@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Int16
 
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
+from markerseek.core import ChannelFrame, Frame, FrameHeader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +23,25 @@ class Flash:
     at_s: float
     pulses: int
     energy: float
+
+
+def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:
+    """A flash of so many pulses, its energy their mean, each with its jitter."""
+    energy = 1.0 + energy_jitter * rng.standard_normal() / np.sqrt(pulses)
+    return Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0))
+
+
+class Surroundings(Protocol):
+    """What simulated devices act on: they turn its probe, light it, and hear it."""
+
+    angle_deg: float
+    flashes: list[Flash]
+
+    def flash(self, *, pulses: int, at_s: float) -> None:
+        """Let light fall on the tissue."""
+
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> Frame:
+        """What is heard after a flash, or without one, under this header."""
 
 
 class World:
@@ -66,8 +87,11 @@ class World:
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
-        energy = 1.0 + self._energy_jitter * self._rng.standard_normal() / np.sqrt(pulses)
-        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0)))
+        self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
+
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> ChannelFrame:
+        """Frame of channel data after a flash; after none, noise alone."""
+        return ChannelFrame(header=header, samples=self.listen(flash), sampling_hz=self.model.sampling_hz)
 
     def listen(self, flash: Flash | None) -> Int16[np.ndarray, "channels samples"]:
         """Averaged channel data in counts, shape (channels, samples), after a flash; after none, noise alone.

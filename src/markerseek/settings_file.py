@@ -1,0 +1,88 @@
+"""Reads settings from TOML by the names that they have in Python; rig files and studies both use it.
+
+A key that no setting has is refused, with the nearest one that exists: a misspelt limit must not become a default.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from pathlib import Path
+
+from markerseek.core import ConfigError
+
+
+def read_toml(path: Path, *, what: str) -> dict[str, object]:
+    """Table of a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    what
+        What it is, for the message: "rig file".
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise ConfigError(f"{path}: the {what} cannot be read: {problem.strerror}") from problem
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
+
+
+def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:
+    """The table with ``"none"`` made None, once each of its keys is known to be a field of the settings.
+
+    Parameters
+    ----------
+    table
+        Keys and values as the file has them.
+    settings
+        Dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked likewise.
+    prefix
+        Where the table stands, for the message, with its dot.
+
+    Raises
+    ------
+    ConfigError
+        If a key is unknown; the message names the nearest one.
+    """
+    hints = typing.get_type_hints(settings)
+    known: dict[str, object] = {}
+    for key, value in table.items():
+        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)])
+        if isinstance(value, dict) and part is not None:
+            known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
+        else:
+            known[key] = None if value == "none" else value
+    return known
+
+
+def require_key(key: str, settings: type, *, prefix: str = "") -> str:
+    """The key, if the settings have it.
+
+    Raises
+    ------
+    ConfigError
+        If they do not; the message names the nearest one.
+    """
+    names = [field.name for field in dataclasses.fields(settings)]
+    if key in names:
+        return key
+    near = difflib.get_close_matches(key, names, n=1)
+    hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(names)}"
+    raise ConfigError(f"the key {prefix}{key} is unknown; {hint}")
+
+
+def _dataclass_in(hint: object) -> type | None:
+    """The dataclass that a type hint allows, if any."""
+    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    return next((kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)), None)

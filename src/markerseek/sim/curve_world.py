@@ -1,0 +1,108 @@
+"""A world of intensities: what the peak of an envelope image would be, without the image.
+
+For studies of many searches, where a frame of channel data takes milliseconds and its peak is all that a method uses.
+The noise is not added to the intensity; the peak is drawn as it is distributed:
+
+- each separate peak of the image, of noise-free height A, is |A + σ(n₁ + i·n₂)|: Rician;
+- the largest of the noise elsewhere exceeds u·σ with probability 1 − exp(−N(u)), N(u) = ρ(u² − 1)exp(−u²/2) peaks
+  above u on average (Worsley 1994, as in `markerseek.signals.noise_gain.envelope_cells`); ρ follows from the number of
+  cells M that a reading names, M = ρ(u² − 1) where N(u) = 1e-3;
+- the intensity is the largest of all. It is biased upward and never 0.
+
+Not here: the search for the maximum around a pixel, which adds another σ²/A to the bias, lateral position and depth,
+and quantisation. Studies test the agreement with frames.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from markerseek.core import ConfigError, FrameHeader, ReadingFrame
+from markerseek.sim.curves import IntensityCurve
+from markerseek.sim.world import Flash, flash_of
+
+_CELLS_AT = 1e-3
+"""False alarms at which a reading's number of cells is stated."""
+
+
+class CurveWorld:
+    """Tissue of which only the intensity curve is known.
+
+    Parameters
+    ----------
+    curve
+        Noise-free curve; None is a world without a marker.
+    marker_deg
+        Angle of the marker in degrees.
+    peak
+        Noise-free intensity with the probe on the marker.
+    noise_sigma
+        Standard deviation of the beamformed noise (one quadrature) in the same unit.
+    cells
+        Number of independent envelope cells of an image.
+    energy_jitter
+        Standard deviation of a pulse's energy over its mean.
+    start_deg
+        Where the probe points at first, in degrees.
+    rng
+        Source of randomness.
+    """
+
+    def __init__(
+        self,
+        *,
+        curve: IntensityCurve | None,
+        marker_deg: float,
+        peak: float,
+        noise_sigma: float,
+        cells: int,
+        energy_jitter: float,
+        start_deg: float,
+        rng: np.random.Generator,
+    ) -> None:
+        for name, value in (("peak", peak), ("noise_sigma", noise_sigma)):
+            if not 0 < value < math.inf:
+                raise ConfigError(f"curve world: {name} is {value}, it must be positive and finite")
+        if cells < 10:
+            raise ConfigError(f"curve world: cells is {cells}, at least 10 are needed; an image has some 100,000")
+        self.angle_deg = start_deg
+        self.flashes: list[Flash] = []
+        self._curve = curve
+        self._marker_deg = marker_deg
+        self._peak = peak
+        self._noise_sigma = noise_sigma
+        self._cells = cells
+        self._rate = cells / (2 * math.log(cells / _CELLS_AT) - 1)
+        self._energy_jitter = energy_jitter
+        self._rng = rng
+
+    def flash(self, *, pulses: int, at_s: float) -> None:
+        """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
+        self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
+
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
+        """Frame with the intensity after a flash; after none, that of noise alone."""
+        largest = self._largest_noise()
+        if flash is not None and self._curve is not None:
+            loud = flash.energy * self._peak / self._noise_sigma
+            heights = self._curve.peaks(self.angle_deg - self._marker_deg)
+            noise = self._rng.standard_normal(2 * len(heights)).tolist()
+            for height, along, across in zip(heights, noise[::2], noise[1::2], strict=True):
+                largest = max(largest, math.hypot(loud * height + along, across))
+        return ReadingFrame(
+            header=header,
+            intensity=largest * self._noise_sigma,
+            noise_sigma=self._noise_sigma,
+            cells=self._cells,
+        )
+
+    def _largest_noise(self) -> float:
+        """Largest noise in an image over σ, drawn by inverting 1 − exp(−N(u)); see the module."""
+        wanted = self._rng.standard_exponential()
+        square = 2 * math.log(self._rate * 20 / wanted)
+        for _ in range(4):
+            # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 is so quiet
+            square = max(2.0, 2 * math.log(self._rate * max(square - 1, 1.0) / wanted))
+        return math.sqrt(square)

@@ -1,0 +1,146 @@
+"""Noise-free intensity curves S(t): how loud the image is, t degrees off the marker, relative to the probe on it.
+
+A curve gives the heights of the separate peaks of the envelope image, strongest first: a long laser pulse and the edges
+of an element leave several of nearly the same height (physics notes), and under noise any of them may be the largest.
+The closed forms have one peak. The recorded form holds what somebody computed or measured on a grid of angles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.interpolate import PchipInterpolator
+
+from markerseek.core import ConfigError
+
+
+class IntensityCurve(Protocol):
+    """Intensity over the angle off the marker, without noise."""
+
+    def peaks(self, off_plane_deg: float) -> Sequence[float]:
+        """Heights of the separate peaks of the image, relative to the largest with the probe on the marker."""
+
+
+def _check_width(fwhm_deg: float) -> None:
+    if not 0 < fwhm_deg < math.inf:
+        raise ConfigError(f"curve: fwhm_deg is {fwhm_deg} deg, it must be positive and finite; 2 to 35 deg are usual")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaussianCurve:
+    """exp(−4 ln 2·(t/w)²): its tails vanish, which those of a wideband pulse do not.
+
+    Attributes
+    ----------
+    fwhm_deg
+        Full width w at half maximum in degrees.
+    """
+
+    fwhm_deg: float
+
+    def __post_init__(self) -> None:
+        _check_width(self.fwhm_deg)
+
+    def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
+        """One peak; see the class."""
+        return (math.exp(-4 * math.log(2) * (off_plane_deg / self.fwhm_deg) ** 2),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SechCurve:
+    """1/cosh(2 arcosh(2)·t/w): exponential tails.
+
+    Attributes
+    ----------
+    fwhm_deg
+        Full width w at half maximum in degrees.
+    """
+
+    fwhm_deg: float
+
+    def __post_init__(self) -> None:
+        _check_width(self.fwhm_deg)
+
+    def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
+        """One peak; see the class."""
+        # beyond 700 the hyperbolic cosine leaves the range of a double, and its inverse is 0 in any case
+        return (1 / math.cosh(min(700.0, 2 * math.acosh(2) * abs(off_plane_deg) / self.fwhm_deg)),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerCurve:
+    """1/(1 + (2|t|/w)^k): tails as 1/|t|^k, like the edge waves of an element for k near 1.
+
+    Attributes
+    ----------
+    fwhm_deg
+        Full width w at half maximum in degrees.
+    power
+        Exponent k of the tails; 2 is the Lorentz curve.
+    """
+
+    fwhm_deg: float
+    power: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check_width(self.fwhm_deg)
+        if not 0 < self.power < math.inf:
+            raise ConfigError(f"curve: power is {self.power}, it must be positive and finite; 1 to 2 are usual")
+
+    def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
+        """One peak; see the class."""
+        return (1 / (1 + (2 * abs(off_plane_deg) / self.fwhm_deg) ** self.power),)
+
+
+class RecordedCurve:
+    """A curve between recorded angles: monotone cubic pieces (PCHIP) laid down on a fine grid, straight between.
+
+    Beyond the recorded angles the outermost heights hold.
+
+    Parameters
+    ----------
+    off_plane_deg
+        Angles off the marker in degrees, rising.
+    heights
+        Heights of the peaks at each, strongest first, shape (angles, peaks), not negative.
+    step_deg
+        Step of the fine grid in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If the angles do not rise, or a height is negative or not finite.
+    """
+
+    def __init__(
+        self,
+        off_plane_deg: Float64[np.ndarray, " angles"],
+        heights: Float64[np.ndarray, "angles peaks"],
+        *,
+        step_deg: float = 0.02,
+    ) -> None:
+        if off_plane_deg.size < 2 or not np.all(np.diff(off_plane_deg) > 0):
+            raise ConfigError("recorded curve: off_plane_deg must hold at least two angles, each above the one before")
+        if heights.shape[:1] != off_plane_deg.shape or heights.ndim != 2:
+            raise ConfigError(f"recorded curve: heights have the shape {heights.shape}, (angles, peaks) is needed")
+        if not np.all((heights >= 0) & np.isfinite(heights)):
+            raise ConfigError("recorded curve: heights must be finite and not negative")
+        count = max(2, math.ceil((off_plane_deg[-1] - off_plane_deg[0]) / step_deg) + 1)
+        fine = np.linspace(off_plane_deg[0], off_plane_deg[-1], count)
+        self._low_deg = float(fine[0])
+        self._per_deg = (count - 1) / float(fine[-1] - fine[0])
+        self._last = count - 1
+        # Python's own floats: a lookup of one angle is four times as fast as in an array.
+        self._rows: list[list[float]] = np.maximum(PchipInterpolator(off_plane_deg, heights)(fine), 0).tolist()
+
+    def peaks(self, off_plane_deg: float) -> list[float]:
+        """Heights at an angle off the marker in degrees."""
+        place = min(max((off_plane_deg - self._low_deg) * self._per_deg, 0.0), float(self._last))
+        left = min(int(place), self._last - 1)
+        share = place - left
+        return [(1 - share) * a + share * b for a, b in zip(self._rows[left], self._rows[left + 1], strict=True)]
