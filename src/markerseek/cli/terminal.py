@@ -6,14 +6,14 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from markerseek.core import MarkerseekError
 
@@ -59,3 +59,21 @@ def announce_compilation() -> None:
         if folder is not None and not any(Path(folder).glob(f"*.{kernel.__name__}-*.nbi")):
             aside.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
             return
+
+
+@contextmanager
+def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
+    """A bar on standard error for each stage of a long work; invisible where that is no terminal.
+
+    What comes back hears of a stage's name, how many of its steps are done, and how many there are.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=aside, disable=not aside.is_terminal) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def advance(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total)
+            progress.update(tasks[stage], completed=done, total=total)
+
+        yield advance

@@ -54,6 +54,24 @@ def save_png(figure: Figure, path: Path) -> None:
         raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
 
 
+def save_svg(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG, making the folder if need be; the same figure gives the same file.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be written.
+    """
+    import matplotlib as mpl
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context({"svg.hashsalt": "markerseek"}):
+            figure.savefig(path, format="svg", metadata={"Date": None})
+    except OSError as problem:
+        raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
+
+
 def png_data_uri(figure: Figure) -> str:
     """The figure as a PNG inside a ``data:`` address, for a page that stands alone."""
     buffer = io.BytesIO()

@@ -80,6 +80,24 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     return _read_csv(path)
 
 
+def write_bank(bank: IntensityBank, path: Path) -> None:
+    """Write a bank as the CSV that `read_bank` reads, making its folder if need be; every digit is kept.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="", encoding="utf-8") as lines:
+            writer = csv.writer(lines, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
+    except OSError as problem:
+        raise RecordError(f"{path}: the bank cannot be written: {problem.strerror}; name another place") from problem
+
+
 def _read_csv(path: Path) -> IntensityBank:
     try:
         with path.open(newline="", encoding="utf-8-sig") as lines:

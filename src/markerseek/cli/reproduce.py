@@ -1,0 +1,145 @@
+"""``markerseek reproduce``: the paper's figures and tables, with the paper's numbers beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+if TYPE_CHECKING:
+    from markerseek.studies.paper import Section
+
+NAME = "reproduce"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek reproduce all --out paper\n\n"
+    "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
+    "  markerseek reproduce fig6 --bank examples/scan.csv --reference-deg 12.5 --out mine"
+)
+
+
+class Compared(msgspec.Struct, frozen=True, kw_only=True):
+    """One number of the paper beside ours, for programs."""
+
+    number: str
+    place: str
+    unit: str
+    condition: str
+    paper: float
+    paper_spread: float | None
+    ours: float
+    ours_spread: float | None
+    half_interval95: float | None
+    difference: float
+    off_by_more_than_4_33_deg: float | None
+    cannot_be_had: str | None
+
+
+class Made(msgspec.Struct, frozen=True, kw_only=True):
+    """One section, for programs."""
+
+    name: str
+    title: str
+    numbers: list[Compared]
+    remarks: list[str]
+    files: list[str]
+
+
+def command(
+    what: Annotated[str, typer.Argument(help="Figure or table, or all; an unknown name lists them all.")],
+    out: Annotated[Path, typer.Option(help="Folder for tables, pictures and report.html.")] = Path("paper"),
+    markers: Annotated[
+        int, typer.Option(help="Markers of the Monte Carlo studies; fewer thin out the rest too.")
+    ] = 1000,
+    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed: the same seed gives the same numbers.")] = 1,
+    bank: Annotated[Path | None, typer.Option(help="Your own bank for fig6 and table1: a CSV or a folder.")] = None,
+    reference_deg: Annotated[
+        float | None, typer.Option(help="Angle of the marker in your bank, in degrees; else the bank's maximum.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Make the paper's figures and tables again, and one report with its numbers beside ours."""
+    import os
+
+    from markerseek.cli.terminal import people, print_json, stages_bar
+    from markerseek.core import ConfigError
+    from markerseek.studies.paper import Effort, Recording, Reproduction, write_report, write_section
+
+    own = None
+    if bank is not None:
+        own = Recording(path=bank, material=bank.stem, position=1, peak_snr_db=None, reference_deg=reference_deg)
+    elif reference_deg is not None:
+        raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
+    with stages_bar() as advance:
+        effort = Effort(seed=seed, markers=markers, workers=workers or os.cpu_count() or 1, advance=advance)
+        reproduction = Reproduction(effort=effort, folder=out, own_bank=own)
+        names = list(reproduction.makers) if what == "all" else [what]
+        sections, files = [], []
+        for section in reproduction.sections(names):
+            sections.append(section)
+            files.append(write_section(section, out))
+        page = write_report(sections, out, effort=effort)
+    if as_json:
+        made = [_made(section, paths) for section, paths in zip(sections, files, strict=True)]
+        print_json({"report": str(page), "seed": seed, "markers": markers, "sections": made})
+        return
+    for section in sections:
+        _print(section)
+    people.print(f"[dim]report:[/] {page}")
+
+
+def _made(section: Section, files: list[Path]) -> Made:
+    numbers = [
+        Compared(
+            number=each.paper.what,
+            place=each.paper.place,
+            unit=each.paper.unit,
+            condition=each.condition,
+            paper=each.paper.mean,
+            paper_spread=each.paper.spread,
+            ours=each.ours,
+            ours_spread=each.spread,
+            half_interval95=each.half,
+            difference=each.difference,
+            off_by_more_than_4_33_deg=each.failed,
+            cannot_be_had=each.paper.limits,
+        )
+        for each in section.besides
+    ]
+    return Made(
+        name=section.name,
+        title=section.title,
+        numbers=numbers,
+        remarks=list(section.remarks),
+        files=[str(path) for path in files],
+    )
+
+
+def _print(section: Section) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from markerseek.cli.terminal import people
+    from markerseek.studies.paper.report import shown
+
+    people.print(f"[bold]{escape(section.title)}[/]")
+    if section.besides:
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        for name in ("", "condition", "paper", "ours", "difference"):
+            table.add_column(name, justify="left" if name in ("", "condition") else "right")
+        for each in section.besides:
+            half = "" if each.half is None else f" ± {shown(each.half)}"
+            table.add_row(
+                escape(each.paper.what),
+                escape(each.condition),
+                str(each.paper),
+                shown(each.ours) + half,
+                shown(each.difference),
+            )
+        people.print(table)
+    for remark in section.remarks:
+        people.print(f"  {escape(remark)}")
+    people.print()

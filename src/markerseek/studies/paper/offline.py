@@ -1,0 +1,222 @@
+"""The paper's offline analysis (section 2.5): scan everything once, then search on the recording.
+
+A bank is a fine scan of the whole range, made on the simulated rig from channel data and kept as a CSV that
+`markerseek replay` reads as well. The searches run on it through the same loop as on a rig. A user's own bank takes the
+place of a simulated one and nothing else changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from markerseek import rigs
+from markerseek.records.banks import IntensityBank, read_bank, write_bank
+from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.methods import (
+    AVERAGE_ACQUISITIONS,
+    BRACKET_ACQUISITIONS,
+    BRACKETS,
+    Name,
+    OnCounts,
+    published,
+    searched,
+    shorter,
+)
+from markerseek.studies.paper.positions import grid
+from markerseek.studies.paper.reported import MATERIALS
+
+TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-phantom", "muscle-icg"), strict=True))
+"""The simulated stand-in for each material of Table 1."""
+
+ONE_BANK = MATERIALS[-1]
+"""The material of which the paper recorded a single position."""
+
+STEP_DEG = 0.5
+"""Step of the scan (section 2.5)."""
+
+LEVELS_DB = (40.0, 60.0)
+"""Peak SNR of the banks: the default of the physics notes, and the quiet end of what they sweep."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """A bank on disk, and where its marker is.
+
+    Attributes
+    ----------
+    path
+        CSV or folder.
+    material, position
+        Of what, and which of the nine places, counted from 1.
+    peak_snr_db
+        Noise under which it was recorded; None for a user's own.
+    reference_deg
+        Angle that counts as true, in degrees; None: the recording's own maximum.
+    """
+
+    path: Path
+    material: str
+    position: int
+    peak_snr_db: float | None
+    reference_deg: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One search on one bank.
+
+    Attributes
+    ----------
+    recording
+        The bank.
+    method, acquisitions
+        What searched.
+    angle_deg
+        Angle answered, in degrees.
+    reference_deg, maximum_deg
+        Angle that counts as true, and that of the bank's largest intensity, in degrees.
+    """
+
+    recording: Recording
+    method: Name
+    acquisitions: int
+    angle_deg: float
+    reference_deg: float
+    maximum_deg: float
+
+    @property
+    def error_deg(self) -> float:
+        """Absolute difference from the reference, in degrees."""
+        return abs(self.angle_deg - self.reference_deg)
+
+    @property
+    def from_maximum_deg(self) -> float:
+        """Absolute difference from the bank's own maximum, in degrees."""
+        return abs(self.angle_deg - self.maximum_deg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scan:
+    """One bank to be made."""
+
+    recording: Recording
+    marker: MarkerSettings
+    step_deg: float
+    seed: int
+
+
+def simulated_banks(folder: Path, effort: Effort, *, levels_db: Sequence[float] = LEVELS_DB) -> list[Recording]:
+    """Banks of the five materials at nine places each (of the last at one), for each noise; written into the folder.
+
+    The same places and the same spots are scanned under each noise. An effort of fewer markers than the paper's scans
+    fewer places, in coarser steps.
+
+    Parameters
+    ----------
+    folder
+        Where the CSV files go.
+    effort
+        What may be used.
+    levels_db
+        Peak SNR of the banks, in dB.
+
+    Raises
+    ------
+    RecordError
+        If a file cannot be written.
+    """
+    step_deg = STEP_DEG if effort.share >= 0.5 else 5 * STEP_DEG
+    scans = []
+    for number, (material, tissue) in enumerate(TISSUES.items()):
+        seeds = np.random.SeedSequence([effort.seed, number])
+        places = grid(np.random.Generator(np.random.PCG64(seeds)))
+        count = 1 if material == ONE_BANK else max(2, round(len(places) * effort.share))
+        for position, marker in enumerate(places[:count], start=1):
+            for level_db in levels_db:
+                recording = Recording(
+                    path=folder / f"{tissue}-{level_db:g}dB-{position}.csv",
+                    material=material,
+                    position=position,
+                    peak_snr_db=level_db,
+                    reference_deg=marker.angle_deg,
+                )
+                seed = 1000 * effort.seed + 10 * number + position
+                scans.append(_Scan(recording=recording, marker=marker, step_deg=step_deg, seed=seed))
+    effort.each(_scan, scans, what="offline banks, from channel data")
+    return [scan.recording for scan in scans]
+
+
+def _scan(scan: _Scan) -> None:
+    recording = scan.recording
+    settings = SimulatedSettings(
+        tissue=TISSUES[recording.material],
+        marker=scan.marker,
+        noise=NoiseSettings(peak_snr_db=recording.peak_snr_db or 0.0),
+    )
+    rig = rigs.simulated(seed=scan.seed, settings=replace(settings, start_deg=settings.limits.search.low_deg))
+    search = rig.limits.search
+    asked = np.linspace(search.low_deg, search.high_deg, round(search.width_deg / scan.step_deg) + 1)
+    heard = [rig.scanner.measure(float(angle_deg)) for angle_deg in asked]
+    bank = IntensityBank(
+        # The ends are kept as asked, so that a search over the whole range finds all of it recorded.
+        angles_deg=(float(asked[0]), *(sample.angle_deg for sample in heard[1:-1]), float(asked[-1])),
+        intensities=tuple(sample.reading.intensity for sample in heard),
+    )
+    write_bank(bank, recording.path)
+
+
+def answers(recordings: Sequence[Recording], effort: Effort) -> list[Answer]:
+    """Answers of every method at every number of acquisitions of Fig. 6, on each bank.
+
+    Parameters
+    ----------
+    recordings
+        Banks on disk.
+    effort
+        What may be used.
+
+    Raises
+    ------
+    RecordError
+        If a bank cannot be read.
+    """
+    return [answer for found in effort.each(_answers, recordings, what="offline searches") for answer in found]
+
+
+def _answers(recording: Recording) -> list[Answer]:
+    rig = rigs.replayed(recording.path, reference_deg=recording.reference_deg)
+    limits = rig.limits.search
+    maximum_deg = _maximum_deg(rig, read_bank(recording.path).angles_deg)
+    reference_deg = maximum_deg if recording.reference_deg is None else recording.reference_deg
+
+    def answer(method: Name, acquisitions: int, angle_deg: float) -> Answer:
+        return Answer(
+            recording=recording,
+            method=method,
+            acquisitions=acquisitions,
+            angle_deg=angle_deg,
+            reference_deg=reference_deg,
+            maximum_deg=maximum_deg,
+        )
+
+    found = []
+    for name in BRACKETS:
+        policy = published(name, acquisitions=max(BRACKET_ACQUISITIONS), limits=limits)
+        samples, _ = searched(OnCounts(policy, limits=limits), rig.scanner)
+        found += [answer(name, count, angle_deg) for count, angle_deg in shorter(name, samples, limits=limits)]
+    for acquisitions in AVERAGE_ACQUISITIONS:
+        policy = published("WA", acquisitions=acquisitions, limits=limits)
+        _, finished = searched(OnCounts(policy, limits=limits), rig.scanner)
+        found.append(answer("WA", acquisitions, finished.estimate.mean_deg))
+    return found
+
+
+def _maximum_deg(rig: rigs.Rig, angles_deg: Sequence[float]) -> float:
+    """Recorded angle of the largest intensity, in degrees."""
+    heard = [rig.scanner.measure(angle_deg) for angle_deg in angles_deg]
+    return max(heard, key=lambda sample: sample.reading.intensity).angle_deg

@@ -1,0 +1,233 @@
+"""Sections as files: CSV, PNG and SVG for each, and one HTML page that holds all of them and loads nothing."""
+
+from __future__ import annotations
+
+import csv
+import html
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from markerseek._version import __version__
+from markerseek.core import ConfigError
+from markerseek.pictures import png_data_uri, save_png, save_svg
+from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
+from markerseek.studies.paper.reported import REPORTED, Reported
+from markerseek.studies.paper.section import Cell, Section, Table
+
+REPORT = "report.html"
+"""Name of the page."""
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>The paper, reproduced</title>
+<style>
+body {{ font: 15px/1.55 system-ui, sans-serif; color: #1c2026; margin: 2rem auto; max-width: 1160px; padding: 0 1rem; }}
+h1 {{ font-size: 1.5rem; }}
+h2 {{ font-size: 1.2rem; margin-top: 3rem; border-top: 2px solid #1f5fa8; padding-top: 1rem; }}
+h3 {{ font-size: 1rem; margin: 1.4rem 0 .4rem; }}
+p, li {{ max-width: 62rem; }}
+p.note {{ color: #7a3410; font-weight: 600; }}
+img {{ max-width: 100%; border: 1px solid #e3e6ea; }}
+.wide {{ overflow-x: auto; }}
+table {{ border-collapse: collapse; font-size: 13px; }}
+th, td {{ text-align: left; vertical-align: top; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
+th {{ color: #4a505a; }} td {{ font-variant-numeric: tabular-nums; }}
+td.n {{ text-align: right; white-space: nowrap; }}
+caption {{ text-align: left; font-weight: 600; padding: .3rem 0; }}
+nav a {{ margin-right: 1rem; }} .files {{ color: #6a707a; font-size: 13px; }}
+</style>
+</head>
+<body>
+<h1>The paper, reproduced</h1>
+<p>Wu, Moradi, Yang, Song, Boctor, Salcudean: Automatic Search for Photoacoustic Marker Using Automated Transrectal
+Ultrasound. The paper's numbers beside ours.</p>
+<p class="note">Simulated: no hardware was involved, and the materials are stand-ins. {note}</p>
+<p>markerseek {version}, seed {seed}, {markers} markers. Intervals are of 95 %, of the mean. "Off" is the share of
+searches with an error above 4.33°, half of the range in which the tool tip stays visible.</p>
+<nav>{contents}</nav>
+{sections}
+<h2 id="limits">What cannot be had, and why</h2>
+<ul>{limits}</ul>
+</body>
+</html>
+"""
+
+
+def write_section(section: Section, folder: Path) -> list[Path]:
+    """Write the tables and pictures of a section, and return their paths.
+
+    Raises
+    ------
+    ConfigError
+        If a file cannot be written.
+    """
+    paths = []
+    for table in _tables(section):
+        path = folder / f"{table.name}.csv"
+        _write_csv(table, path)
+        paths.append(path)
+    for picture in section.pictures:
+        figure = picture.draw()
+        for save, ending in ((save_png, "png"), (save_svg, "svg")):
+            path = folder / f"{picture.name}.{ending}"
+            save(figure, path)
+            paths.append(path)
+    return paths
+
+
+def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort) -> Path:
+    """Write the page of all sections, and return its path.
+
+    Parameters
+    ----------
+    sections
+        In the order in which they stand there.
+    folder
+        Where `write_section` put their files.
+    effort
+        What they used.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be written.
+    """
+    thinned = f"Made with {effort.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles to match."
+    text = _PAGE.format(
+        note=thinned if effort.markers < PAPER_MARKERS else "",
+        version=__version__,
+        seed=effort.seed,
+        markers=effort.markers,
+        contents="".join(f'<a href="#{each.name}">{html.escape(each.name)}</a>' for each in sections)
+        + '<a href="#limits">limits</a>',
+        sections="\n".join(_section(each) for each in sections),
+        limits="".join(_limit(number) for number in _limited()),
+    )
+    path = folder / REPORT
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ConfigError(f"{path}: the report cannot be written: {problem.strerror}; name another --out") from problem
+    return path
+
+
+def beside_table(section: Section) -> Table:
+    """The paper's numbers and ours, as a table of the section."""
+    return Table(
+        name=f"{section.name}_beside_the_paper",
+        caption="The paper's numbers beside ours",
+        columns=(
+            "number",
+            "place",
+            "unit",
+            "condition",
+            "paper",
+            "paper_spread",
+            "ours",
+            "ours_spread",
+            "half_interval95",
+            "difference",
+            "off",
+        ),
+        rows=tuple(
+            (
+                each.paper.what,
+                each.paper.place,
+                each.paper.unit,
+                each.condition,
+                each.paper.mean,
+                each.paper.spread,
+                each.ours,
+                each.spread,
+                each.half,
+                each.difference,
+                each.failed,
+            )
+            for each in section.besides
+        ),
+    )
+
+
+def shown(cell: Cell) -> str:
+    """One cell as people read it: three significant digits, and nothing for None."""
+    if cell is None:
+        return ""
+    if isinstance(cell, float):
+        return f"{cell:.0f}" if abs(cell) >= 100 else f"{cell:.3g}"
+    return str(cell)
+
+
+def _tables(section: Section) -> list[Table]:
+    return [*([beside_table(section)] if section.besides else []), *section.tables]
+
+
+def _write_csv(table: Table, path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="", encoding="utf-8") as lines:
+            writer = csv.writer(lines, lineterminator="\n")
+            writer.writerow(table.columns)
+            writer.writerows(table.rows)
+    except OSError as problem:
+        raise ConfigError(f"{path}: the table cannot be written: {problem.strerror}; name another --out") from problem
+
+
+def _section(section: Section) -> str:
+    parts = [f'<h2 id="{html.escape(section.name)}">{html.escape(section.title)}</h2>']
+    parts += [f"<p>{html.escape(paragraph)}</p>" for paragraph in section.method]
+    if section.besides:
+        parts.append(_table(beside_table(section)))
+    for picture in section.pictures:
+        uri = png_data_uri(picture.draw())
+        parts.append(f'<p><img src="{uri}" alt="{html.escape(picture.alt)}"></p>')
+    parts += [f"<p>{html.escape(remark)}</p>" for remark in section.remarks]
+    limits = dict.fromkeys(each.paper for each in section.besides if each.paper.limits)
+    if limits:
+        parts.append("<h3>What of these numbers cannot be had</h3><ul>" + _by_reason(limits) + "</ul>")
+    parts += [_table(table) for table in section.tables if table.shown]
+    names = ", ".join(f"{table.name}.csv" for table in _tables(section))
+    pictures = "".join(f", {picture.name}.png, {picture.name}.svg" for picture in section.pictures)
+    parts.append(f'<p class="files">Files: {html.escape(names + pictures)}</p>')
+    return "\n".join(parts)
+
+
+def _by_reason(numbers: Iterable[Reported]) -> str:
+    """One line for each reason, with the numbers that it holds for."""
+    held: dict[str, list[str]] = {}
+    for number in numbers:
+        held.setdefault(number.limits or "", []).append(f"{number.what} ({number})")
+    return "".join(f"<li>{html.escape(_few(names))}: {html.escape(reason)}</li>" for reason, names in held.items())
+
+
+def _few(names: Sequence[str]) -> str:
+    return "; ".join(names) if len(names) <= 3 else f"{names[0]}, and {len(names) - 1} like it"
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{html.escape(name.replace('_', ' '))}</th>" for name in table.columns)
+    body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in table.rows)
+    return (
+        f'<div class="wide"><table id="{html.escape(table.name)}"><caption>{html.escape(table.caption)}</caption>'
+        f"<tr>{head}</tr>{body}</table></div>"
+    )
+
+
+def _cell(cell: Cell) -> str:
+    kind = ' class="n"' if isinstance(cell, float | int) else ""
+    return f"<td{kind}>{html.escape(shown(cell))}</td>"
+
+
+def _limited() -> list[Reported]:
+    """Numbers with a reason why they cannot be had, one for each reason."""
+    return list({number.limits: number for number in reversed(REPORTED.values()) if number.limits}.values())[::-1]
+
+
+def _limit(number: Reported) -> str:
+    same = sum(other.limits == number.limits for other in REPORTED.values())
+    more = "" if same == 1 else f", and {same - 1} more"
+    said = f"{number.place}, {number.what}: {number}{more}. {number.limits}"
+    return f"<li>{html.escape(said)}</li>"
