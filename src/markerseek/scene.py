@@ -13,11 +13,11 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float64
 
-from markerseek.acoustics import Absorber, AcousticModel, Band, Noise, RectanglePulse
+from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader
 from markerseek.signals import PRESET_NAMES, ImageReader, Picture, beamformed_sigma, probe_preset
 from markerseek.signals.peaks import strongest_peaks
-from markerseek.sim import RecordedCurve, SimulatedSettings, Tissue, tissue_named
+from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
 _MOST_COUNTS = 25_000
 """Height to which the noise-free frame is blown up to measure its image without rounding errors, in counts."""
@@ -52,6 +52,8 @@ class Scene:
         What sounds, in counts: the spot, if there is a marker, and clutter.
     noise
         Noise of one acquisition, in counts.
+    peak
+        Envelope peak of the marker's image without noise, with the probe on it, in counts; also where it is absent.
     """
 
     description: str
@@ -59,6 +61,7 @@ class Scene:
     marker: Absorber
     absorbers: tuple[Absorber, ...]
     noise: Noise
+    peak: float
 
 
 @lru_cache(maxsize=1)
@@ -85,7 +88,9 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
     marker = _draw_marker(settings, rng)
-    spot, noise = _scaled(material.spot.draw(marker, rng), marker, settings, model)
+    radius_m = settings.marker.source_radius_m
+    kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
+    spot, noise, peak = _scaled(kind.draw(marker, rng), marker, settings, model)
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
@@ -97,7 +102,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
 def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int]:
     """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
 
-    Relative to the largest peak with the probe on the marker, computed by the acoustic model and the imaging chain
+    Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
     without noise: one frame for each angle of a fixed grid. A single absorber without clutter is heard alike on both
     sides, and computed on one.
 
@@ -117,15 +122,14 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
         counts = np.clip(np.rint(heard), -32767, 32767).astype(np.int16)
         return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
 
-    alike = len(absorbers) == 1
+    alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
     angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
     heights = _heights(reader, frame_at, angles)
     if alike:
         angles = np.concatenate([-angles[:0:-1], angles])
         heights = np.concatenate([heights[:0:-1], heights])
-    on_marker = heights[len(angles) // 2, 0]
     cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (on_marker or 1.0)), cells
+    return RecordedCurve(angles, heights / (scene.peak * louder)), cells
 
 
 def _heights(
@@ -184,8 +188,8 @@ def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absor
 
 def _scaled(
     spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
-) -> tuple[list[Absorber], Noise]:
-    """The spot so strong that it fills the converter as set, and noise for the peak SNR as set, both in counts.
+) -> tuple[list[Absorber], Noise, float]:
+    """The spot so strong that it fills the converter as set, noise for the peak SNR as set, and the peak, in counts.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
@@ -208,7 +212,7 @@ def _scaled(
         white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
     )
     louder = settings.receiver.peak_counts / largest
-    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise
+    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise, peak
 
 
 def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
