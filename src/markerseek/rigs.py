@@ -161,7 +161,7 @@ def of_intensities(
     seed
         Seed of noise and energy.
     curve
-        Noise-free intensity over the angle off the marker; None: there is no marker.
+        Noise-free intensity over the angle off the marker; None: nothing sounds.
     marker_deg
         Angle of the marker in degrees.
     cells
@@ -195,7 +195,7 @@ def of_intensities(
         reader=IntensityReader(),
         imaging=None,
         description=f"simulated intensities, peak SNR {snr_db:g} dB, seed {seed}",
-        truth_deg=None if curve is None else marker_deg,
+        truth_deg=marker_deg if settings.marker.present and curve is not None else None,
     )
 
 

@@ -96,7 +96,14 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
         clutter = material.clutter.draw(rng)
         loud = settings.receiver.peak_counts / _loudness([marker], model, marker)
         absorbers = absorbers + [replace(weak, strength=weak.strength * loud) for weak in clutter]
-    return Scene(description=material.description, model=model, marker=marker, absorbers=tuple(absorbers), noise=noise)
+    return Scene(
+        description=material.description,
+        model=model,
+        marker=marker,
+        absorbers=tuple(absorbers),
+        noise=noise,
+        peak=peak,
+    )
 
 
 def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int]:

@@ -147,7 +147,7 @@ class Recorder:
         interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
         return SearchResult(
             found=isinstance(estimate, Found),
-            answer=_answer(estimate),
+            answer=answer_name(estimate),
             reason=_reason(estimate),
             method=method,
             as_published=as_published,
@@ -180,9 +180,10 @@ class Recorder:
         return radius_m * math.sin(angle), strongest.lateral_m, radius_m * math.cos(angle)
 
 
-def _answer(
+def answer_name(
     estimate: Found | NotFound | Ambiguous | AtBound | Unsure,
 ) -> Literal["found", "not found", "ambiguous", "at bound", "unsure"]:
+    """Kind of an answer in words."""
     match estimate:
         case Found():
             return "found"
