@@ -1,0 +1,105 @@
+"""One simulated frame by ours and by others, and what noise, converter and further absorbers cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import scipy.signal
+
+from benchmarks.forward_peers import esdiva_element, pymust_simus
+from benchmarks.timing import Effort, Pair, Single, Work, alone, in_turn
+from markerseek.acoustics import Absorber, AcousticModel, Bursts, Digitiser, Medium, Noise, Probe
+
+FORWARD = "simulate a frame, noise-free"
+NOISE = "noise, bursts and 12 bits"
+FURTHER = "each further absorber"
+ANGLES_DEG = (0.0, 10.0, 35.0)
+
+_RADIUS_M, _LATERAL_M = 50e-3, 4e-3
+
+
+def compare(effort: Effort) -> tuple[list[Pair], list[str]]:
+    """Comparisons of the noise-free frame, 10° off the plane, and remarks."""
+    plane = AcousticModel(probe=Probe(elevation_focus_m=None), medium=Medium(attenuation_db_cm_mhz=0.0))
+    elevation, axial = plane.probe.in_probe_frame(radius_m=_RADIUS_M, off_plane_deg=10.0)
+    place = (_LATERAL_M, elevation, axial)
+    work = f"{FORWARD}, 10° off plane"
+    makers: tuple[tuple[str, AcousticModel, Callable[..., Work], Callable[..., str]], ...] = (
+        ("esdiva, one element at 128 points", plane, esdiva_element, _waveforms),
+        ("PyMUST simus (two-way only)", AcousticModel(), pymust_simus, _arrivals),
+    )
+    pairs: list[Pair] = []
+    remarks: list[str] = []
+    for name, model, make, judge in makers:
+        ours = partial(model.channel_data, [_absorber()], angle_deg=10.0)
+        try:
+            theirs = make(model, source_m=place)
+            agreement = judge(ours(), theirs())
+        except (ImportError, OSError) as error:
+            remarks.append(f"{work}: {name} could not be run here ({error})")
+            continue
+        pairs.append(in_turn(work, ours, name, theirs, agreement=agreement, effort=effort))
+    remarks.append("esdiva: no lens and no loss on either side; PyMUST: lens on both sides, our loss besides")
+    return pairs, remarks
+
+
+def measure(effort: Effort) -> tuple[list[Single], list[str]]:
+    """Times of ours alone: the frame at several angles, further absorbers, noise and converter."""
+    model = AcousticModel()
+    singles = [
+        alone(
+            f"{FORWARD}, {angle:g}°, default probe and tissue",
+            partial(model.channel_data, [_absorber()], angle_deg=angle),
+            effort=effort,
+        )
+        for angle in ANGLES_DEG
+    ]
+    crowd = [_absorber(lateral_m=x, angle_deg=7 * math.sin(1e3 * x)) for x in np.linspace(-20e-3, 20e-3, 21)]
+    many = alone("21 absorbers", partial(model.channel_data, crowd, angle_deg=10.0), effort=effort)
+    share = 1 / (len(crowd) - 1)
+    one = singles[1]
+    further = Single(
+        work=FURTHER,
+        ms=(many.ms - one.ms) * share,
+        least_ms=(many.least_ms - one.least_ms) * share,
+        most_ms=(many.most_ms - one.most_ms) * share,
+        rounds=many.rounds,
+    )
+    rng = np.random.default_rng(3)
+    noise = Noise(white_sigma=3.0, coloured_sigma=6.0, bursts=Bursts(frame_probability=0.05, channel_probability=0.05))
+    digitiser = Digitiser()
+    frame = model.channel_data([_absorber()], angle_deg=0.0)
+
+    def listen() -> np.ndarray:
+        drawn = noise.sample(rng, channels=frame.shape[0], samples=frame.shape[1], sampling_hz=model.sampling_hz)
+        drawn += frame
+        return digitiser.digitise(drawn)
+
+    return [*singles, further, alone(NOISE, listen, effort=effort)], []
+
+
+def _absorber(*, lateral_m: float = _LATERAL_M, angle_deg: float = 0.0) -> Absorber:
+    return Absorber(radius_m=_RADIUS_M, lateral_m=lateral_m, angle_deg=angle_deg, strength=300.0)
+
+
+def _waveforms(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Largest difference of the envelopes' peaks and of the waveforms, after one factor for all channels."""
+    theirs = theirs * (np.vdot(ours, theirs) / np.vdot(theirs, theirs))
+    peaks = [np.abs(scipy.signal.hilbert(each, axis=1)).max(axis=1) for each in (ours, theirs)]
+    shape = np.abs(ours - theirs).max() / np.abs(ours).max()
+    return f"envelope peaks within {np.abs(peaks[1] / peaks[0] - 1).max():.1%}, waveforms {shape:.1%} of the peak"
+
+
+def _arrivals(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Largest difference of the arrivals, less a delay that all channels share: the way out."""
+    places = []
+    for channels in (ours, np.asarray(theirs).T):
+        fine = np.abs(scipy.signal.hilbert(scipy.signal.resample(channels, 8 * channels.shape[1], axis=1), axis=1))
+        places.append(fine.argmax(axis=1) / 8)
+    late = places[1] - places[0]
+    return (
+        f"arrivals within {np.abs(late - np.median(late)).max():.2f} samples, less the way out; levels differ in kind"
+    )
