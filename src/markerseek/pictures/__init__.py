@@ -2,15 +2,18 @@
 
 from markerseek.pictures.canvas import png_data_uri, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
+from markerseek.pictures.heat_map import HeatMap, heat_maps_figure
 from markerseek.pictures.page import write_page
 from markerseek.pictures.panels import Line, Panel, panels_figure
 from markerseek.pictures.search_picture import PaImage, search_figure
 
 __all__ = [
+    "HeatMap",
     "Line",
     "PaImage",
     "Panel",
     "frame_figure",
+    "heat_maps_figure",
     "panels_figure",
     "png_data_uri",
     "save_png",

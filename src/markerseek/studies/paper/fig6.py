@@ -179,10 +179,13 @@ def _at_28(groups: dict[_Group, list[Answer]]) -> tuple[Beside, ...]:
     for level_db in _levels(groups):
         for name in BRACKETS:
             worst = max(
-                (_errors(found) for (_, level, method, count), found in groups.items()
-                    if (level, method, count) == (level_db, name, 28)),
+                (
+                    _errors(found)
+                    for (_, level, method, count), found in groups.items()
+                    if (level, method, count) == (level_db, name, 28)
+                ),
                 key=lambda errors: errors.mean_deg,
-            )  # fmt: skip
+            )
             besides.append(beside("fig6/28", worst, condition=f"{name}, the worst material, {level_db:g} dB"))
     return tuple(besides)
 
@@ -209,15 +212,24 @@ def _draw(groups: dict[_Group, list[Answer]]) -> Figure:
     for level_db, material in places:
         lines = []
         for name in NAMES:
-            cells = {n: _errors(found) for (m, level, method, n), found in groups.items()
-                if (m, level, method) == (material, level_db, name)}  # fmt: skip
+            cells = {
+                n: _errors(found)
+                for (m, level, method, n), found in groups.items()
+                if (m, level, method) == (material, level_db, name)
+            }
             lines.append(error_line(name, cells))
             if level_db is not None:
                 paper = reported(f"table1/{name}/{material}").mean
                 lines.append(
-                    Line(label=f"{name}, paper (Table 1)", x=(16.0,), y=(paper,), colour=COLOURS[name], form="mark",
-                        mark=MARKS[name])
-                )  # fmt: skip
+                    Line(
+                        label=f"{name}, paper (Table 1)",
+                        x=(16.0,),
+                        y=(paper,),
+                        colour=COLOURS[name],
+                        form="mark",
+                        mark=MARKS[name],
+                    )
+                )
         title = material if level_db is None else f"{material}, {level_db:g} dB"
         panels.append(Panel(title=title, lines=tuple(lines)))
     return panels_figure(

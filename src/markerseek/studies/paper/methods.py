@@ -30,7 +30,8 @@ TABLE_ACQUISITIONS = 16
 ONLINE_STEPS = 15
 """Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
 
-_BUILT: dict[Name, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
+BUILT: dict[Name, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
+"""What each is called in `markerseek.search`."""
 
 
 def published(name: Name, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False) -> Policy:
@@ -47,7 +48,7 @@ def published(name: Name, *, acquisitions: int, limits: Interval = PAPER_RANGE, 
     early_end
         Whether WA ends once the peak is recorded and passed, as it does online.
     """
-    return build(_BUILT[name], limits=limits, acquisitions=acquisitions, as_published=True, early_end=early_end)
+    return build(BUILT[name], limits=limits, acquisitions=acquisitions, as_published=True, early_end=early_end)
 
 
 class OnCounts:

@@ -44,15 +44,30 @@ def table2(runs: Sequence[OnlineRun]) -> Section:
             found = [run for run in runs if (run.method, run.peak_snr_db) == (name, level_db)]
             errors = errors_of(np.array([_answer_error(run) for run in found]))
             counts = errors_of(np.array([float(_answered_after(run)) for run in found]))
-            rows.append((name, level_db, counts.mean_deg, errors.count, errors.mean_deg, errors.spread_deg,
-                errors.half_deg, errors.failed))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    level_db,
+                    counts.mean_deg,
+                    errors.count,
+                    errors.mean_deg,
+                    errors.spread_deg,
+                    errors.half_deg,
+                    errors.failed,
+                )
+            )
             condition = f"{level_db:g} dB"
             besides.append(beside(f"table2/{name}", errors, condition=condition))
             if name == "WA":
                 besides.append(
-                    Beside(paper=reported("table2/WA/N"), ours=counts.mean_deg, spread=counts.spread_deg,
-                        half=counts.half_deg, condition=condition)
-                )  # fmt: skip
+                    Beside(
+                        paper=reported("table2/WA/N"),
+                        ours=counts.mean_deg,
+                        spread=counts.spread_deg,
+                        half=counts.half_deg,
+                        condition=condition,
+                    )
+                )
     return Section(
         name="table2",
         title="Table 2: online analysis",
@@ -62,13 +77,21 @@ def table2(runs: Sequence[OnlineRun]) -> Section:
             Table(
                 name="table2",
                 caption="Errors of the online searches",
-                columns=("method", "peak_snr_db", "acquisitions", "searches", "mean_error_deg", "spread_deg",
-                    "half_interval95_deg", "share_off_by_more_than_4.33_deg"),
+                columns=(
+                    "method",
+                    "peak_snr_db",
+                    "acquisitions",
+                    "searches",
+                    "mean_error_deg",
+                    "spread_deg",
+                    "half_interval95_deg",
+                    "share_off_by_more_than_4.33_deg",
+                ),
                 rows=tuple(rows),
             ),
             _every_run(runs),
         ),
-    )  # fmt: skip
+    )
 
 
 def fig7(runs: Sequence[OnlineRun]) -> Section:
@@ -101,8 +124,16 @@ def fig7(runs: Sequence[OnlineRun]) -> Section:
             Table(
                 name="fig7",
                 caption="Errors of TS and GSS online",
-                columns=("peak_snr_db", "method", "acquisitions", "searches", "mean_error_deg", "spread_deg",
-                    "half_interval95_deg", "share_off_by_more_than_4.33_deg"),
+                columns=(
+                    "peak_snr_db",
+                    "method",
+                    "acquisitions",
+                    "searches",
+                    "mean_error_deg",
+                    "spread_deg",
+                    "half_interval95_deg",
+                    "share_off_by_more_than_4.33_deg",
+                ),
                 rows=tuple((*key, e.count, e.mean_deg, e.spread_deg, e.half_deg, e.failed) for key, e in cells.items()),
                 shown=False,
             ),
@@ -114,7 +145,7 @@ def fig7(runs: Sequence[OnlineRun]) -> Section:
                 draw=partial(_draw_errors, cells),
             ),
         ),
-    )  # fmt: skip
+    )
 
 
 def fig8(runs: Sequence[OnlineRun]) -> Section:
@@ -177,15 +208,37 @@ def _every_run(runs: Sequence[OnlineRun]) -> Table:
     return Table(
         name="table2_searches",
         caption="Every online search",
-        columns=("method", "peak_snr_db", "repeat", "position", "truth_deg", "acquisitions", "answer_deg", "error_deg",
-            "travel_of_whole_run_deg", "elapsed_s", "acquiring_s"),
+        columns=(
+            "method",
+            "peak_snr_db",
+            "repeat",
+            "position",
+            "truth_deg",
+            "acquisitions",
+            "answer_deg",
+            "error_deg",
+            "travel_of_whole_run_deg",
+            "elapsed_s",
+            "acquiring_s",
+        ),
         rows=tuple(
-            (run.method, run.peak_snr_db, run.repeat, run.position, run.truth_deg, _answered_after(run),
-                run.answers_deg[_answered_after(run)], _answer_error(run), run.travel_deg, run.elapsed_s, run.acquiring_s)
+            (
+                run.method,
+                run.peak_snr_db,
+                run.repeat,
+                run.position,
+                run.truth_deg,
+                _answered_after(run),
+                run.answers_deg[_answered_after(run)],
+                _answer_error(run),
+                run.travel_deg,
+                run.elapsed_s,
+                run.acquiring_s,
+            )
             for run in runs
         ),
         shown=False,
-    )  # fmt: skip
+    )
 
 
 def _draw_errors(cells: dict[tuple[float, Name, int], Errors]) -> Figure:
@@ -196,9 +249,15 @@ def _draw_errors(cells: dict[tuple[float, Name, int], Errors]) -> Figure:
             lines.append(error_line(name, {n: e for (db, m, n), e in cells.items() if (db, m) == (level_db, name)}))
             paper = [reported(f"fig7/{name}/{count}").mean for count in (2, 28)] + [reported(f"table2/{name}").mean]
             lines.append(
-                Line(label=f"{name}, paper", x=(2.0, 28.0, 16.0), y=tuple(paper), colour=COLOURS[name], form="mark",
-                    mark=MARKS[name])
-            )  # fmt: skip
+                Line(
+                    label=f"{name}, paper",
+                    x=(2.0, 28.0, 16.0),
+                    y=tuple(paper),
+                    colour=COLOURS[name],
+                    form="mark",
+                    mark=MARKS[name],
+                )
+            )
         panels.append(Panel(title=f"simulated rig, {level_db:g} dB", lines=tuple(lines)))
     return panels_figure(
         panels,
@@ -217,10 +276,15 @@ def _draw_tracks(shown: Sequence[OnlineRun]) -> Figure:
         here = [run for run in shown if run.position == position]
         lines = [Line(label="marker (truth)", x=(0.0,), y=(here[0].truth_deg,), colour="#e08a1e", form="level")]
         lines += [
-            Line(label=run.method, x=tuple(float(n) for n in range(1, len(run.track_deg) + 1)), y=run.track_deg,
-                colour=COLOURS[run.method], mark=MARKS[run.method])
+            Line(
+                label=run.method,
+                x=tuple(float(n) for n in range(1, len(run.track_deg) + 1)),
+                y=run.track_deg,
+                colour=COLOURS[run.method],
+                mark=MARKS[run.method],
+            )
             for run in here
-        ]  # fmt: skip
+        ]
         panels.append(Panel(title=f"position {position}, marker at {here[0].truth_deg:.1f}°", lines=tuple(lines)))
     return panels_figure(
         panels, title="Track of the probe on the simulated rig", across="acquisition", up="probe angle [deg]"

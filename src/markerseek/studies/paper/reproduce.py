@@ -7,7 +7,9 @@ from functools import cached_property
 from pathlib import Path
 
 from markerseek.core import ConfigError
+from markerseek.studies.paper.consistency import consistency
 from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig6 import fig6, table1
 from markerseek.studies.paper.offline import Answer, Recording, answers, simulated_banks
 from markerseek.studies.paper.online import fig7, fig8, table2
@@ -51,12 +53,14 @@ class Reproduction:
     def makers(self) -> dict[str, Callable[[], Section]]:
         """What can be made, by name, in the order of the report."""
         return {
+            "fig5": lambda: fig5(self._effort),
             "fig6": lambda: fig6(self._answers),
             "table1": lambda: table1(self._answers),
             "table2": lambda: table2(self._runs),
             "fig7": lambda: fig7(self._runs),
             "fig8": lambda: fig8(self._runs),
             "travel": lambda: travel(self._effort),
+            "consistency": lambda: consistency(self._effort),
         }
 
     def sections(self, names: Sequence[str]) -> Iterator[Section]:

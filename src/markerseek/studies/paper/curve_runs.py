@@ -1,0 +1,198 @@
+"""Trials of a study in which one search of TS or GSS stands for all shorter ones.
+
+Markers, noise and rigs are those of `markerseek.studies.trial`, so that every method meets the same ones, and a study
+from curves the same as one from frames. A study's own rows have one search each; here the shorter searches of Fig. 5
+and Fig. 7 are cut from the longest, which asks the same questions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import PAPER_RANGE
+from markerseek.search import build
+from markerseek.search.curve import Curve
+from markerseek.search.peak import peak_of
+from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.methods import (
+    BRACKET_ACQUISITIONS,
+    BRACKETS,
+    BUILT,
+    NAMES,
+    ONLINE_STEPS,
+    Name,
+    searched,
+    shorter,
+)
+from markerseek.studies.study import CurveSettings, PolicySettings, Study, cells
+from markerseek.studies.trial import draw_trial, intensity_curve, study_rig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A curve's width, by the absorber that gives it, and a noise.
+
+    Attributes
+    ----------
+    source_radius_m
+        Radius of the Gaussian absorber in metres.
+    peak_snr_db
+        Peak SNR in dB.
+    """
+
+    source_radius_m: float
+    peak_snr_db: float
+
+    @property
+    def settings(self) -> SimulatedSettings:
+        """Simulated rig of this condition: the probe begins at −35°, the marker lies anywhere in the array's middle.
+
+        The energy of the pulses does not vary: the paper's simulation names white Gaussian noise and nothing else.
+        """
+        return SimulatedSettings(
+            start_deg=PAPER_RANGE.low_deg,
+            marker=MarkerSettings(lateral_m=0.0, source_radius_m=self.source_radius_m),
+            noise=NoiseSettings(peak_snr_db=self.peak_snr_db),
+            laser=LaserSettings(energy_jitter=0.0),
+        )
+
+    @property
+    def words(self) -> str:
+        """Width and noise as people read them."""
+        return f"FWHM {fwhm_deg(self.source_radius_m):.1f}°, {self.peak_snr_db:g} dB"
+
+
+@lru_cache(maxsize=32)
+def fwhm_deg(source_radius_m: float) -> float:
+    """Full width at half maximum of the noise-free curve of an absorber of that radius, in degrees.
+
+    Parameters
+    ----------
+    source_radius_m
+        Radius in metres.
+    """
+    settings = Condition(source_radius_m=source_radius_m, peak_snr_db=40.0).settings
+    curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
+    if curve is None:
+        return float("nan")
+    angles = np.linspace(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 1401)
+    heights = np.array([max(curve.peaks(float(angle))) for angle in angles])
+    return peak_of(Curve(angle_deg=angles, intensity=heights)).fwhm_deg or float("nan")
+
+
+def study_of(
+    condition: Condition,
+    *,
+    seed: int,
+    trials: int,
+    sweeps: tuple[int, ...],
+    level: Literal["curves", "frames"] = "curves",
+    marker_deg: float | None = None,
+    early: bool = False,
+) -> Study:
+    """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, under one condition.
+
+    Parameters
+    ----------
+    condition
+        Width and noise.
+    seed, trials
+        Seed, and number of markers.
+    sweeps
+        Acquisitions of the full scans of WA.
+    level
+        From curves, or from frames of channel data.
+    marker_deg
+        Angle of the marker in degrees; None draws it for each trial.
+    early
+        Whether WA also runs as it did online: 5° steps, and an end once the peak is passed.
+    """
+    most = max(BRACKET_ACQUISITIONS)
+    settings = condition.settings
+    return Study(
+        name="paper",
+        policies=(
+            *(PolicySettings(method=BUILT[name], acquisitions=most, as_published=True) for name in BRACKETS),
+            *(
+                PolicySettings(method=BUILT["WA"], acquisitions=count, as_published=True, early_end=False)
+                for count in sweeps
+            ),
+            *([PolicySettings(method=BUILT["WA"], acquisitions=ONLINE_STEPS, as_published=True)] if early else []),
+        ),
+        seed=seed,
+        trials=trials,
+        level=level,
+        stay=True,
+        rig=replace(settings, marker=replace(settings.marker, angle_deg=marker_deg)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trials:
+    """Some trials of the first cell of a study: from ``first`` to before ``last``."""
+
+    study: Study
+    first: int
+    last: int
+
+
+Errors = dict[tuple[Name, int], float]
+"""Absolute errors of one marker in degrees, by method and number of acquisitions."""
+
+
+def errors_of_study(study: Study, effort: Effort, *, what: str) -> list[Errors]:
+    """Errors of each trial of a study.
+
+    Parameters
+    ----------
+    study
+        Of `study_of`.
+    effort
+        What may be used.
+    what
+        What is being done, in words.
+    """
+    size = 2 if study.level == "frames" else 20
+    parts = [
+        Trials(study=study, first=first, last=min(first + size, study.trials)) for first in range(0, study.trials, size)
+    ]
+    return [errors for part in effort.each(errors_of_trials, parts, what=what) for errors in part]
+
+
+def errors_of_trials(part: Trials) -> list[Errors]:
+    """Errors of each of these trials.
+
+    Parameters
+    ----------
+    part
+        Which trials, of which study.
+    """
+    return [_errors(part.study, trial) for trial in range(part.first, part.last)]
+
+
+def _errors(study: Study, trial: int) -> Errors:
+    cell = cells(study)[0]
+    draw = draw_trial(study, cell, trial)
+    names = {BUILT[name]: name for name in NAMES}
+    errors: Errors = {}
+    for settings in study.policies:
+        name = names[settings.method]
+        rig = study_rig(study, cell, draw)
+        policy = build(
+            settings.method,
+            limits=rig.limits.search,
+            acquisitions=settings.most,
+            as_published=True,
+            early_end=settings.early_end,
+        )
+        samples, finished = searched(policy, rig.scanner)
+        if name == "WA":
+            errors[name, settings.most] = abs(finished.estimate.mean_deg - draw.marker_deg)
+        else:
+            errors |= {(name, n): abs(angle_deg - draw.marker_deg) for n, angle_deg in shorter(name, samples)}
+    return errors
