@@ -131,11 +131,26 @@ def _draw(axes: Axes, line: Line) -> object:
             return axes.bar(line.x, line.y, yerr=line.half, width=0.8, color=line.colour, ecolor="#444444", capsize=2)
         case "mark":
             return axes.errorbar(
-                line.x, line.y, yerr=line.half, color=line.colour, marker=line.mark, linestyle="none", markersize=8,
-                markerfacecolor="none", markeredgewidth=1.6, zorder=5,
-            )  # fmt: skip
+                line.x,
+                line.y,
+                yerr=line.half,
+                color=line.colour,
+                marker=line.mark,
+                linestyle="none",
+                markersize=8,
+                markerfacecolor="none",
+                markeredgewidth=1.6,
+                zorder=5,
+            )
         case _:
             return axes.errorbar(
-                line.x, line.y, yerr=line.half, color=line.colour, marker=line.mark, markersize=3.5, linewidth=1.2,
-                elinewidth=0.8, capsize=1.5,
-            )  # fmt: skip
+                line.x,
+                line.y,
+                yerr=line.half,
+                color=line.colour,
+                marker=line.mark,
+                markersize=3.5,
+                linewidth=1.2,
+                elinewidth=0.8,
+                capsize=1.5,
+            )
