@@ -90,28 +90,56 @@ def _samples(first: int, weight: np.float32, instead: int) -> tuple[int, np.floa
 
 
 @compiled
+def _add_four(
+    image: Float32[np.ndarray, " pixels"],
+    signals: Float32[np.ndarray, " values"],
+    to: int,
+    count: int,
+    next_sample: int,
+    starts: tuple[int, int, int, int],
+    early: tuple[np.float32, np.float32, np.float32, np.float32],
+    late: tuple[np.float32, np.float32, np.float32, np.float32],
+) -> None:
+    """Add ``count`` neighbouring values of four rows of signals, and of the rows after them, to a row of the image."""
+    # indices without sign: Numba then leaves out its test for negative ones, which costs as much as the sum
+    p, step = np.uint64(to), np.uint64(next_sample)
+    a, b, c, d = np.uint64(starts[0]), np.uint64(starts[1]), np.uint64(starts[2]), np.uint64(starts[3])
+    u0, u1, u2, u3 = early
+    w0, w1, w2, w3 = late
+    for j in range(np.uint64(count)):
+        image[p + j] += (
+            (u0 * signals[a + j] + w0 * signals[a + step + j]) + (u1 * signals[b + j] + w1 * signals[b + step + j])
+        ) + ((u2 * signals[c + j] + w2 * signals[c + step + j]) + (u3 * signals[d + j] + w3 * signals[d + step + j]))
+
+
+@compiled
 def delay_and_sum(
     signals: Float32[np.ndarray, "samples wide"],
     first: Int32[np.ndarray, "distances depths"],
     weight: Float32[np.ndarray, "distances depths"],
+    scale: Float32[np.ndarray, "depths columns"],
     right: int,
     left: int,
     out: Float32[np.ndarray, "depths columns"],
 ) -> None:
-    """Sum the delayed signals of every column into ``out``, shape (depths, columns).
+    """Write the sum of the delayed signals of every column, times ``scale``, into ``out``, shape (depths, columns).
 
     Row m of the tables belongs to the elements ``right + m`` and ``left - m`` columns away. ``first`` is the sample
     before the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
-    a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows.
+    a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
+    all are contiguous.
     """
     depths, columns = out.shape
-    zero = np.float32(0)
+    wide = signals.shape[1]
+    image, values = out.ravel(), signals.ravel()
     for start in range(0, depths, _TILE):
         stop = min(depths, start + _TILE)
-        out[start:stop] = zero
+        out[start:stop] = np.float32(0)
         for m in range(0, first.shape[0], 4):
             span_right = (columns - right - m + 31) // 32 * 32
             span_left = (columns + left - m + 31) // 32 * 32
+            from_right = PAD + right + m
+            from_left = PAD + left - m + columns - span_left
             for z in range(start, stop):
                 t0 = first[m, z]
                 if t0 < 0:
@@ -120,29 +148,20 @@ def delay_and_sum(
                 t1, u1, w1 = _samples(first[m + 1, z], weight[m + 1, z], t0)
                 t2, u2, w2 = _samples(first[m + 2, z], weight[m + 2, z], t0)
                 t3, u3, w3 = _samples(first[m + 3, z], weight[m + 3, z], t0)
-                s = PAD + right + m
-                a0, b0 = signals[t0, s : s + span_right], signals[t0 + 1, s : s + span_right]
-                a1, b1 = signals[t1, s + 1 : s + 1 + span_right], signals[t1 + 1, s + 1 : s + 1 + span_right]
-                a2, b2 = signals[t2, s + 2 : s + 2 + span_right], signals[t2 + 1, s + 2 : s + 2 + span_right]
-                a3, b3 = signals[t3, s + 3 : s + 3 + span_right], signals[t3 + 1, s + 3 : s + 3 + span_right]
-                row = out[z, :span_right]
-                for j in range(span_right):
-                    row[j] += (u0 * a0[j] + w0 * b0[j] + u1 * a1[j] + w1 * b1[j]) + (
-                        u2 * a2[j] + w2 * b2[j] + u3 * a3[j] + w3 * b3[j]
-                    )
+                r0, r1, r2, r3 = t0 * wide, t1 * wide, t2 * wide, t3 * wide
+                s = from_right
+                starts = (r0 + s, r1 + s + 1, r2 + s + 2, r3 + s + 3)
+                _add_four(image, values, z * columns, span_right, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
                 if m == 0 and right == left:
                     # The element straight above a column stands once in the sum.
-                    u0, w0 = zero, zero
-                s = PAD + left - m + columns - span_left
-                a0, b0 = signals[t0, s : s + span_left], signals[t0 + 1, s : s + span_left]
-                a1, b1 = signals[t1, s - 1 : s - 1 + span_left], signals[t1 + 1, s - 1 : s - 1 + span_left]
-                a2, b2 = signals[t2, s - 2 : s - 2 + span_left], signals[t2 + 1, s - 2 : s - 2 + span_left]
-                a3, b3 = signals[t3, s - 3 : s - 3 + span_left], signals[t3 + 1, s - 3 : s - 3 + span_left]
-                row = out[z, columns - span_left :]
-                for j in range(span_left):
-                    row[j] += (u0 * a0[j] + w0 * b0[j] + u1 * a1[j] + w1 * b1[j]) + (
-                        u2 * a2[j] + w2 * b2[j] + u3 * a3[j] + w3 * b3[j]
-                    )
+                    u0, w0 = np.float32(0), np.float32(0)
+                s = from_left
+                starts = (r0 + s, r1 + s - 1, r2 + s - 2, r3 + s - 3)
+                to = (z + 1) * columns - span_left
+                _add_four(image, values, to, span_left, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
+        for z in range(start, stop):
+            for c in range(columns):
+                out[z, c] *= scale[z, c]
 
 
 @compiled

@@ -109,14 +109,15 @@ def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -
     """Image of filtered channels (from `filtering.band_pass`), shape (depth, lateral), in the unit of the signals."""
     if signals.shape[0] != grid.samples:
         raise ConfigError(f"beamform: records of {signals.shape[0]} samples, and tables for {grid.samples}")
-    sums = np.empty((len(grid.depth_m), signals.shape[1] - 2 * PAD), np.float32)
     image = np.empty((len(grid.depth_m), len(grid.lateral_m)), np.float32)
     for number, table in enumerate(grid.tables):
         right = 0 if table.offset == 0 else 1
-        delay_and_sum(signals, table.first, table.weight, right, 0, sums)
+        sums = np.empty((len(grid.depth_m), signals.shape[1] - 2 * PAD), np.float32)
+        delay_and_sum(signals, table.first, table.weight, table.scale, right, 0, sums)
+        if len(grid.tables) == 1 and sums.shape[1] == len(grid.lateral_m):
+            return sums
         part = image[:, number :: len(grid.tables)]
-        columns = part.shape[1]
-        np.multiply(sums[:, :columns], table.scale[:, :columns], out=part)
+        part[:] = sums[:, : part.shape[1]]
     return image
 
 

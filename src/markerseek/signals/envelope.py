@@ -5,6 +5,8 @@ Unlike a transform over the whole depth it smears nothing from one end of the im
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float32, Float64
 
@@ -17,11 +19,14 @@ ENVELOPE_MARGIN = 2 * QUADRATURE_TAPS
 """Rows above and below a row that its envelope depends on."""
 
 
+@lru_cache(maxsize=1)
 def quadrature_taps() -> Float64[np.ndarray, " taps"]:
     """One side of the Hilbert transformer 2/(pi n), n = 1, 3, 5 ..., under a Kaiser window (beta 5)."""
     n = 2 * np.arange(QUADRATURE_TAPS) + 1
     window = np.kaiser(4 * QUADRATURE_TAPS + 1, 5.0)[2 * QUADRATURE_TAPS + n]
-    return np.asarray(2 / (np.pi * n) * window)
+    taps = np.asarray(2 / (np.pi * n) * window)
+    taps.flags.writeable = False
+    return taps
 
 
 def envelope(rf: Float32[np.ndarray, "depth lateral"]) -> Float32[np.ndarray, "depth lateral"]:
