@@ -12,7 +12,7 @@ import warnings
 import typer
 
 from markerseek import __version__
-from markerseek.cli import doctor, frame, replay, reproduce, search
+from markerseek.cli import doctor, frame, replay, reproduce, search, study
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import MarkerseekError
 
@@ -25,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for command in (search, replay, frame, reproduce, doctor):
+for command in (search, replay, frame, reproduce, study, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
 
 

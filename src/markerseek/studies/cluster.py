@@ -1,0 +1,71 @@
+"""Chunks on a Dask cluster. Dask is an extra, and imported here only."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Any
+
+from markerseek.core import ConfigError, MarkerseekError, MissingExtraError
+from markerseek.studies.chunks import Chunk, run_chunk
+from markerseek.studies.study import Study
+
+_AHEAD = 3
+"""Chunks under way for each thread of the cluster."""
+
+_TIMEOUT_S = 20
+
+
+def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[Chunk, bytes]]:
+    """Chunks and their lines, each as it is ready; closing the iterator gives up those under way.
+
+    Parameters
+    ----------
+    study, pieces
+        What to compute; its workers need the same version of this package.
+    address
+        Of the scheduler, as in ``tcp://10.0.0.5:8786``.
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    ConfigError
+        If no scheduler answers there.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError as problem:
+        raise MissingExtraError(package="distributed", extra="cluster", purpose="a study on a cluster") from problem
+    try:
+        client = distributed.Client(address, timeout=_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
+    with client:
+        try:
+            yield from _as_ready(distributed, client, study, iter(pieces))
+        except (distributed.KilledWorker, distributed.comm.CommClosedError) as problem:
+            raise MarkerseekError(
+                f"the cluster gave up: {problem}; run the same command again to continue"
+            ) from problem
+
+
+def _as_ready(distributed: Any, client: Any, study: Study, waiting: Iterator[Chunk]) -> Iterator[tuple[Chunk, bytes]]:
+    """Results as they are ready, with a few under way for each thread, so that memory does not grow with the study."""
+    # the study travels once to each worker
+    everywhere = client.scatter(study, broadcast=True, hash=False)
+
+    def submit(piece: Chunk) -> Any:
+        future = client.submit(run_chunk, everywhere, piece, pure=False)
+        under_way[future.key] = piece
+        return future
+
+    under_way: dict[str, Chunk] = {}
+    threads = sum(client.nthreads().values()) or 1
+    ready = distributed.as_completed([submit(piece) for piece in islice(waiting, _AHEAD * threads)])
+    for future in ready:
+        piece = under_way.pop(future.key)
+        for following in islice(waiting, 1):
+            ready.add(submit(following))
+        yield piece, future.result()

@@ -1,0 +1,103 @@
+"""Means, shares and their intervals, from numbers that pass by once.
+
+`Moments` are merged with the formula of T. F. Chan, G. H. Golub and R. J. LeVeque (1979), so that memory does not grow
+with the sample. Intervals: Student's t for a mean, Clopper and Pearson (1934) for a share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from scipy.special import betaincinv, stdtrit
+
+CONFIDENCE = 0.95
+"""Probability that an interval holds what it is made for."""
+
+
+class Moments(msgspec.Struct, frozen=True, kw_only=True):
+    """Number, mean and sum of squared differences from the mean, of what was seen."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Moments:
+        """Moments of these values."""
+        if not values:
+            return cls()
+        mean = float(np.mean(values))
+        return cls(count=len(values), mean=mean, squares=float(np.sum((np.asarray(values) - mean) ** 2)))
+
+    def merged(self, other: Moments) -> Moments:
+        """Moments of both samples together."""
+        count = self.count + other.count
+        if count == 0:
+            return self
+        apart = other.mean - self.mean
+        return Moments(
+            count=count,
+            mean=self.mean + apart * other.count / count,
+            squares=self.squares + other.squares + apart**2 * self.count * other.count / count,
+        )
+
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of a value, with n − 1; None for fewer than two."""
+        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else None
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Interval of the mean, by Student's t; None for fewer than two."""
+        if self.sd is None:
+            return None
+        half = float(stdtrit(self.count - 1, (1 + CONFIDENCE) / 2)) * self.sd / math.sqrt(self.count)
+        return self.mean - half, self.mean + half
+
+
+class Mean(msgspec.Struct, frozen=True, kw_only=True):
+    """A mean with its 95 % interval, and the standard deviation of one value; None where there are too few."""
+
+    count: int
+    mean: float | None
+    interval95: tuple[float, float] | None
+    sd: float | None
+
+    @classmethod
+    def of(cls, moments: Moments) -> Mean:
+        """Mean of what the moments saw."""
+        mean = moments.mean if moments.count else None
+        return cls(count=moments.count, mean=mean, interval95=moments.interval, sd=moments.sd)
+
+
+class Share(msgspec.Struct, frozen=True, kw_only=True):
+    """So many of so many, with the 95 % interval of the probability; None where there were none."""
+
+    hits: int
+    count: int
+    share: float | None
+    interval95: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, hits: int, count: int) -> Share:
+        """Share of hits."""
+        if count == 0:
+            return cls(hits=0, count=0, share=None, interval95=None)
+        return cls(hits=hits, count=count, share=hits / count, interval95=clopper_pearson(hits, count))
+
+
+def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
+    """Exact 95 % interval of a probability that gave so many hits.
+
+    Parameters
+    ----------
+    hits, count
+        Hits, and trials.
+    """
+    tail = (1 - CONFIDENCE) / 2
+    low = 0.0 if hits == 0 else float(betaincinv(hits, count - hits + 1, tail))
+    high = 1.0 if hits == count else float(betaincinv(hits + 1, count - hits, 1 - tail))
+    return low, high
