@@ -5,6 +5,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
+BENCH ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test check bench docs lock clean
@@ -24,8 +25,8 @@ check: .venv/dev  ## look for faults without running: lint, format, types, impor
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/dev  ## time the kernels side by side with other people's programs
-	$(BIN)/python -m benchmarks
+bench: .venv-bench/ready  ## time the kernels side by side with other people's programs
+	.venv-bench/bin/python -m benchmarks $(BENCH)
 
 docs: .venv/dev  ## run the examples of the documentation
 	$(BIN)/python -m pytest -q tests/system/test_examples.py
@@ -34,9 +35,10 @@ lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools
 	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test -c requirements/run.txt -o requirements/dev.txt pyproject.toml
+	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 
 clean:  ## remove the environment and everything made
-	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-bench out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 # The environment grows in two steps, so that the demo does not wait for the tools of the tests. The last line of the
 # first compiles the kernels once, for good.
@@ -50,4 +52,12 @@ clean:  ## remove the environment and everything made
 
 .venv/dev: requirements/dev.txt .venv/run
 	$(PIP) install --require-hashes -r requirements/dev.txt
+	@touch $@
+
+# The programs of others that ours are timed beside are heavy, and have an environment of their own.
+.venv-bench/ready: requirements/bench.txt pyproject.toml
+	@echo "setting up .venv-bench (once)"
+	test -x .venv-bench/bin/python || $(PYTHON) -m venv .venv-bench
+	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/bench.txt
+	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

@@ -7,6 +7,9 @@ and scattered back: it is told to send with all elements at once.
 
 from __future__ import annotations
 
+import contextlib
+import sys
+
 import numpy as np
 import scipy.fft
 
@@ -27,29 +30,37 @@ def esdiva_element(model: AcousticModel, *, source_m: tuple[float, float, float]
     import esdiva
 
     probe = model.probe
-    element = esdiva.transducers.LinearArrayTransducer(
-        n_elements=1,
-        element_width_mm=1e3 * probe.element_width_m,
-        element_height_mm=1e3 * probe.element_height_m,
-        kerf_mm=1e3 * (probe.array.pitch_m - probe.element_width_m),
-        no_sub_x=2,
-        no_sub_y=16,
-        frequency_Hz=7e6,
-    )
+    with contextlib.redirect_stdout(sys.stderr):  # it announces itself
+        element = esdiva.transducers.LinearArrayTransducer(
+            n_elements=1,
+            element_width_mm=1e3 * probe.element_width_m,
+            element_height_mm=1e3 * probe.element_height_m,
+            kerf_mm=1e3 * (probe.array.pitch_m - probe.element_width_m),
+            no_sub_x=2,
+            no_sub_y=32,
+            frequency_Hz=7e6,
+        )
     first, velocity = _velocity(model)
     emission = esdiva.Emission(
-        element, c=model.medium.sound_speed_m_s, fs=model.sampling_hz, excitation=velocity, verbose=False
+        element,
+        c=model.medium.sound_speed_m_s,
+        fs=model.sampling_hz,
+        excitation=velocity,
+        method="spectral",
+        verbose=False,
     )
-    points = np.empty((probe.array.elements, 3))
-    points[:, 0] = 1e3 * (source_m[0] - probe.array.lateral_m)
-    points[:, 1:] = 1e3 * np.array(source_m[1:])
+    points = np.empty((probe.array.elements + 1, 3))
+    points[:-1, 0] = 1e3 * (source_m[0] - probe.array.lateral_m)
+    points[:-1, 1:] = 1e3 * np.array(source_m[1:])
+    # The record ends at the last arrival; one point that is farther off keeps the pulse of the others whole.
+    points[-1] = (0.0, 0.0, 4.0 + np.linalg.norm(points[:-1], axis=1).max())
 
     def work() -> np.ndarray:
         pressure, when = emission(points)
         start = round(when["t0"] * model.sampling_hz) + first
         heard = np.zeros((probe.array.elements, model.samples))
         count = min(len(pressure), model.samples - start)
-        heard[:, start : start + count] = pressure[:count].T
+        heard[:, start : start + count] = pressure[:count, :-1].T
         return heard
 
     return work
