@@ -90,7 +90,9 @@ class OnCounts:
         return self._policy.estimate()
 
 
-def searched(policy: Policy, scanner: Scanner, *, stay: bool = True) -> tuple[list[Sample], Finished]:
+def searched(
+    policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0
+) -> tuple[list[Sample], Finished]:
     """Samples of a search on a rig, in order, and how it ended.
 
     Parameters
@@ -99,6 +101,8 @@ def searched(policy: Policy, scanner: Scanner, *, stay: bool = True) -> tuple[li
         What searches, on what.
     stay
         Whether the last move to the angle found, and the confirmation there, are left out.
+    dark_frames
+        Acquisitions without laser before the first.
 
     Raises
     ------
@@ -106,7 +110,7 @@ def searched(policy: Policy, scanner: Scanner, *, stay: bool = True) -> tuple[li
         Whatever ended the run.
     """
     samples: list[Sample] = []
-    for event in run(policy, scanner, stay=stay):
+    for event in run(policy, scanner, stay=stay, dark_frames=dark_frames):
         if isinstance(event, Measured) and event.role == "search":
             samples.append(event.sample)
         elif isinstance(event, Finished):

@@ -189,7 +189,7 @@ def answers(recordings: Sequence[Recording], effort: Effort) -> list[Answer]:
 
 
 def _answers(recording: Recording) -> list[Answer]:
-    rig = rigs.replayed(recording.path, reference_deg=recording.reference_deg)
+    rig = rigs.replayed(recording.path, reference_deg=recording.reference_deg, between="interpolated")
     limits = rig.limits.search
     maximum_deg = _maximum_deg(rig, read_bank(recording.path).angles_deg)
     reference_deg = maximum_deg if recording.reference_deg is None else recording.reference_deg

@@ -9,6 +9,7 @@ from pathlib import Path
 from markerseek.core import ConfigError
 from markerseek.studies.paper.consistency import consistency
 from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig6 import fig6, table1
 from markerseek.studies.paper.offline import Answer, Recording, answers, simulated_banks
@@ -61,6 +62,7 @@ class Reproduction:
             "fig8": lambda: fig8(self._runs),
             "travel": lambda: travel(self._effort),
             "consistency": lambda: consistency(self._effort),
+            "failures": lambda: failures(self._effort),
         }
 
     def sections(self, names: Sequence[str]) -> Iterator[Section]:

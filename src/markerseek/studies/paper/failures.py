@@ -1,0 +1,305 @@
+"""How searches fail: the paper's rules as a bare program has them, and ours as they stand, under the same faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from markerseek import rigs
+from markerseek.acoustics import Bursts
+from markerseek.core import Frame, MarkerseekError, Receiver
+from markerseek.core.estimate import Found
+from markerseek.guard import Admission, FiringLimits, Permits
+from markerseek.records.replay import IntensityReader
+from markerseek.scan import Scanner
+from markerseek.search import build
+from markerseek.sim import IntensityCurve, SimulatedSettings
+from markerseek.studies.paper import faults
+from markerseek.studies.paper.bare_rules import bare_answer, bare_listener
+from markerseek.studies.paper.curve_runs import Condition
+from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.methods import BUILT, NAMES, Name, searched
+from markerseek.studies.paper.reported import SENSITIVE_DEG
+from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.study import CurveSettings
+from markerseek.studies.trial import intensity_curve
+
+WIDE = Condition(source_radius_m=0.5e-3, peak_snr_db=60.0)
+"""Curve and noise of all faults but one: without a fault, neither set of rules fails on it."""
+
+NARROW = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+"""The default of the simulated rig."""
+
+MARKERS_DEG = 30.0
+"""Markers lie within this of the middle, in degrees, so that no failure is owed to the end of the range."""
+
+MOVED_DEG, MOVED_AFTER = 5.0, 8
+"""How far, and after how many acquisitions, a moving marker moves."""
+
+FADING = 0.97
+"""Factor on the intensity from one acquisition to the next: half is left after 23."""
+
+Rules: TypeAlias = Literal["the paper's", "ours"]
+
+_Spoil: TypeAlias = Callable[[int, Frame, Frame | None], Frame]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One thing that goes wrong.
+
+    Attributes
+    ----------
+    words
+        What it is.
+    condition
+        Curve and noise.
+    present
+        Whether there is a marker.
+    spoil
+        Makes what happens to frames, given a number from 0 to 13 that differs from run to run; None: nothing.
+    shift_deg, fading
+        See `markerseek.studies.paper.faults.ChangingCurve`.
+    peak_counts, bursts
+        Settings of a run on frames of channel data; None: it runs on the curve.
+    """
+
+    words: str
+    condition: Condition = WIDE
+    present: bool = True
+    spoil: Callable[[int], _Spoil] | None = None
+    shift_deg: float = 0.0
+    fading: float = 1.0
+    peak_counts: float | None = None
+    bursts: Bursts | None = None
+
+    @property
+    def frames(self) -> bool:
+        """Whether it needs frames of channel data."""
+        return self.peak_counts is not None or self.bursts is not None
+
+
+_HALF = 0.5 * 10 ** (WIDE.peak_snr_db / 20)
+
+FAULTS: dict[str, Fault] = {
+    "none": Fault(words="no fault"),
+    "no marker": Fault(words="no marker", present=False),
+    "one NaN": Fault(words="one frame NaN", spoil=faults.nan_at),
+    "all NaN": Fault(words="all frames NaN", spoil=lambda _: faults.nan_always),
+    "dead": Fault(words="dead receiver: all intensities 0", spoil=lambda _: faults.dead),
+    "late": Fault(words="frames one step late", spoil=lambda _: faults.late),
+    "clipped": Fault(words="intensities clipped at 50 %", spoil=lambda _: faults.clipped(_HALF)),
+    "narrow": Fault(words="narrow curve over a noise floor, no fault", condition=NARROW),
+    "fading": Fault(words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING),
+    "moving": Fault(words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG),
+    "clipped channels": Fault(words="channels clipped at 50 % (from frames)", peak_counts=4094.0),
+    "bursts": Fault(
+        words="bursts of noise in one frame of ten (from frames)", bursts=Bursts(frame_probability=0.1, gain=20.0)
+    ),
+}
+"""All faults by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """One search under one fault."""
+
+    fault: str
+    marker_deg: float
+    number: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """How one search under a fault ended.
+
+    Attributes
+    ----------
+    fault, rules, method
+        What went wrong, and who searched.
+    error_deg
+        Angle answered less the marker's, in degrees; None where no angle was claimed.
+    """
+
+    fault: str
+    rules: Rules
+    method: Name
+    error_deg: float | None
+
+
+def failures(effort: Effort) -> Section:
+    """Table of failures: share of runs that are off by more than 4.33°, and share that claim no angle.
+
+    Parameters
+    ----------
+    effort
+        What may be used.
+    """
+    outcomes = outcomes_of(effort)
+    return Section(
+        name="failures",
+        title="Failures: the paper's rules without a guard, and ours as they stand",
+        method=(
+            (
+                f"Markers within ±{MARKERS_DEG:g}°, {WIDE.words} unless said otherwise ({NARROW.words} for the narrow "
+                "curve). The paper's rules are written out as a program has them that checks nothing: what comes is "
+                "taken for an intensity, TS and GSS make 28 acquisitions, WA goes in 5° steps and ends early. Ours are "
+                "the guarded forms of the same methods with three dark frames, behind the guard's admission, with "
+                "their default numbers of acquisitions. All meet the same markers and the same faults."
+            ),
+            (
+                f"Off: an angle is claimed and lies more than {SENSITIVE_DEG}° from the marker; without a marker, from "
+                "where it would have been. No angle: refused, not found, at a bound or unsure; of the bare rules, a "
+                "result that is no number."
+            ),
+        ),
+        tables=(_table(outcomes),),
+        remarks=_remarks(outcomes),
+    )
+
+
+def outcomes_of(effort: Effort) -> list[Outcome]:
+    """Outcomes of every method under every fault, with both sets of rules.
+
+    Parameters
+    ----------
+    effort
+        What may be used.
+    """
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
+    runs = []
+    for name, fault in FAULTS.items():
+        count = max(4, round((10 if fault.frames else 120) * effort.share))
+        for number, marker_deg in enumerate(rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)):
+            runs.append(_Run(fault=name, marker_deg=float(marker_deg), number=number, seed=int(rng.integers(2**31))))
+    parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]
+    return [outcome for part in effort.each(_outcomes, parts, what="failures") for outcome in part]
+
+
+def _outcomes(runs: tuple[_Run, ...]) -> list[Outcome]:
+    outcomes = []
+    for run in runs:
+        for name in NAMES:
+            for rules, answer in (("the paper's", _bare), ("ours", _guarded)):
+                angle_deg = answer(run, name)
+                truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
+                outcomes.append(
+                    Outcome(
+                        fault=run.fault,
+                        rules="ours" if rules == "ours" else "the paper's",
+                        method=name,
+                        error_deg=None if angle_deg is None else angle_deg - truth_deg,
+                    )
+                )
+    return outcomes
+
+
+def _bare(run: _Run, name: Name) -> float | None:
+    rig, receiver, settings = _rig(run)
+    hear = bare_listener(rig.stage, rig.laser, receiver, rig.imaging or IntensityReader(), pulses=settings.laser.pulses)
+    # What numpy says about NaN the program does not read.
+    with np.errstate(invalid="ignore"):
+        angle_deg = bare_answer(name, hear)
+    return None if math.isnan(angle_deg) else angle_deg
+
+
+def _guarded(run: _Run, name: Name) -> float | None:
+    rig, receiver, settings = _rig(run)
+    scanner = Scanner(
+        stage=rig.stage,
+        laser=rig.laser,
+        receiver=receiver,
+        reader=rig.imaging or IntensityReader(),
+        clock=rig.scanner.clock,
+        limits=rig.limits,
+        permits=Permits(FiringLimits()),
+        admission=Admission(),
+        pulses=settings.laser.pulses,
+    )
+    policy = build(BUILT[name], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    try:
+        _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
+    except MarkerseekError:
+        return None
+    return finished.estimate.mean_deg if isinstance(finished.estimate, Found) else None
+
+
+def _rig(run: _Run) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:
+    """Fresh rig of a run, and its receiver with the fault in it."""
+    fault = FAULTS[run.fault]
+    settings = fault.condition.settings
+    settings = replace(settings, marker=replace(settings.marker, angle_deg=run.marker_deg, present=fault.present))
+    if fault.frames:
+        settings = replace(settings, noise=replace(settings.noise, bursts=fault.bursts))
+        if fault.peak_counts is not None:
+            settings = replace(settings, receiver=replace(settings.receiver, peak_counts=fault.peak_counts))
+        rig = rigs.simulated(seed=run.seed, settings=settings)
+    else:
+        curve, cells = intensity_curve(CurveSettings(), fault.condition.settings, seed=0)
+        changing: IntensityCurve | None = curve
+        if curve is not None and (fault.shift_deg or fault.fading != 1.0):
+            changing = faults.ChangingCurve(
+                inner=curve, shift_deg=fault.shift_deg, after=MOVED_AFTER, fading=fault.fading
+            )
+        rig = rigs.of_intensities(
+            seed=run.seed,
+            curve=changing if fault.present else None,
+            marker_deg=run.marker_deg,
+            cells=cells,
+            settings=settings,
+        )
+    receiver: Receiver = rig.receiver
+    if fault.spoil is not None:
+        receiver = faults.FaultyReceiver(receiver, fault.spoil(run.number % 14))
+    return rig, receiver, settings
+
+
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for fault, rules, method in dict.fromkeys((each.fault, each.rules, each.method) for each in outcomes):
+        here = [o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, method)]
+        errors = [o.error_deg for o in here if o.error_deg is not None]
+        rows.append(
+            (
+                FAULTS[fault].words,
+                method,
+                rules,
+                len(here),
+                _off(here),
+                1 - len(errors) / len(here),
+                float(np.mean(errors)) if errors else None,
+            )
+        )
+    return Table(
+        name="failures",
+        caption="Share of runs off by more than 4.33°, share that claim no angle, and mean of the signed error",
+        columns=("fault", "method", "rules", "runs", "off", "no_angle", "mean_signed_error_deg"),
+        rows=tuple(rows),
+    )
+
+
+def _off(outcomes: Sequence[Outcome]) -> float:
+    """Share of runs that claim an angle and are off by more than the sensitive range."""
+    return float(np.mean([each.error_deg is not None and abs(each.error_deg) > SENSITIVE_DEG for each in outcomes]))
+
+
+def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+    remarks = []
+    for rules in ("the paper's", "ours"):
+        worst = {
+            fault: max(
+                _off([o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, name)]) for name in NAMES
+            )
+            for fault in FAULTS
+        }
+        bad = {fault: share for fault, share in worst.items() if share > 0}
+        said = ", ".join(f"{FAULTS[fault].words} ({share:.0%})" for fault, share in bad.items()) or "none"
+        remarks.append(
+            f"Faults under which a method of {rules} rules claims a wrong angle, with the largest share: {said}."
+        )
+    return tuple(remarks)
