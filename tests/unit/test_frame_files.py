@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from markerseek.core import RecordError
 from markerseek.records.frame_files import load_frame
@@ -161,14 +161,14 @@ def test_npy(tmp_path, order, dtype):
     np.testing.assert_array_equal(load_frame(tmp_path / "a.npy").samples, samples)
 
 
-def mat_bytes(**changes):
+def mat_bytes(*, compress=False, **changes):
     content = {
         "AdcData_frame000": np.arange(32 * 20 * 4).reshape(32, 20, 4).astype(np.int16),
         "SampleNum": np.int32(15),
         **changes,
     }
     stream = io.BytesIO()
-    savemat(stream, {k: v for k, v in content.items() if v is not None}, do_compression=changes.pop("zip", False))
+    savemat(stream, {k: v for k, v in content.items() if v is not None}, do_compression=compress)
     return stream.getvalue()
 
 
@@ -210,6 +210,15 @@ def test_a_mat_that_unpacks_to_much_more_is_refused(tmp_path):
     (tmp_path / "a.mat").write_bytes(data)
     with pytest.raises(RecordError, match="times as many"):
         load_frame(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("top", [2, 100, 2047])
+def test_mat_is_read_as_scipy_reads_it(tmp_path, compress, top):
+    data = np.random.default_rng(2).integers(-top, top, (32, 50, 4)).astype(np.int16)
+    savemat(tmp_path / "a.mat", {"AdcData_frame000": data, "SampleNum": 37.0, "x": "text"}, do_compression=compress)
+    theirs = loadmat(tmp_path / "a.mat")["AdcData_frame000"].transpose(0, 2, 1).reshape((128, 50), order="F")[:, :37]
+    np.testing.assert_array_equal(load_frame(tmp_path / "a.mat").samples, theirs)
 
 
 def npy_header(text):
@@ -266,7 +275,7 @@ def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, data, kind):
         np.save(stream, pulses_of()[0])
         whole = stream.getvalue()
     else:
-        whole = mat_bytes(zip=kind.startswith("zip"))
+        whole = mat_bytes(compress=kind.startswith("zip"))
     damaged = bytearray(whole)
     for _ in range(data.draw(st.integers(1, 6))):
         damaged[data.draw(st.integers(0, 400) | st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))

@@ -1,26 +1,29 @@
 """Frames in the ``.mat`` layout of Allman, Reiter and Bell's photoacoustic data set (IEEE TMI 2018).
 
-SciPy reads the file. Before that, compressed variables are unpacked here with a limit, for a file of some kilobytes
-can otherwise ask for gigabytes.
+Written out for the few fields that a frame needs ("MAT-File Level 5 File Format", The MathWorks), because SciPy's
+reader can be made to crash the interpreter by damaged bytes, and to ask for gigabytes by a file of some kilobytes. The
+tests hold it against SciPy's on whole files.
 """
 
 from __future__ import annotations
 
-import io
+import math
 import struct
-import warnings
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import RecordError
 
-_FRAME = "AdcData_frame000"
+_FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _HEADER_BYTES = 128
-_COMPRESSED = 15
+_MATRIX, _COMPRESSED = 14, 15
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_INT16_CLASS, _NUMERIC_CLASSES = 10, range(6, 16)
+_COMPLEX = 0x800
 _MOST_PER_BYTE = 32
 
 
@@ -29,80 +32,82 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
 
     ``AdcData_frame000`` is (32, AlignedSampleNum, 4): channel c stands in row c mod 32 of bank c div 32.
     """
+    data = path.read_bytes()
     try:
-        kinds, content = _read(_unpacked(path))
-    except RecordError:
-        raise
-    # The parser is other people's and the bytes are a stranger's: whatever it raises says that it cannot read them.
-    except Exception as error:
-        raise RecordError(f"{path}: damaged .mat file ({error}); fetch or save it again") from error
-    if content is None:
-        found = ", ".join(f"{name} {kind} {shape}" for name, (shape, kind) in sorted(kinds.items())[:8]) or "nothing"
+        arrays = dict(_arrays(data))
+    # Lengths that lead out of the data, numbers that are no text, streams that are not compressed.
+    except (ValueError, struct.error, zlib.error) as error:
+        raise RecordError(f"{path}: {len(data)} bytes, cut off or damaged: {error}; fetch or save it again") from error
+    frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
+    if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
+        found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
         raise RecordError(
-            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and SampleNum expected, found {found}; "
+            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {found}; "
             "save channel data as an .npy of int16 (channels, samples) instead"
         )
-    frame, count = content
-    shape = kinds[_FRAME][0]
-    samples = int(count.flat[0]) if count.size == 1 and count.dtype.kind in "iu" else 0
-    if frame.shape != shape or not 1 <= samples <= shape[1]:
+    aligned = frame.shape[1]
+    if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
         raise RecordError(
-            f"{path}: SampleNum is {samples}, expected a number from 1 to AlignedSampleNum, {shape[1]}; "
-            "the file is damaged: fetch or save it again"
+            f"{path}: {_COUNT} is {count.ravel()[:4].tolist()}, expected a number from 1 to AlignedSampleNum, "
+            f"{aligned}; the file is damaged: fetch or save it again"
         )
-    channels = frame.transpose(0, 2, 1).reshape((128, shape[1]), order="F")[:, :samples]
+    channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
     return np.ascontiguousarray(channels, dtype=np.int16)
 
 
-def _read(stream: Any) -> tuple[dict[str, tuple[tuple[int, ...], str]], tuple[np.ndarray, np.ndarray] | None]:
-    """Shapes and kinds of the variables, and the two that make a frame if they are there."""
-    # Slow to import, and needed for this format alone. Its stubs know file names only, so the stream is Any.
-    from scipy.io import loadmat, whosmat
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        kinds = {name: (tuple(shape), str(kind)) for name, shape, kind in whosmat(stream)}
-        shape, kind = kinds.get(_FRAME, ((), ""))
-        if kind != "int16" or len(shape) != 3 or (shape[0], shape[2]) != (32, 4) or "SampleNum" not in kinds:
-            return kinds, None
-        stream.seek(0)
-        content = loadmat(stream, variable_names=[_FRAME, "SampleNum"])
-    return kinds, (np.asarray(content[_FRAME]), np.asarray(content["SampleNum"]))
-
-
-def _unpacked(path: Path) -> io.BytesIO:
-    """The file with every compressed variable unpacked; at most 32 bytes for each of its bytes."""
-    data = path.read_bytes()
+def _arrays(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Names and values of the real numeric variables in the file."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None or data[124:126] not in (b"\x00\x01", b"\x01\x00"):
-        raise RecordError(
-            f"{path}: no MATLAB 5 file (.mat of version 6 or 7); save it again with the option -v7 or -v6"
-        )
-    limit = _MOST_PER_BYTE * len(data)
-    parts, place = [data[:_HEADER_BYTES]], _HEADER_BYTES
+    if order is None or struct.unpack_from(f"{order}H", data, 124)[0] != 0x0100:
+        raise ValueError("no MATLAB 5 file (.mat of version 6 or 7, saved with -v6 or -v7)")
+    left = _MOST_PER_BYTE * len(data)
+    place = _HEADER_BYTES
     while place < len(data):
-        if place + 8 > len(data):
-            raise RecordError(f"{path}: {len(data)} bytes found, the file is cut off; fetch or save it again")
-        kind, size = struct.unpack_from(f"{order}2I", data, place)
-        end = place + 8 + size
-        if end > len(data):
-            raise RecordError(
-                f"{path}: {len(data)} bytes found, at least {end} expected; the file is cut off: fetch or save it again"
-            )
+        kind, body, place = _element(data, place, order)
         if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
-            try:
-                part = unpacker.decompress(data[place + 8 : end], limit + 1)
-            except zlib.error as error:
-                raise RecordError(f"{path}: damaged compressed variable ({error}); fetch or save it again") from error
-            limit -= len(part)
-            if limit < 0:
-                raise RecordError(
-                    f"{path}: {len(data)} bytes unpack to more than {_MOST_PER_BYTE} times as many; this is no "
-                    "recording: save it again without compression (-v6)"
-                )
-        else:
-            part = data[place:end]
-        parts.append(part)
-        place = end
-    return io.BytesIO(b"".join(parts))
+            unpacked = unpacker.decompress(body, left + 1)
+            left -= len(unpacked)
+            if left < 0:
+                raise ValueError(f"it unpacks to more than {_MOST_PER_BYTE} times as many")
+            kind, body, _ = _element(unpacked, 0, order)
+        if kind == _MATRIX and (array := _array(body, order)) is not None:
+            yield array
+
+
+def _element(data: bytes, place: int, order: str) -> tuple[int, bytes, int]:
+    """Kind and body of the data element at a place, and where the next one begins."""
+    kind, size = struct.unpack_from(f"{order}2I", data, place)
+    if kind >> 16:
+        # The short form: kind and size share four bytes, and the body has the other four.
+        kind, size, start, after = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        if size > 4:
+            raise ValueError(f"a short element of {size} bytes, at most 4 expected")
+    else:
+        start = place + 8
+        after = start + (size if kind == _COMPRESSED else -(-size // 8) * 8)
+    if start + size > len(data):
+        raise ValueError(f"{len(data)} bytes found, at least {start + size} expected")
+    return kind, data[start : start + size], after
+
+
+def _array(body: bytes, order: str) -> tuple[str, np.ndarray] | None:
+    """Name and values of a variable; None if it is no array of real numbers."""
+    _, flags, place = _element(body, 0, order)
+    word = struct.unpack_from(f"{order}I", flags)[0]
+    if word & 0xFF not in _NUMERIC_CLASSES or word & _COMPLEX:
+        return None
+    _, sizes, place = _element(body, place, order)
+    shape = tuple(int(each) for each in np.frombuffer(sizes, f"{order}i4"))
+    _, name, place = _element(body, place, order)
+    kind, numbers, _ = _element(body, place, order)
+    if kind not in _NUMBERS:
+        raise ValueError(f"numbers of the unknown kind {kind}")
+    values = np.frombuffer(numbers, f"{order}{_NUMBERS[kind]}")
+    if not shape or min(shape) < 0 or math.prod(shape) != values.size:
+        raise ValueError(f"{values.size} numbers found, {shape} expected")
+    values = values.reshape(shape, order="F")
+    if word & 0xFF == _INT16_CLASS and values.dtype.kind in "iu" and values.dtype.itemsize <= 2:
+        # Small numbers may be stored in fewer bytes than their class has.
+        values = values.astype(np.int16)
+    return name.decode("ascii"), values

@@ -92,7 +92,7 @@ def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
         if dtype.newbyteorder("=") != np.int16 or len(shape) != 2 or min(shape) < 1 or shape[0] > shape[1]:
             raise RecordError(
                 f"{path}: {dtype} of shape {shape} found, int16 of shape (channels, samples) expected; "
-                "convert it to ADC counts with one row per channel"
+                "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
             )
         expected = file.tell() + 2 * shape[0] * shape[1]
         if size != expected:
@@ -154,4 +154,8 @@ def _daq_files(folder: Path) -> dict[int, Path]:
 def _daq_header(path: Path) -> sonixdaq.DaqHeader:
     size = _check_regular(path)
     with path.open("rb") as file:
-        return sonixdaq.decode_header(file.read(sonixdaq.HEADER_BYTES), size=size, name=str(path.name))
+        head = file.read(sonixdaq.HEADER_BYTES)
+    try:
+        return sonixdaq.decode_header(head, size=size, name=path.name)
+    except RecordError as error:
+        raise RecordError(f"{path.parent}: {error}") from error
