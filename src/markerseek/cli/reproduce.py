@@ -16,7 +16,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"
     "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
-    "  markerseek reproduce fig6 --bank examples/scan.csv --reference-deg 12.5 --out mine"
+    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg 12.5 --out mine"
 )
 
 
@@ -74,7 +74,9 @@ def command(
     elif reference_deg is not None:
         raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
     with stages_bar() as advance:
-        effort = Effort(seed=seed, markers=markers, workers=workers or os.cpu_count() or 1, advance=advance)
+        effort = Effort(
+            seed=seed, markers=markers, workers=(os.cpu_count() or 1) if workers is None else workers, advance=advance
+        )
         reproduction = Reproduction(effort=effort, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]
         sections, files = [], []

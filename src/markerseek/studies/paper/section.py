@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
@@ -12,6 +11,7 @@ from jaxtyping import Float64
 
 from markerseek.core import ConfigError
 from markerseek.studies.paper.reported import SENSITIVE_DEG, Reported, reported
+from markerseek.studies.statistics import Moments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,15 +77,15 @@ class Errors:
 
 def errors_of(error_deg: Float64[np.ndarray, " searches"]) -> Errors:
     """Summary of the absolute errors of one search or more, in degrees."""
-    count = error_deg.size
-    if count == 0:
+    if error_deg.size == 0:
         raise ConfigError("errors: there are none to be summed up; run one search at least")
-    spread_deg = float(np.std(error_deg, ddof=1)) if count > 1 else None
+    moments = Moments.of(error_deg.tolist())
+    interval = moments.interval
     return Errors(
-        count=count,
-        mean_deg=float(np.mean(error_deg)),
-        spread_deg=spread_deg,
-        half_deg=None if spread_deg is None else 1.96 * spread_deg / math.sqrt(count),
+        count=moments.count,
+        mean_deg=moments.mean,
+        spread_deg=moments.sd,
+        half_deg=None if interval is None else (interval[1] - interval[0]) / 2,
         failed=float(np.mean(error_deg > SENSITIVE_DEG)),
     )
 

@@ -51,8 +51,11 @@ def quiet_track(name: Name, marker_deg: float, *, acquisitions: int) -> tuple[li
     return track, policy.estimate().mean_deg
 
 
-def nearer_first(track_deg: Sequence[float], *, start_deg: float) -> list[float]:
-    """The same pairs of angles, each begun with the angle nearer to where the probe stands.
+def shortest_order(track_deg: Sequence[float], *, start_deg: float) -> list[float]:
+    """The same pairs of angles, each in the order that makes the whole way shortest.
+
+    A program cannot travel so, because it would have to know the later pairs; none that measures the same pairs
+    travels less.
 
     Parameters
     ----------
@@ -61,12 +64,17 @@ def nearer_first(track_deg: Sequence[float], *, start_deg: float) -> list[float]
     start_deg
         Where the probe stands at first, in degrees.
     """
-    ordered: list[float] = []
-    place_deg = start_deg
-    for pair in zip(track_deg[::2], track_deg[1::2], strict=True):
-        ordered += sorted(pair, key=lambda angle_deg, at=place_deg: abs(angle_deg - at))  # type: ignore[misc]
-        place_deg = ordered[-1]
-    return ordered
+    ways: list[tuple[float, list[float]]] = [(0.0, [start_deg])]
+    for left_deg, right_deg in zip(track_deg[::2], track_deg[1::2], strict=True):
+        # Of all ways that end at the same angle only the shortest can be part of the shortest whole.
+        ways = [
+            min(
+                ((length + abs(first - way[-1]) + abs(last - first), [*way, first, last]) for length, way in ways),
+                key=lambda way: way[0],
+            )
+            for first, last in ((left_deg, right_deg), (right_deg, left_deg))
+        ]
+    return min(ways, key=lambda way: way[0])[1][1:]
 
 
 def travel_deg(track_deg: Sequence[float]) -> float:
@@ -165,7 +173,7 @@ def _ways(name: Name, tracks: Sequence[list[float]]) -> list[_Way]:
     low_deg = PAPER_RANGE.low_deg
     orders: dict[str, Callable[[list[float]], list[float]]] = {"as printed": lambda track: track}
     if name != "WA":
-        orders["nearer angle first"] = lambda track: nearer_first(track, start_deg=low_deg)
+        orders["shortest order"] = lambda track: shortest_order(track, start_deg=low_deg)
     ways = []
     for order, ordered in orders.items():
         for start, before in {"from the first angle": [], "from -35 deg": [low_deg]}.items():
