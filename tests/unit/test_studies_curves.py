@@ -1,0 +1,208 @@
+"""Intensity curves and their world: against closed forms and distributions of SciPy, then as devices and in searches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import optimize, stats
+from scipy.interpolate import PchipInterpolator
+
+from markerseek import rigs
+from markerseek.core import ConfigError, Finished, FrameHeader, Interval, Laser, NotFound, Receiver, Stage
+from markerseek.scan import run
+from markerseek.search import build
+from markerseek.sim import (
+    CurveWorld,
+    Flash,
+    GaussianCurve,
+    IntensityCurve,
+    LaserSettings,
+    MarkerSettings,
+    NoiseSettings,
+    PowerCurve,
+    RecordedCurve,
+    SechCurve,
+    SimulatedLaser,
+    SimulatedReceiver,
+    SimulatedSettings,
+    SimulatedStage,
+    StageMotion,
+    VirtualClock,
+)
+from markerseek.testing import LaserContract, ReceiverContract, StageContract
+
+HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+FLASH = Flash(at_s=0.0, pulses=1, energy=1.0)
+CLOSED: dict[str, IntensityCurve] = {
+    "gaussian": GaussianCurve(fwhm_deg=7.0),
+    "sech": SechCurve(fwhm_deg=7.0),
+    "lorentz": PowerCurve(fwhm_deg=7.0, power=2.0),
+    "edge waves": PowerCurve(fwhm_deg=7.0, power=1.0),
+}
+
+
+def world(curve: IntensityCurve | None, *, peak: float = 100.0, sigma: float = 1.0, seed: int = 1) -> CurveWorld:
+    return CurveWorld(
+        curve=curve,
+        marker_deg=0.0,
+        peak=peak,
+        noise_sigma=sigma,
+        cells=460_000,
+        energy_jitter=0.0,
+        start_deg=0.0,
+        rng=np.random.default_rng(seed),
+    )
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_closed_form_is_one_on_the_marker_even_and_half_at_half_its_width(name: str) -> None:
+    curve = CLOSED[name]
+    half = optimize.brentq(lambda t: curve.peaks(t)[0] - 0.5, 0, 30)
+    assert 2 * half == pytest.approx(7.0)
+    assert curve.peaks(0.0)[0] == 1.0
+    assert curve.peaks(-3.1) == curve.peaks(3.1)
+
+
+def test_the_tails_fall_as_they_are_named() -> None:
+    t = 1000.0
+    assert PowerCurve(fwhm_deg=5.0, power=1.5).peaks(t)[0] == pytest.approx((2 * t / 5) ** -1.5, rel=1e-3)
+    assert SechCurve(fwhm_deg=5.0).peaks(40.0)[0] == pytest.approx(2 * math.exp(-16 * math.acosh(2)), rel=1e-6)
+    assert SechCurve(fwhm_deg=0.001).peaks(80.0)[0] < 1e-300
+    assert GaussianCurve(fwhm_deg=5.0).peaks(10.0)[0] == pytest.approx(2.0**-16)
+
+
+@given(st.floats(-45, 45))
+def test_a_recorded_curve_is_monotone_cubic_between_its_angles(t: float) -> None:
+    angles = np.array([-40.0, -10, -3, 0, 2, 9, 41])
+    heights = np.array([[0.0, 0.0], [0.1, 0.05], [0.5, 0.4], [1.0, 0.9], [0.6, 0.6], [0.2, 0.0], [0.01, 0.0]])
+    inside = min(max(t, -40.0), 41.0)
+    assert RecordedCurve(angles, heights).peaks(t) == pytest.approx(PchipInterpolator(angles, heights)(inside), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("angles", "heights", "message"),
+    [
+        ([0.0], [[1.0]], "at least two angles"),
+        ([0.0, 0.0], [[1.0], [1.0]], "each above the one before"),
+        ([0.0, math.nan], [[1.0], [1.0]], "each above the one before"),
+        ([0.0, 1.0], [[1.0]], r"shape \(1, 1\)"),
+        ([0.0, 1.0], [[1.0], [-0.1]], "not negative"),
+        ([0.0, 1.0], [[1.0], [math.nan]], "finite"),
+    ],
+)
+def test_a_recording_that_is_no_curve_is_refused(angles: list[float], heights: list[list[float]], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        RecordedCurve(np.array(angles), np.array(heights))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_widths_powers_and_levels_that_cannot_be_are_refused(value: float) -> None:
+    for make in (
+        lambda: GaussianCurve(fwhm_deg=value),
+        lambda: SechCurve(fwhm_deg=value),
+        lambda: PowerCurve(fwhm_deg=5.0, power=value),
+        lambda: world(None, peak=value),
+        lambda: world(None, sigma=value),
+    ):
+        with pytest.raises(ConfigError, match="must be positive and finite"):
+            make()
+
+
+def test_a_strong_peak_is_distributed_as_a_noncentral_chi_of_two_places_and_two_quadratures() -> None:
+    loud = world(GaussianCurve(fwhm_deg=7.0), peak=30.0, sigma=2.0)
+    drawn = np.array([loud.frame(FLASH, header=HEADER).intensity for _ in range(4000)]) / 2.0
+    assert stats.kstest(drawn**2, stats.ncx2(4, 15.0**2).cdf).pvalue > 0.01
+
+
+def test_the_largest_noise_is_distributed_as_peaks_above_a_level_are_counted() -> None:
+    silent = world(None)
+    drawn = np.array([silent.frame(FLASH, header=HEADER).intensity for _ in range(4000)])
+    rate = 0.55 * 460_000 / (2 * math.log(460_000 / 1e-3) - 1)
+    assert stats.kstest(drawn, lambda u: np.exp(-rate * (u**2 - 1) * np.exp(-(u**2) / 2))).pvalue > 0.01
+
+
+def test_two_equal_peaks_are_louder_than_one_and_scatter_less() -> None:
+    """The largest of two independent normals has the mean 1/sqrt(pi) and the variance 1 - 1/pi."""
+    angles = np.array([-1.0, 1.0])
+    both = world(RecordedCurve(angles, np.ones((2, 2))), peak=1000.0)
+    drawn = np.array([both.frame(FLASH, header=HEADER).intensity for _ in range(4000)]) - 1000
+    assert drawn.mean() == pytest.approx(1 / math.sqrt(math.pi), abs=0.05)
+    assert drawn.std() == pytest.approx(math.sqrt(1 - 1 / math.pi), abs=0.04)
+
+
+def test_a_dark_frame_is_noise_and_says_how_strong_it_is() -> None:
+    frame = world(GaussianCurve(fwhm_deg=7.0), sigma=3.0).frame(None, header=HEADER)
+    assert 3 * 3.5 < frame.intensity < 3 * 8
+    assert (frame.noise_sigma, frame.cells) == (3.0, 460_000)
+
+
+def test_the_energy_of_the_light_scales_the_peak() -> None:
+    bright = Flash(at_s=0.0, pulses=1, energy=1.5)
+    one, more = (world(GaussianCurve(fwhm_deg=7.0), peak=1e6).frame(f, header=HEADER).intensity for f in (FLASH, bright))
+    assert more / one == pytest.approx(1.5, rel=1e-5)
+
+
+def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_truth_is_the_marker() -> None:
+    def search(seed: int) -> Finished:
+        settings = SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0))
+        rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
+        assert rig.truth_deg == 12.5
+        *_, last = run(build("weighted-average", start_deg=0.0), rig.scanner, dark_frames=rig.dark_frames)
+        assert isinstance(last, Finished)
+        return last
+
+    assert search(3) == search(3)
+    assert search(3).estimate.mean_deg == pytest.approx(12.5, abs=0.5)
+    assert search(3).estimate.mean_deg != search(4).estimate.mean_deg
+
+
+def test_without_a_marker_a_guarded_search_finds_nothing_and_there_is_no_truth() -> None:
+    rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
+    *_, last = run(build("weighted-average", acquisitions=29), rig.scanner, dark_frames=rig.dark_frames)
+    assert rig.truth_deg is None
+    assert isinstance(last, Finished)
+    assert isinstance(last.estimate, NotFound)
+    assert last.estimate.floor is not None
+    assert last.estimate.floor.source == "dark frames"
+    hidden = SimulatedSettings(marker=MarkerSettings(present=False))
+    assert rigs.of_intensities(seed=1, curve=SechCurve(fwhm_deg=5.0), marker_deg=0.0, settings=hidden).truth_deg is None
+
+
+def test_the_energy_jitter_of_the_settings_reaches_the_intensities() -> None:
+    steady, shaky = (
+        rigs.of_intensities(
+            seed=1,
+            curve=SechCurve(fwhm_deg=8.0),
+            marker_deg=0.0,
+            settings=SimulatedSettings(
+                noise=NoiseSettings(peak_snr_db=80.0), laser=LaserSettings(energy_jitter=jitter, pulses=4)
+            ),
+        )
+        for jitter in (0.0, 0.1)
+    )
+    scatter = [np.std([rig.scanner.measure(0.0).reading.intensity for _ in range(200)]) for rig in (steady, shaky)]
+    assert scatter[0] == pytest.approx(1.0, rel=0.2)
+    assert scatter[1] == pytest.approx(0.05 * 10**4, rel=0.2)
+
+
+class TestStage(StageContract):
+    resolution_deg = 0.5 / 1919.6418578623391
+
+    def make(self) -> Stage:
+        travel = Interval(low_deg=-36.5, high_deg=36.5)
+        return SimulatedStage(world=world(None), clock=VirtualClock(), motion=StageMotion(), travel=travel)
+
+
+class TestLaser(LaserContract):
+    def make(self) -> Laser:
+        return SimulatedLaser(world=world(None), clock=VirtualClock())
+
+
+class TestReceiver(ReceiverContract):
+    def make(self) -> tuple[Receiver, Laser]:
+        around, clock = world(SechCurve(fwhm_deg=5.0)), VirtualClock()
+        return SimulatedReceiver(world=around, clock=clock, readout_s=0.1), SimulatedLaser(world=around, clock=clock)
