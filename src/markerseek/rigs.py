@@ -6,17 +6,19 @@ recorded scan. All run under the same `Scanner`.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from markerseek.acoustics import Digitiser
 from markerseek.core import ConfigError, Laser, Reader, Receiver, Stage
 from markerseek.guard import Admission, FiringLimits, Limits, Permits
-from markerseek.records.banks import FrameBank, read_bank
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.scan import Scanner
 from markerseek.scene import draw_scene, image_reader
@@ -32,6 +34,9 @@ from markerseek.sim import (
     VirtualClock,
     World,
 )
+
+LEAST_NOISE_COUNTS = 0.3
+"""Least noise of a simulated channel in counts, that the converter still shows."""
 
 DARK_FRAMES = 3
 """Frames without laser before a guarded search, on a rig that can take them."""
@@ -61,7 +66,13 @@ class Rig:
     face_radius_m
         Distance of the array's face from the axis of rotation in metres; None where it is not known.
     truth_deg
-        Angle of the marker in degrees, where it is known: the truth of a simulation, or the reference of a recording.
+        Angle of the marker in degrees in a simulation; None where nobody knows it.
+    configuration
+        Fingerprint of the settings, or of the recording: the same for equal rigs.
+    reference_deg
+        Angle that was found otherwise, in degrees, to be compared with; None without one.
+    distinct_angles
+        Number of angles at which anything can be measured; None where it is any.
     """
 
     kind: Literal["simulated", "replayed"]
@@ -74,6 +85,9 @@ class Rig:
     dark_frames: int
     face_radius_m: float | None
     truth_deg: float | None
+    configuration: str
+    reference_deg: float | None = None
+    distinct_angles: int | None = None
 
     @property
     def limits(self) -> Limits:
@@ -121,6 +135,12 @@ def simulated(
         settings = replace(settings, marker=replace(settings.marker, angle_deg=marker_deg))
     rng = np.random.default_rng(seed)
     scene = draw_scene(settings, rng)
+    step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
+    if not step >= LEAST_NOISE_COUNTS:
+        raise ConfigError(
+            f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in a "
+            f"channel: below {LEAST_NOISE_COUNTS} the converter's steps swallow it; lower peak_snr_db or raise peak_counts"
+        )
     world = World(
         model=scene.model,
         absorbers=scene.absorbers,
@@ -130,7 +150,7 @@ def simulated(
         start_deg=settings.start_deg,
         rng=rng,
     )
-    imaging = image_reader()
+    imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     return _in_world(
         world,
         settings,
@@ -199,7 +219,13 @@ def of_intensities(
     )
 
 
-def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float | None = None) -> Rig:
+def replayed(
+    path: Path,
+    *,
+    probe: str = PRESET_NAMES[0],
+    reference_deg: float | None = None,
+    between: Literal["nearest", "interpolated"] = "nearest",
+) -> Rig:
     """A rig that plays back a recorded scan; its search range is the range recorded.
 
     Parameters
@@ -210,6 +236,9 @@ def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float |
         Preset of the imaging chain, for channel data.
     reference_deg
         Angle of the marker that was found otherwise, in degrees, to be compared with.
+    between
+        What a search gets between two recorded angles: the nearest recorded one, or an intensity interpolated from both
+        neighbours, as in the paper. Frames are never interpolated.
 
     Raises
     ------
@@ -220,12 +249,14 @@ def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float |
     """
     if reference_deg is not None and not math.isfinite(reference_deg):
         raise ConfigError(f"reference_deg is {reference_deg} deg, it must be a finite number")
+    preset = probe_preset(probe)
     bank = read_bank(path)
-    stage = ReplayStage(bank)
+    stage = ReplayStage(bank, between=between)
     laser = ReplayLaser()
     receiver = ReplayReceiver(stage=stage, bank=bank)
     frames = isinstance(bank, FrameBank)
-    imaging = ImageReader(probe_preset(probe)) if frames else None
+    imaging = ImageReader(preset) if frames else None
+    interpolated = between == "interpolated" and not frames
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -236,11 +267,11 @@ def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float |
         permits=Permits(FiringLimits()),
         # What was recorded cannot be taken again with less gain: saturation and dead channels are borne.
         admission=Admission(saturated_limit=1.0, dead_limit=1.0),
-        arrival_deg=max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9) if frames else 1e-9,
+        arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
     )
     return Rig(
         kind="replayed",
-        description=f"{path}, {len(bank.angles_deg)} angles",
+        description=f"{path}, {len(bank.angles_deg)} angles" + (", interpolated between them" if interpolated else ""),
         stage=stage,
         laser=laser,
         receiver=receiver,
@@ -248,7 +279,10 @@ def replayed(path: Path, *, probe: str = PRESET_NAMES[0], reference_deg: float |
         imaging=imaging,
         dark_frames=0,
         face_radius_m=None,
-        truth_deg=reference_deg,
+        truth_deg=None,
+        configuration=_fingerprint(bank),
+        reference_deg=reference_deg,
+        distinct_angles=None if interpolated else len(bank.angles_deg),
     )
 
 
@@ -288,4 +322,11 @@ def _in_world(
         dark_frames=DARK_FRAMES,
         face_radius_m=settings.probe.face_radius_m,
         truth_deg=truth_deg,
+        configuration=_fingerprint(settings),
     )
+
+
+def _fingerprint(of: SimulatedSettings | IntensityBank | FrameBank) -> str:
+    """First half of the SHA-256 of the settings or the recording, as JSON."""
+    plain = msgspec.json.encode(of, enc_hook=str)
+    return hashlib.sha256(plain).hexdigest()[:32]

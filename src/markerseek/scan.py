@@ -6,7 +6,7 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 from markerseek.core import (
@@ -19,7 +19,6 @@ from markerseek.core import (
     Found,
     Laser,
     LaserError,
-    MarkerseekError,
     Measured,
     MoveError,
     Policy,
@@ -27,6 +26,7 @@ from markerseek.core import (
     Receiver,
     Refused,
     Sample,
+    SaturationError,
     SearchError,
     Stage,
     Started,
@@ -170,7 +170,7 @@ _RUN_LIMITS = RunLimits()
 
 def run(
     policy: Policy, scanner: Scanner, *, dark_frames: int = 0, stay: bool = False, limits: RunLimits = _RUN_LIMITS
-) -> Iterator[Event]:
+) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
     A search that found a marker ends with a move to it and one acquisition there, which confirms and is not told.
@@ -196,8 +196,8 @@ def run(
 
     Raises
     ------
-    MarkerseekError
-        Whatever ended the run; the probe stays where it stopped.
+    Exception
+        Whatever ended the run, a `MarkerseekError` unless a driver broke its promise; the probe stays where it stopped.
     """
     began_s = scanner.clock.now_s()
     place_deg = scanner.angle_deg
@@ -230,7 +230,7 @@ def run(
             travel_deg=travel_deg,
             elapsed_s=scanner.clock.now_s() - began_s,
         )
-    except MarkerseekError as error:
+    except Exception as error:
         yield Failed(error=error)
         raise
     finally:
@@ -246,6 +246,8 @@ def _admitted(measure: Callable[[], Sample], angle_deg: float, attempts: int) ->
     for attempt in range(1, attempts + 1):
         try:
             return measure()
+        except SaturationError:
+            raise
         except AcquisitionError as refusal:
             if attempt == attempts:
                 raise AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)") from refusal

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader
+from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray
 from markerseek.signals import PRESET_NAMES, ImageReader, Picture, beamformed_sigma, probe_preset
 from markerseek.signals.peaks import strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
@@ -64,10 +64,14 @@ class Scene:
     peak: float
 
 
-@lru_cache(maxsize=1)
-def image_reader() -> ImageReader:
-    """Imaging chain of the simulated probe; it keeps its tables, so that there is one."""
-    return ImageReader(probe_preset(PRESET_NAMES[0]))
+@lru_cache(maxsize=8)
+def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
+    """Imaging chain of a simulated probe; it keeps its tables, so that there is one of each.
+
+    It is told the array and the sampling, as a user would tell it; speed of sound, band and aperture are those of the
+    usual preset, whatever the tissue's are.
+    """
+    return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
 
 
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
@@ -120,7 +124,7 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
     peak_counts
         Largest count of the marker in one channel, as in the settings from which the scene was drawn.
     """
-    reader, marker = image_reader(), scene.marker
+    reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
     louder = _MOST_COUNTS / peak_counts
     absorbers = [replace(absorber, strength=absorber.strength * louder) for absorber in scene.absorbers]
 
@@ -203,7 +207,7 @@ def _scaled(
     """
     heard = model.channel_data(spot, angle_deg=marker.angle_deg)
     largest = _loudness(spot, model, marker)
-    imaging = image_reader()
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     counts = np.rint(heard * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
     peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS

@@ -38,7 +38,7 @@ class TestReplayStage(StageContract):
     resolution_deg = 0.0
 
     def make(self) -> Stage:
-        return ReplayStage(BANK)
+        return ReplayStage(BANK, between="interpolated")
 
 
 class TestSimulatedLaser(LaserContract):

@@ -101,7 +101,7 @@ def test_the_table_for_people_names_angle_uncertainty_truth_and_that_it_is_simul
 
 
 def test_the_replayed_example_is_found_beside_its_reference(shell: Shell) -> None:
-    code, out, _ = shell("replay", EXAMPLES / "scan.csv", "--reference-deg", "-8.25", "--json")
+    code, out, _ = shell("replay", EXAMPLES / "simulated_scan.csv", "--reference-deg", "-8.25", "--json")
     result = json.loads(out)
     assert code == 0
     assert result["rig"] == "replayed"
@@ -190,10 +190,10 @@ def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
         (("search", "--pace", "nan"), "pace is nan"),
         (("search", "--colour", "red"), "No such option"),
         (("replay", "nowhere.csv"), "there is no such file"),
-        (("replay", EXAMPLES / "scan.csv", "--reference-deg", "nan"), "reference_deg is nan"),
+        (("replay", EXAMPLES / "simulated_scan.csv", "--reference-deg", "nan"), "reference_deg is nan"),
         (("replay", EXAMPLES), "angle in degrees as its only number"),
         (("frame", "nowhere.npy"), "nowhere.npy"),
-        (("frame", EXAMPLES / "scan.csv"), "scan.csv"),
+        (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
         (("frame", "nowhere.npy", "--probe", "L99"), "L99"),
         (("frame", "nowhere.npy", "--max-depth-mm", -3), "depth range"),
         (("seek",), "No such command"),
@@ -221,7 +221,7 @@ def test_a_fault_ends_without_an_angle_and_with_exit_code_1(shell: Shell, tmp_pa
     code, out, err = shell("search", "--rig", rig, "--json")
     assert code == 1
     assert "saturated" in err
-    assert json.loads(out)["kind"] == "AcquisitionError"
+    assert json.loads(out)["kind"] == "SaturationError"
 
 
 def test_without_matplotlib_the_cure_is_named(shell: Shell, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -24,10 +24,12 @@ def test_the_example_finds_the_marker_by_both_loops(capsys: pytest.CaptureFixtur
 
 
 def test_the_scan_that_is_kept_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
-    script = tmp_path / "make_scan.py"
-    script.write_text((ROOT / "examples" / "make_scan.py").read_text(encoding="utf-8"), encoding="utf-8")
+    script = tmp_path / "make_simulated_scan.py"
+    script.write_text((ROOT / "examples" / "make_simulated_scan.py").read_text(encoding="utf-8"), encoding="utf-8")
     subprocess.run([sys.executable, script], check=True)
-    kept, made = (np.loadtxt(path / "scan.csv", delimiter=",", skiprows=1) for path in (ROOT / "examples", tmp_path))
+    kept, made = (
+        np.loadtxt(path / "simulated_scan.csv", delimiter=",", skiprows=1) for path in (ROOT / "examples", tmp_path)
+    )
     np.testing.assert_allclose(made, kept, rtol=1e-3, atol=0.02)
 
 

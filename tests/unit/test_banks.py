@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -53,8 +54,11 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg,intensity\n1,2\ninf,1\n3,4\n", "line 3: angle_deg is inf"),
         ("angle_deg,intensity\n1,2\n2,x\n3,4\n", "line 3: intensity is 'x'"),
         ("angle_deg,intensity\n1,2\n2,-1\n3,4\n", "line 3: intensity is -1.0, it must not be negative"),
-        ("angle_deg,intensity\n1,2\n0,1\n3,4\n", "line 3: angle 0 deg does not rise above 1 deg"),
+        ("angle_deg,intensity\n1,2\n0,1\n3,4\n", "line 3: the angle 0 deg is out of order beside 1 deg"),
         ("angle_deg,intensity\n1,2\n1,1\n3,4\n", "average repeated angles"),
+        ("angle_deg,intensity\n9,2\n2,1\n3,4\n", "line 3: the angle 2 deg is out of order beside 3 deg"),
+        ("angle_deg;intensity\n1;2\n2;1\n3;4\n", "must read angle_deg,intensity, with commas"),
+        ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg stands there more than once"),
         ("angle_deg,intensity\n1,2\n2,1\n", "it holds 2 angles, at least 3"),
         ('angle_deg,intensity\n"1,2\n2,1\n', "cannot be read as a CSV"),
     ],
@@ -62,6 +66,11 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
 def test_a_table_with_a_fault_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(RecordError, match=message):
         read_bank(write(tmp_path, text))
+
+
+def test_a_scan_from_high_to_low_is_turned_round_and_blank_lines_are_passed_over(tmp_path: Path) -> None:
+    bank = read_bank(write(tmp_path, "angle_deg,intensity\r\n5,1\r\n0,3\r\n\r\n-5,2\r\n   \r\n"))
+    assert bank == IntensityBank(angles_deg=(-5.0, 0.0, 5.0), intensities=(2.0, 3.0, 1.0))
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
@@ -101,12 +110,13 @@ def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple
         read_bank(tmp_path)
 
 
+FRAMES = FrameBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), folders=(Path(),) * 4)
 BANK = IntensityBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), intensities=(1.0, 3.0, 9.0, 2.0))
 
 
 @given(angle_deg=st.floats(-10, 20))
-def test_between_recorded_angles_the_intensity_is_interpolated(angle_deg: float) -> None:
-    stage = ReplayStage(BANK)
+def test_between_recorded_angles_the_intensity_is_interpolated_where_that_is_asked_for(angle_deg: float) -> None:
+    stage = ReplayStage(BANK, between="interpolated")
     receiver = ReplayReceiver(stage=stage, bank=BANK)
     assert stage.move_to(angle_deg) == angle_deg
     receiver.arm(PERMIT)
@@ -117,8 +127,13 @@ def test_between_recorded_angles_the_intensity_is_interpolated(angle_deg: float)
     )
 
 
-def test_a_bank_of_frames_takes_the_stage_to_the_nearest_recorded_angle() -> None:
-    stage = ReplayStage(FrameBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), folders=(Path(),) * 4))
+@pytest.mark.parametrize(
+    ("bank", "between"), [(BANK, "nearest"), (FRAMES, "nearest"), (FRAMES, "interpolated")], ids=str
+)
+def test_otherwise_the_stage_goes_to_the_nearest_recorded_angle(
+    bank: IntensityBank | FrameBank, between: Literal["nearest", "interpolated"]
+) -> None:
+    stage = ReplayStage(bank, between=between)
     assert stage.angle_deg == -10.0
     assert stage.limits == Interval(low_deg=-10.0, high_deg=20.0)
     asked = (-10.0, -5.1, -4.9, 2.4, 2.6, 5.0, 19.0, 20.0)

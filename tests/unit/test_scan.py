@@ -240,7 +240,7 @@ def test_closing_the_run_early_stops_the_rig() -> None:
     events = run(Tour(0.0, 1.0), scanner(bench))
     next(events)
     next(events)
-    events.close()  # type: ignore[attr-defined]
+    events.close()
     assert bench.log[-2:] == ["disarm", "stop"]
 
 

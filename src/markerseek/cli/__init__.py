@@ -1,11 +1,12 @@
 """The command line: one file a command, and this one, which gathers them and turns errors into exit codes.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read.
+read, 130 stopped by the user.
 """
 
 from __future__ import annotations
 
+import io
 import sys
 import warnings
 
@@ -15,6 +16,9 @@ from markerseek import __version__
 from markerseek.cli import doctor, frame, replay, reproduce, search, study
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import MarkerseekError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 app = typer.Typer(
     name="markerseek",
@@ -47,8 +51,19 @@ def _top(
 def main() -> None:
     """Run the command line, and end the process with its exit code."""
     warnings.showwarning = print_warning
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that knows no degree sign gets a question mark, and not an error in place of the answer.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         app()
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:
+            print_warning("stopped by the user: the laser is disarmed, and the probe stays where it was")
+        raise
+    except OSError as problem:
+        print_error(MarkerseekError(f"the output cannot be written: {problem.strerror}"), as_json=False)
+        sys.exit(1)
     except MarkerseekError as error:
         print_error(error, as_json="--json" in sys.argv)
         sys.exit(error.exit_code)

@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
+from rich.markup import escape
+from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json
+from markerseek.core import AcquisitionError, RecordError
 
 if TYPE_CHECKING:
     from markerseek.signals import FrameFindings, Picture
@@ -16,8 +20,8 @@ if TYPE_CHECKING:
 NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
-    "  markerseek frame waterbath_20170419-171121.mat --probe L3-8 --plot\n\n"
-    "  markerseek frame scan/angle_-12.5deg --max-depth-mm 60 --json"
+    "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
+    "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
 )
 
 
@@ -52,7 +56,13 @@ def command(
         Path,
         typer.Argument(help="A SonixDAQ folder, a .npy of (channels, samples), or a .mat of the Allman-Bell data set."),
     ],
-    probe: Annotated[str, typer.Option(help="Preset of the imaging chain; an unknown name lists them all.")] = "L3-8",
+    probe: Annotated[
+        str | None,
+        typer.Option(
+            help="Preset of the imaging chain; an unknown name lists them all.",
+            show_default="L3-8 of a .mat, else BPL9-5/55",
+        ),
+    ] = None,
     min_depth_mm: Annotated[float | None, typer.Option(help="Look no nearer than this.")] = None,
     max_depth_mm: Annotated[float | None, typer.Option(help="Look no deeper than this.")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
@@ -60,22 +70,25 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.terminal import announce_compilation, print_json
     from markerseek.records.frame_files import load_frame
     from markerseek.signals import ImageReader, probe_preset
 
+    probe = probe or ("L3-8" if file.suffix.lower() == ".mat" else "BPL9-5/55")
     reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
     frame = load_frame(file)
     announce_compilation()
-    findings = reader.findings(frame)
-    picture_file = None
-    if plot:
-        picture_file = out / f"{file.stem if file.is_file() else file.name}.png"
-        _draw(findings, reader.picture(frame), picture_file, title=f"{file.name}, probe {probe}")
+    try:
+        findings = reader.findings(frame)
+    except AcquisitionError as problem:
+        raise RecordError(f"{file}: {problem}") from problem
     if as_json:
         print_json(_report(findings, probe))
     else:
-        _print_table(findings, file, probe, picture_file)
+        _print_table(findings, file, probe)
+    if plot:
+        path = out / f"{file.stem if file.is_file() else file.name}.png"
+        _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}")
+        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)
 
 
@@ -104,12 +117,7 @@ def _report(findings: FrameFindings, probe: str) -> FrameReport:
     )
 
 
-def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path | None) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from markerseek.cli.terminal import people
-
+def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
     people.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
     if findings.found:
@@ -131,8 +139,6 @@ def _print_table(findings: FrameFindings, file: Path, probe: str, picture: Path 
         people.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
     if findings.dead_channels:
         people.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
-    if picture is not None:
-        people.print(f"[dim]picture:[/] {escape(str(picture))}")
 
 
 def _draw(findings: FrameFindings, picture: Picture, path: Path, *, title: str) -> None:

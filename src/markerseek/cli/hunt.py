@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek.cli.terminal import people, print_json, progress_bar
+from markerseek.cli.terminal import aside, people, print_json, progress_bar
 from markerseek.core import Measured, Policy, Refused, Sample
 from markerseek.records.result import Recorder, SearchResult
 from markerseek.rigs import Rig
@@ -50,21 +51,26 @@ def hunt(
     recorder = Recorder()
     with progress_bar(most, what="searching") as progress:
         task = progress.task_ids[0]
-        for event in run(policy, rig.scanner, dark_frames=0 if as_published else rig.dark_frames, stay=stay):
-            recorder.hear(event)
-            if isinstance(event, Measured) and event.role == "search":
-                sample = event.sample
-                said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
-                progress.update(task, completed=event.index, description=said)
-            elif isinstance(event, Refused):
-                progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+        dark_frames = 0 if as_published else rig.dark_frames
+        # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
+        with closing(run(policy, rig.scanner, dark_frames=dark_frames, stay=stay)) as events:
+            for event in events:
+                recorder.hear(event)
+                if isinstance(event, Measured) and event.role == "search":
+                    sample = event.sample
+                    said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                    progress.update(task, completed=event.index, description=said)
+                elif isinstance(event, Refused):
+                    progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
     result = recorder.result(
         method=method,
         as_published=as_published,
         rig=rig.kind,
         face_radius_m=rig.face_radius_m,
         truth_deg=rig.truth_deg,
+        reference_deg=rig.reference_deg,
         seed=seed,
+        configuration=rig.configuration,
     )
     return recorder, result
 
@@ -83,11 +89,14 @@ def show(recorder: Recorder, result: SearchResult, rig: Rig, *, as_json: bool, p
     out, name
         Folder and stem of their files.
     """
-    files = _draw(recorder, result, rig, out / f"{name}.png", out / f"{name}.html") if plot else ()
+    # The answer first: a picture that cannot be drawn must not take it away.
     if as_json:
         print_json(result)
     else:
-        _print_table(result, rig, files)
+        _print_table(result, rig)
+    if plot:
+        for path in _draw(recorder, result, rig, out / f"{name}.png", out / f"{name}.html"):
+            (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     return FOUND if result.found else OTHER_ANSWER
 
 
@@ -108,13 +117,17 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
         rows.append(("time", f"{result.elapsed_s:.0f} s (virtual)"))
     if result.confirmation is not None:
         confirmation = result.confirmation
-        rows.append(("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°"))
+        verdict = "confirmed" if result.confirmed else "NOT confirmed: weaker than it should be"
+        rows.append(
+            ("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°, {verdict}")
+        )
     if result.floor is not None:
         level = "unknown" if result.floor.level is None else f"{result.floor.level:.4g} from {result.floor.source}"
         rows.append(("noise floor", level))
     if result.truth_deg is not None and result.error_deg is not None:
-        name = "truth (simulated)" if result.rig == "simulated" else "reference"
-        rows.append((name, f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
+        rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
+    elif result.reference_deg is not None and result.error_deg is not None:
+        rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
     return rows
 
 
@@ -129,15 +142,13 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
     return [1e3 * value for value in point_m]
 
 
-def _print_table(result: SearchResult, rig: Rig, files: tuple[Path, ...]) -> None:
+def _print_table(result: SearchResult, rig: Rig) -> None:
     form = " as published" if result.as_published else ""
     people.print(f"[bold]{result.method}{form}[/] on a {rig.kind} rig: {escape(rig.description)}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
         table.add_row(f"[dim]{name}[/]", escape(value))
     people.print(table)
-    for path in files:
-        people.print(f"[dim]picture:[/] {escape(str(path))}")
 
 
 def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: Path) -> tuple[Path, ...]:
@@ -153,6 +164,7 @@ def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: P
         title=title,
         start_deg=recorder.start_deg,
         truth_deg=result.truth_deg,
+        reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
         image=_image(rig, recorder.confirmation or recorder.samples[-1]),
     )

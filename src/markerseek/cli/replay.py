@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
-    "  markerseek replay examples/scan.csv --method golden-section --plot\n\n"
+    "  markerseek replay examples/simulated_scan.csv --method golden-section --plot\n\n"
     "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
 )
 
@@ -36,14 +36,28 @@ def command(
     out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Search a recorded scan as if it were a rig: the methods ask, the recording answers."""
+    """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
+
+    What was not recorded is not made up: a search gets the nearest recorded angle. With --as-published intensities are
+    interpolated between recorded angles, as in the paper's offline analysis.
+    """
     from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
     from markerseek.cli.terminal import announce_compilation
+    from markerseek.core import ConfigError
     from markerseek.search import build, method_named
 
     announce_compilation()
-    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg)
+    between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
+    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
+    recorded = assembled.distinct_angles
+    if acquisitions is None:
+        usual = method_named(method).acquisitions
+        acquisitions = usual if recorded is None else min(usual, recorded)
+    elif recorded is not None and acquisitions > recorded:
+        raise ConfigError(
+            f"--acquisitions is {acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
+        )
     policy = build(
         method,
         limits=assembled.limits.search,
@@ -51,8 +65,7 @@ def command(
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
     )
-    most = acquisitions or method_named(method).acquisitions
     recorder, result = hunt(
-        policy, assembled, method=method, as_published=as_published, most=most, stay=stay, seed=None
+        policy, assembled, method=method, as_published=as_published, most=acquisitions, stay=stay, seed=None
     )
     raise typer.Exit(show(recorder, result, assembled, as_json=as_json, plot=plot, out=out, name="replay"))

@@ -27,6 +27,7 @@ aside = Console(stderr=True, highlight=False, soft_wrap=True)
 def print_json(value: object) -> None:
     """Write one JSON object on standard output."""
     sys.stdout.write(msgspec.json.encode(value).decode("utf-8") + "\n")
+    sys.stdout.flush()
 
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:
@@ -54,11 +55,9 @@ def announce_compilation() -> None:
     """Say that the first run of an installation compiles, before it does; once the code lies on disk, nothing."""
     from markerseek.core.compiled import KERNELS
 
-    for kernel in KERNELS:
-        folder = kernel.stats.cache_path
-        if folder is not None and not any(Path(folder).glob(f"*.{kernel.__name__}-*.nbi")):
-            aside.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
-            return
+    folders = {Path(kernel.stats.cache_path) for kernel in KERNELS if kernel.stats.cache_path is not None}
+    if folders and not any(index for folder in folders for index in folder.glob("*.nbi")):
+        aside.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
 
 
 @contextmanager

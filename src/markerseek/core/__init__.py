@@ -13,6 +13,7 @@ from markerseek.core.errors import (
     MoveError,
     NotConnectedError,
     RecordError,
+    SaturationError,
     SearchError,
 )
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
@@ -62,6 +63,7 @@ __all__ = [
     "RecordError",
     "Refused",
     "Sample",
+    "SaturationError",
     "SearchError",
     "Stage",
     "Started",

@@ -13,7 +13,8 @@
         ├── LimitError         it was asked to leave its limits
         ├── MoveError          the stage did not arrive
         ├── LaserError         the laser did not do what was permitted
-        └── AcquisitionError   a frame was refused
+        └── AcquisitionError   a frame was refused, or none came
+            └── SaturationError it is at full scale: taken again, it would be so again
 
 A message names the argument, its value with the unit, the limit, and what to do about it.
 Programs tell the classes apart; the command line maps them to exit codes by ``exit_code``.
@@ -82,3 +83,7 @@ class LaserError(DeviceError):
 
 class AcquisitionError(DeviceError):
     """A frame was refused, or none came."""
+
+
+class SaturationError(AcquisitionError):
+    """A frame is at full scale: the same acquisition would give the same."""

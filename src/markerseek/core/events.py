@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.core.errors import MarkerseekError
 from markerseek.core.estimate import Estimate
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Sample
@@ -78,7 +77,7 @@ class Finished:
 class Failed:
     """The run ends with an error and without an angle; the error is raised next."""
 
-    error: MarkerseekError
+    error: Exception
 
 
 Event: TypeAlias = Started | Measured | Refused | Finished | Failed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading, SaturationError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +61,10 @@ class Admission:
             )
         if header.pulses != permit.pulses:
             raise AcquisitionError(f"{header.pulses} pulses were seen, {permit.pulses} were permitted; check the laser")
+        if header.commanded_deg != permit.angle_deg:
+            raise AcquisitionError(
+                f"the frame was taken for {header.commanded_deg} deg, {permit.angle_deg} deg was asked for; take it again"
+            )
         if header.angle_before_deg is None or header.angle_after_deg is None:
             raise AcquisitionError("the frame carries no readback of the angle; the scanner must add it")
         moved_deg = abs(header.angle_after_deg - header.angle_before_deg)
@@ -76,13 +80,20 @@ class Admission:
         Raises
         ------
         AcquisitionError
-            If the intensity is not a finite number of at least 0, or too many channels are saturated or dead.
+            If the intensity is not a finite number of at least 0, another feature is not finite, or too many channels
+            are dead.
+        SaturationError
+            If too many channels are saturated.
         """
         if not (math.isfinite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
+        for name in ("lateral_m", "depth_m", "arrival_s", "noise_sigma", "coherence"):
+            value = getattr(reading, name)
+            if value is not None and not math.isfinite(value):
+                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
         saturated = reading.saturated_fraction
         if saturated is not None and not saturated <= self.saturated_limit:
-            raise AcquisitionError(
+            raise SaturationError(
                 f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is "
                 f"{self.saturated_limit:.0%}; reduce the gain or the laser's energy"
             )

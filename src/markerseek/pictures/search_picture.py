@@ -44,6 +44,7 @@ def search_figure(
     title: str,
     start_deg: float,
     truth_deg: float | None,
+    reference_deg: float | None,
     confirmation: Sample | None,
     image: PaImage | None,
 ) -> Figure:
@@ -59,8 +60,8 @@ def search_figure(
         What was searched, with what; says "simulated" where it was.
     start_deg
         Where the probe stood at first, in degrees.
-    truth_deg
-        Angle of the marker in degrees, None where it is not known.
+    truth_deg, reference_deg
+        Angle of the marker in degrees in a simulation, or found otherwise; None where it is not known.
     confirmation
         The acquisition after the last move, None if there was none.
     image
@@ -70,8 +71,9 @@ def search_figure(
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")
     columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
     curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
-    _draw_curve(curve, samples, estimate, truth_deg=truth_deg, confirmation=confirmation)
-    _draw_track(track, samples, estimate, start_deg=start_deg, truth_deg=truth_deg, confirmation=confirmation)
+    known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
+    _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation)
+    _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
         draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
@@ -85,7 +87,12 @@ def search_figure(
 
 
 def _draw_curve(
-    axes: Axes, samples: list[Sample], estimate: Estimate, *, truth_deg: float | None, confirmation: Sample | None
+    axes: Axes,
+    samples: list[Sample],
+    estimate: Estimate,
+    *,
+    known: tuple[str, float | None],
+    confirmation: Sample | None,
 ) -> None:
     angles = np.array([sample.angle_deg for sample in samples])
     intensities = np.array([sample.reading.intensity for sample in samples])
@@ -106,7 +113,7 @@ def _draw_curve(
             zorder=4,
             label="confirmation",
         )
-    _draw_answer(axes.axvline, axes.axvspan, estimate, truth_deg)
+    _draw_answer(axes.axvline, axes.axvspan, estimate, known)
     floor = estimate.floor
     if floor is not None and floor.level is not None:
         axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
@@ -122,7 +129,7 @@ def _draw_track(
     estimate: Estimate,
     *,
     start_deg: float,
-    truth_deg: float | None,
+    known: tuple[str, float | None],
     confirmation: Sample | None,
 ) -> None:
     angles = [start_deg, *(sample.angle_deg for sample in samples)]
@@ -130,16 +137,16 @@ def _draw_track(
     axes.scatter(range(1, len(angles)), angles[1:], color=SIGNAL, s=16, zorder=3)
     if confirmation is not None:
         axes.scatter([len(angles)], [confirmation.angle_deg], marker="*", s=110, color=ACCENT, zorder=4)
-    _draw_answer(axes.axhline, axes.axhspan, estimate, truth_deg)
+    _draw_answer(axes.axhline, axes.axhspan, estimate, known)
     axes.set_xlabel("acquisition (0: start)")
     axes.set_ylabel("probe angle [deg]")
     axes.locator_params(axis="x", integer=True)
 
 
 def _draw_answer(
-    line: Callable[..., object], span: Callable[..., object], estimate: Estimate, truth_deg: float | None
+    line: Callable[..., object], span: Callable[..., object], estimate: Estimate, known: tuple[str, float | None]
 ) -> None:
-    """Lines at the estimate and the truth, and a band for the interval, along either axis."""
+    """Lines at the estimate and at the known angle, and a band for the interval, along either axis."""
     found = isinstance(estimate, Found)
     line(
         estimate.mean_deg,
@@ -151,5 +158,6 @@ def _draw_answer(
         interval = estimate.interval95_deg
         kind = f"95 % interval ({estimate.interval_kind})"
         span(interval.low_deg, interval.high_deg, color=ACCENT, alpha=0.15, label=kind)
-    if truth_deg is not None:
-        line(truth_deg, color=TRUTH, linestyle=":", label=f"truth {truth_deg:.2f}°")
+    name, known_deg = known
+    if known_deg is not None:
+        line(known_deg, color=TRUTH, linestyle=":", label=f"{name} {known_deg:.2f}°")

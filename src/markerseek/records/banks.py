@@ -6,6 +6,7 @@ import csv
 import math
 import re
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import Interval, RecordError
@@ -107,20 +108,25 @@ def _read_csv(path: Path) -> IntensityBank:
     places = _columns(path, [name.strip() for name in rows[0]] if rows else [])
     angles: list[float] = []
     intensities: list[float] = []
+    lines_of: list[int] = []
     for line, row in enumerate(rows[1:], start=2):
-        if not row:
+        if not any(cell.strip() for cell in row):
             continue
         angle, intensity = (_cell(path, line, row, name, place) for name, place in zip(COLUMNS, places, strict=True))
         if intensity < 0:
             raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
-        if angles and not angle > angles[-1]:
-            raise RecordError(
-                f"{path}, line {line}: angle {angle:g} deg does not rise above {angles[-1]:g} deg of the line before; "
-                "sort the rows by angle_deg, and average repeated angles"
-            )
         angles.append(angle)
         intensities.append(intensity)
+        lines_of.append(line)
     _require_angles(path, len(angles))
+    if angles[-1] < angles[0]:  # a scan from high to low
+        angles, intensities, lines_of = angles[::-1], intensities[::-1], lines_of[::-1]
+    for (low, high), line in zip(pairwise(angles), lines_of[1:], strict=True):
+        if not low < high:
+            raise RecordError(
+                f"{path}, line {line}: the angle {high:g} deg is out of order beside {low:g} deg; "
+                "sort the rows by angle_deg, and average repeated angles"
+            )
     return IntensityBank(angles_deg=tuple(angles), intensities=tuple(intensities))
 
 
@@ -129,8 +135,11 @@ def _columns(path: Path, names: list[str]) -> list[int]:
     if missing:
         raise RecordError(
             f"{path}, line 1: the column {' and '.join(missing)} is missing, it has {', '.join(names) or 'nothing'}; "
-            f"the first line must read {','.join(COLUMNS)}"
+            f"the first line must read {','.join(COLUMNS)}, with commas"
         )
+    doubled = [name for name in COLUMNS if names.count(name) > 1]
+    if doubled:
+        raise RecordError(f"{path}, line 1: the column {doubled[0]} stands there more than once; keep one of them")
     return [names.index(name) for name in COLUMNS]
 
 
@@ -147,7 +156,7 @@ def _cell(path: Path, line: int, row: list[str], name: str, place: int) -> float
 
 
 def _read_folders(path: Path) -> FrameBank:
-    folders = sorted(entry for entry in path.iterdir() if entry.is_dir())
+    folders = sorted(entry for entry in path.iterdir() if entry.is_dir() and not entry.name.startswith("."))
     by_angle: dict[float, Path] = {}
     for folder in folders:
         numbers = _NUMBER.findall(folder.name)

@@ -1,13 +1,15 @@
 """A recorded scan as a rig: a stage that goes where something was recorded, and a receiver that hands it over.
 
-Between two recorded angles an intensity is interpolated linearly, as in the paper's offline analysis (section 2.5). A
-frame is not: of a bank of frames the stage goes to the nearest angle that was recorded, and says so in its readback.
+The stage goes to the nearest angle that was recorded, and says so in its readback: what lies between was not measured.
+The paper's offline analysis (section 2.5) interpolates instead; of a bank of intensities that can be asked for.
 """
 
 from __future__ import annotations
 
 import bisect
+import math
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -28,17 +30,21 @@ from markerseek.records.frame_files import load_frame
 
 
 class ReplayStage:
-    """Stands at recorded angles only, or at any where the bank can be interpolated.
+    """Stands at recorded angles only, or anywhere between them where the bank is to be interpolated.
 
     Parameters
     ----------
     bank
         What was recorded; the stage begins at its lowest angle.
+    between
+        Where to stand between two recorded angles: at the nearest, or, for intensities, where it is asked to.
     """
 
-    def __init__(self, bank: IntensityBank | FrameBank) -> None:
+    def __init__(
+        self, bank: IntensityBank | FrameBank, *, between: Literal["nearest", "interpolated"] = "nearest"
+    ) -> None:
         self.limits: Interval = bank.range
-        self._grid = bank.angles_deg if isinstance(bank, FrameBank) else None
+        self._grid = None if between == "interpolated" and isinstance(bank, IntensityBank) else bank.angles_deg
         self._angle_deg = bank.angles_deg[0]
 
     @property
@@ -75,8 +81,10 @@ class ReplayLaser:
         Raises
         ------
         LaserError
-            If the permit was used before.
+            If the permit was used before, or could never be used.
         """
+        if permit.expires_s == -math.inf:
+            raise LaserError(f"replay: the permit {permit.token!r} has expired")
         if permit.token in self._used:
             raise LaserError(f"replay: the permit {permit.token!r} was used before")
         self._used.add(permit.token)

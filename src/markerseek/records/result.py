@@ -27,6 +27,9 @@ from markerseek.core import (
     Unsure,
 )
 
+CONFIRMED_SHARE = 0.8
+"""The acquisition at the angle found must reach this share of the strongest of the search to confirm it."""
+
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
     """One acquisition of a result; what the frame did not tell is None."""
@@ -55,8 +58,10 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
 class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """What a search found and how.
 
-    ``angle_deg`` is where the method points, also when it does not claim a marker there. ``simulated`` says that no
-    hardware was involved; ``truth_deg`` and ``error_deg`` exist on simulated rigs, or where a reference was given.
+    ``angle_deg`` is where the method points, also when it does not claim a marker there. ``rig`` says whether any
+    hardware was involved. ``truth_deg`` is known of simulated markers only, ``reference_deg`` is what the user compares
+    with, and ``error_deg`` the distance to either. ``confirmed`` tells whether the acquisition at the angle found was
+    as strong as it should be, see `CONFIRMED_SHARE`. ``configuration`` is the same for runs on equal rigs.
     """
 
     found: bool
@@ -75,11 +80,14 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     travel_deg: float
     elapsed_s: float | None
     confirmation: SampleRow | None
+    confirmed: bool | None
     floor: Floor | None
     samples: list[SampleRow]
     truth_deg: float | None
+    reference_deg: float | None
     error_deg: float | None
     seed: int | None
+    configuration: str
     version: str = __version__
 
 
@@ -117,7 +125,9 @@ class Recorder:
         rig: Literal["simulated", "replayed"],
         face_radius_m: float | None,
         truth_deg: float | None,
+        reference_deg: float | None,
         seed: int | None,
+        configuration: str,
     ) -> SearchResult:
         """Result of the run that was heard.
 
@@ -129,10 +139,12 @@ class Recorder:
             On what.
         face_radius_m
             Distance of the array's face from the axis of rotation in metres, None where it is not known.
-        truth_deg
-            Angle of the marker where it is known, in degrees.
+        truth_deg, reference_deg
+            Angle of the marker in degrees, where it is known: in a simulation, or from elsewhere.
         seed
             Seed of the simulation.
+        configuration
+            Fingerprint of the rig.
 
         Raises
         ------
@@ -145,6 +157,7 @@ class Recorder:
         estimate = finished.estimate
         sigma_deg = estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None
         interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
+        known_deg = reference_deg if truth_deg is None else truth_deg
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
@@ -162,12 +175,24 @@ class Recorder:
             travel_deg=finished.travel_deg,
             elapsed_s=finished.elapsed_s if rig == "simulated" else None,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
+            confirmed=self._confirmed(estimate.floor),
             floor=estimate.floor,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=truth_deg,
-            error_deg=None if truth_deg is None else abs(estimate.mean_deg - truth_deg),
+            reference_deg=reference_deg,
+            error_deg=None if known_deg is None else abs(estimate.mean_deg - known_deg),
             seed=seed,
+            configuration=configuration,
         )
+
+    def _confirmed(self, floor: Floor | None) -> bool | None:
+        """Whether the confirmation is nearly the strongest of all, and above the floor; None without one."""
+        if self.confirmation is None:
+            return None
+        intensity = self.confirmation.reading.intensity
+        largest = max(sample.reading.intensity for sample in self.samples)
+        level = 0.0 if floor is None or floor.level is None else floor.level
+        return intensity > level and intensity >= CONFIRMED_SHARE * largest
 
     def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
         """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""

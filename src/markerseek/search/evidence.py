@@ -48,7 +48,7 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
                 f"the noise floor is unknown and the largest intensity, {largest:g}, is below {UNKNOWN_RATIO:g} times "
                 f"the smallest, {smallest:g}; take dark frames or 12 angles"
             )
-    elif largest <= level:
+    elif not largest > level:
         return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"
     if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
         return f"the intensity is the same at all angles heard, {smallest:g} to {largest:g}: there is no peak"

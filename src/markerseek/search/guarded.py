@@ -12,7 +12,6 @@ What passes is `Found` with the method's own angle, and with the noise that was 
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -138,9 +137,7 @@ class Guarded:
     def _too_wide(self, answer: Found) -> str | None:
         if answer.sigma_deg <= self._sigma_limit_deg:
             return None
-        more = math.ceil(len(self._lit) * answer.sigma_deg / self._sigma_limit_deg)
-        cure = f"; about {more} acquisitions would do" if answer.interval_kind == "propagated" else ""
         return (
-            f"the standard deviation, {answer.sigma_deg:.2f} deg, is above {self._sigma_limit_deg:g} deg{cure}; "
+            f"the standard deviation, {answer.sigma_deg:.2f} deg, is above {self._sigma_limit_deg:g} deg; "
             "take more acquisitions or average more pulses"
         )

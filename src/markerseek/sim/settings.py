@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError
-from markerseek.guard import Limits
+from markerseek.core import ConfigError, Interval
+from markerseek.guard import FiringLimits, Limits
 from markerseek.sim.stage import StageMotion
 
 
@@ -67,6 +67,9 @@ class LaserSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.energy_jitter < 1:
             raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
+        most = FiringLimits().pulses_per_permit
+        if not 1 <= self.pulses <= most:
+            raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and {most}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +123,8 @@ class ReceiverSettings:
     peak_counts: float = 600.0
 
     def __post_init__(self) -> None:
+        if not 512 <= self.samples <= 65_536:
+            raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
         if not 0 < self.peak_counts < math.inf:
             raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must be positive and finite")
 
@@ -151,6 +156,12 @@ class SimulatedSettings:
     def __post_init__(self) -> None:
         if self.start_deg not in self.limits.travel:
             raise ConfigError(f"start_deg is {self.start_deg} deg, outside the travel range {self.limits.travel}")
+        for name in ("element_height_m", "element_width_m"):
+            if not getattr(self.probe, name) <= 50e-3:
+                raise ConfigError(f"probe: {name} is {getattr(self.probe, name)} m, it must be at most 0.05 m")
+        turn = Interval(low_deg=-180.0, high_deg=180.0)
+        if not (self.limits.travel.low_deg in turn and self.limits.travel.high_deg in turn):
+            raise ConfigError(f"limits: the travel range {self.limits.travel} is more than one turn, {turn}")
         angle_deg = self.marker.angle_deg
         if angle_deg is not None and not -90 <= angle_deg <= 90:
             raise ConfigError(f"marker: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")

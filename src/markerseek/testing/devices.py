@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from markerseek.core import (
     AcquisitionError,
@@ -93,6 +94,15 @@ class LaserContract:
         except LaserError:
             return
         raise AssertionError("the laser fired twice under one permit")
+
+    def test_an_expired_permit_fires_nothing(self) -> None:
+        """A permit that was void from the start is refused."""
+        laser = self.make()
+        try:
+            laser.fire(replace(_permit("late"), expires_s=-math.inf))
+        except LaserError:
+            return
+        raise AssertionError("the laser fired under an expired permit")
 
     def test_disarming_is_allowed_at_any_time_and_twice(self) -> None:
         """A laser without a permit can be disarmed."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.records.banks import IntensityBank, read_bank, write_bank
-from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
@@ -27,7 +27,7 @@ from markerseek.studies.paper.methods import (
     searched,
     shorter,
 )
-from markerseek.studies.paper.positions import grid
+from markerseek.studies.paper.positions import PEAK_COUNTS, grid
 from markerseek.studies.paper.reported import MATERIALS
 
 TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-phantom", "muscle-icg"), strict=True))
@@ -157,6 +157,7 @@ def _scan(scan: _Scan) -> None:
         tissue=TISSUES[recording.material],
         marker=scan.marker,
         noise=NoiseSettings(peak_snr_db=recording.peak_snr_db or 0.0),
+        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
     )
     rig = rigs.simulated(seed=scan.seed, settings=replace(settings, start_deg=settings.limits.search.low_deg))
     search = rig.limits.search

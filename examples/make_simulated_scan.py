@@ -1,6 +1,6 @@
-"""Make `scan.csv`: a scan of a simulated rig, as a table of angles and intensities.
+"""Make `simulated_scan.csv`: a scan of a simulated rig, as a table of angles and intensities.
 
-Run it from the repository: ``python examples/make_scan.py``. The numbers are simulated.
+Run it from the repository: ``python examples/make_simulated_scan.py``. The numbers are simulated.
 """
 
 import csv
@@ -10,7 +10,7 @@ from markerseek import rigs
 from markerseek.search import equal_steps
 
 rig = rigs.simulated(seed=7, marker_deg=-8.25)
-with (Path(__file__).parent / "scan.csv").open("w", newline="") as file:
+with (Path(__file__).parent / "simulated_scan.csv").open("w", newline="") as file:
     rows = csv.writer(file)
     rows.writerow(("angle_deg", "intensity"))
     for angle_deg in equal_steps(limits=rig.limits.search, acquisitions=141):
