@@ -133,7 +133,12 @@ class BracketSearch:
         self._kept = self._cut(left, right)
 
     def _cut(self, left: Sample, right: Sample) -> tuple[Sample, bool] | None:
-        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one."""
+        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one.
+
+        Two samples at one angle (of a stage that cannot tell the two inner points apart) say nothing of either side.
+        """
+        if left.angle_deg == right.angle_deg:
+            return None
         if left.reading.intensity >= right.reading.intensity:
             high_deg = min(self._high_deg, right.angle_deg)
             if high_deg > self._low_deg:
