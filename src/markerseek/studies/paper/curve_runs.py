@@ -17,7 +17,7 @@ from markerseek.core import PAPER_RANGE
 from markerseek.search import build
 from markerseek.search.curve import Curve
 from markerseek.search.peak import peak_of
-from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,
@@ -29,6 +29,7 @@ from markerseek.studies.paper.methods import (
     searched,
     shorter,
 )
+from markerseek.studies.paper.positions import PEAK_COUNTS
 from markerseek.studies.study import CurveSettings, PolicySettings, Study, cells
 from markerseek.studies.trial import draw_trial, intensity_curve, study_rig
 
@@ -59,6 +60,7 @@ class Condition:
             marker=MarkerSettings(lateral_m=0.0, source_radius_m=self.source_radius_m),
             noise=NoiseSettings(peak_snr_db=self.peak_snr_db),
             laser=LaserSettings(energy_jitter=0.0),
+            receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
         )
 
     @property

@@ -28,8 +28,11 @@ from markerseek.studies.paper.section import Cell, Section, Table
 from markerseek.studies.study import CurveSettings
 from markerseek.studies.trial import intensity_curve
 
-WIDE = Condition(source_radius_m=0.5e-3, peak_snr_db=60.0)
+WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
 """Curve and noise of all faults but one: without a fault, neither set of rules fails on it."""
+
+FRAMED = Condition(source_radius_m=0.35e-3, peak_snr_db=50.0)
+"""Curve and noise of the faults that need frames: a converter of 12 bits still shows this noise."""
 
 NARROW = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 """The default of the simulated rig."""
@@ -64,8 +67,10 @@ class Fault:
         Makes what happens to frames, given a number from 0 to 13 that differs from run to run; None: nothing.
     shift_deg, fading
         See `markerseek.studies.paper.faults.ChangingCurve`.
+    frames
+        Whether it runs on frames of channel data instead of the curve.
     peak_counts, bursts
-        Settings of a run on frames of channel data; None: it runs on the curve.
+        Settings of a run on frames; None: the usual ones.
     """
 
     words: str
@@ -74,13 +79,9 @@ class Fault:
     spoil: Callable[[int], _Spoil] | None = None
     shift_deg: float = 0.0
     fading: float = 1.0
+    frames: bool = False
     peak_counts: float | None = None
     bursts: Bursts | None = None
-
-    @property
-    def frames(self) -> bool:
-        """Whether it needs frames of channel data."""
-        return self.peak_counts is not None or self.bursts is not None
 
 
 _HALF = 0.5 * 10 ** (WIDE.peak_snr_db / 20)
@@ -96,9 +97,15 @@ FAULTS: dict[str, Fault] = {
     "narrow": Fault(words="narrow curve over a noise floor, no fault", condition=NARROW),
     "fading": Fault(words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING),
     "moving": Fault(words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG),
-    "clipped channels": Fault(words="channels clipped at 50 % (from frames)", peak_counts=4094.0),
+    "frames": Fault(words="no fault (from frames)", condition=FRAMED, frames=True),
+    "clipped channels": Fault(
+        words="channels clipped at 50 % (from frames)", condition=FRAMED, frames=True, peak_counts=4094.0
+    ),
     "bursts": Fault(
-        words="bursts of noise in one frame of ten (from frames)", bursts=Bursts(frame_probability=0.1, gain=20.0)
+        words="bursts of noise in one frame of ten (from frames)",
+        condition=FRAMED,
+        frames=True,
+        bursts=Bursts(frame_probability=0.1, gain=20.0),
     ),
 }
 """All faults by name."""

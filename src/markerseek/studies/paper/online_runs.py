@@ -13,7 +13,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.core import SearchError
-from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,
@@ -25,7 +25,7 @@ from markerseek.studies.paper.methods import (
     searched,
     shorter,
 )
-from markerseek.studies.paper.positions import grid
+from markerseek.studies.paper.positions import PEAK_COUNTS, grid
 
 LEVELS_DB = (40.0, 60.0)
 """Peak SNR: the default of the physics notes, and the quiet end of what they sweep."""
@@ -110,7 +110,11 @@ def online_runs(effort: Effort, *, levels_db: Sequence[float] = LEVELS_DB) -> li
 
 def _run(job: _Job) -> OnlineRun:
     settings = SimulatedSettings(
-        tissue=TISSUE, marker=job.marker, noise=NoiseSettings(peak_snr_db=job.peak_snr_db), start_deg=-35.0
+        tissue=TISSUE,
+        marker=job.marker,
+        noise=NoiseSettings(peak_snr_db=job.peak_snr_db),
+        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
+        start_deg=-35.0,
     )
     rig = rigs.simulated(seed=job.seed, settings=settings)
     if rig.truth_deg is None:

@@ -14,6 +14,10 @@ SPACING_M = 20e-3
 HEIGHT_M = 60e-3
 """Distance of the grid's plane from the axis of rotation in metres: 5 cm of gel pad, and the probe's radius."""
 
+PEAK_COUNTS = 1500.0
+"""Height of the marker's signal in a channel, in counts of a full scale of 2047: high enough that the noise of a quiet
+rig (60 dB) is still more than the steps of the converter."""
+
 ROUGHNESS_M = 2e-3
 """Standard deviation of a spot's place in the plane: the paper's grid is roughly spaced, and by how much it does not
 say. On an exact grid there would be three different angles only."""

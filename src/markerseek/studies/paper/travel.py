@@ -281,8 +281,9 @@ def _remarks(ways: Sequence[_Way]) -> tuple[str, ...]:
     speed = FASTEST.speed_deg_s
     return (
         (
-            f"The paper's travel, {ts:g}° and {gss:g}°, does not replay. Even with the nearer angle of each pair "
-            f"first, TS turns by {shortest['TS']:.0f}° and GSS by {shortest['GSS']:.0f}° on average."
+            f"The paper's travel, {ts:g}° and {gss:g}°, does not replay. Even if the order within each pair "
+            f"were chosen for the shortest way, TS turns by {shortest['TS']:.0f}° and GSS by {shortest['GSS']:.0f}° on "
+            "average."
         ),
         (
             f"Its 1 to 2 s are what {ts:g}° and {gss:g}° take at {speed:g}°/s without a single stop: {ts / speed:.1f} "

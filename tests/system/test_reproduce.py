@@ -1,0 +1,154 @@
+"""``markerseek reproduce`` as a user types it: files, numbers, progress that ends, and how wrong input is met."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek import cli
+from markerseek.records.banks import IntensityBank, read_bank, write_bank
+
+pytest.importorskip("matplotlib")
+
+
+class Shell:
+    """Runs a command in this process, and keeps its exit code and output."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *words: object) -> tuple[int, str, str]:
+        self._monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        output = self._capsys.readouterr()
+        assert "Traceback" not in output.err
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), output.out, output.err
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as lines:
+        return list(csv.DictReader(lines))
+
+
+def test_travel_comes_as_object_files_and_page_with_the_same_numbers(shell: Shell, tmp_path: Path) -> None:
+    code, out, err = shell("reproduce", "travel", "--markers", 40, "--workers", 1, "--out", tmp_path, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    (section,) = answer["sections"]
+    in_csv = rows_of(tmp_path / "travel_beside_the_paper.csv")
+    assert [float(row["ours"]) for row in in_csv] == [number["ours"] for number in section["numbers"]]
+    assert [float(row["paper"]) for row in in_csv] == [number["paper"] for number in section["numbers"]]
+    assert {"travel.csv", "travel.png", "travel.svg"} <= {Path(path).name for path in section["files"]}
+    page = Path(answer["report"]).read_text(encoding="utf-8")
+    assert all(f"{number['ours']:.3g}" in page for number in section["numbers"] if number["ours"] < 100)
+
+
+def test_the_same_seed_gives_the_same_numbers_and_another_seed_others(shell: Shell, tmp_path: Path) -> None:
+    def numbers(seed: int) -> list[float]:
+        words = ("--markers", 20, "--workers", 1, "--seed", seed, "--out", tmp_path, "--json")
+        (section,) = json.loads(shell("reproduce", "travel", *words)[1])["sections"]
+        return [number["ours"] for number in section["numbers"]]
+
+    first = numbers(3)
+    assert numbers(3) == first
+    assert numbers(4) != first
+
+
+def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tmp_path: Path) -> None:
+    """A wide symmetric curve without noise: TS and GSS answer as without noise, WA as NumPy's average."""
+    angles = np.linspace(-35, 35, 141)
+    heard = 1 / (1 + ((angles - 6.2) / 8) ** 2)
+    bank = tmp_path / "mine.csv"
+    write_bank(IntensityBank(angles_deg=tuple(angles.tolist()), intensities=tuple(heard.tolist())), bank)
+    assert read_bank(bank).angles_deg == tuple(angles.tolist())
+    code, _, _ = shell("reproduce", "fig6", "--bank", bank, "--reference-deg", 6.2, "--out", tmp_path, "--workers", 1)
+    assert code == 0
+    errors = {(row["method"], int(row["acquisitions"])): row for row in rows_of(tmp_path / "fig6_searches.csv")}
+    assert float(errors["TS", 28]["error_deg"]) < 70 * (2 / 3) ** 14
+    assert float(errors["GSS", 28]["error_deg"]) < 0.3
+    asked = np.round(np.linspace(-35, 35, 16) * 1919.6418578623391) / 1919.6418578623391
+    at = np.interp(asked, angles, heard)
+    kept = at >= 0.2 * at.max()
+    expected = np.average(asked[kept], weights=at[kept])
+    assert float(errors["WA", 16]["angle_deg"]) == pytest.approx(expected, abs=1e-6)
+    assert float(errors["WA", 16]["bank_maximum_deg"]) == 6.0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "the user&#x27;s own" in page
+
+
+def test_table_1_of_a_users_bank_without_a_reference_counts_from_its_maximum(shell: Shell, tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "examples" / "simulated_scan.csv"
+    code, out, _ = shell("reproduce", "table1", "--bank", example, "--out", tmp_path, "--workers", 1)
+    assert code == 0
+    assert "report:" in out
+    for row in rows_of(tmp_path / "table1.csv"):
+        assert row["mean_error_deg"] == row["mean_from_maximum_deg"]
+
+
+def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("reproduce", "fig5", "--markers", 40, "--workers", 2, "--out", tmp_path, "--json")
+    assert code == 0
+    (section,) = json.loads(out)["sections"]
+    quiet = {(row["method"], row["acquisitions"]): row for row in rows_of(tmp_path / "fig5_without_noise.csv")}
+    assert float(quiet["TS", "28"]["mean_error_deg"]) == pytest.approx(0.027, abs=0.003)
+    assert float(quiet["GSS", "28"]["mean_error_deg"]) == pytest.approx(0.012, abs=0.0015)
+    assert float(quiet["TS", "16"]["mean_error_deg"]) == pytest.approx(0.32, abs=0.03)
+    agreement = rows_of(tmp_path / "fig5_frames.csv")
+    assert sum(row["agree"] == "yes" for row in agreement) >= len(agreement) - 2
+    assert len(section["numbers"]) == 6
+    assert len(rows_of(tmp_path / "fig5.csv")) == 2 * (14 + 14 + 21)
+
+
+def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> None:
+    code, _, _ = shell("reproduce", "failures", "--markers", 100, "--workers", 2, "--out", tmp_path)
+    assert code == 0
+    rows = {(row["fault"], row["method"], row["rules"]): row for row in rows_of(tmp_path / "failures.csv")}
+    bare, ours = "the paper's", "ours"
+    for method in ("TS", "GSS", "WA"):
+        assert float(rows["no fault", method, bare]["off"]) == 0
+        assert float(rows["no fault", method, ours]["off"]) == 0
+        assert float(rows["no marker", method, bare]["no_angle"]) == 0
+        assert float(rows["no marker", method, ours]["no_angle"]) == 1
+        assert float(rows["all frames NaN", method, ours]["no_angle"]) == 1
+        assert float(rows["frames one step late", method, ours]["off"]) == 0
+    assert float(rows["all frames NaN", "TS", bare]["off"]) == 1
+    assert float(rows["frames one step late", "TS", bare]["off"]) > 0.8
+    assert float(rows["intensities clipped at 50 %", "TS", bare]["mean_signed_error_deg"]) < -2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fig9",), "'fig9' is unknown; there are: fig5, fig6"),
+        (("travel", "--markers", 3), "between 10 and"),
+        (("travel", "--workers", 0), "workers is 0"),
+        (("fig7", "--bank", "x.csv"), "searches on no bank"),
+        (("fig6", "--reference-deg", 3), "give --bank too"),
+        (("fig6", "--bank", "missing.csv"), "there is no such file"),
+    ],
+)
+def test_wrong_usage_is_met_with_a_sentence(shell: Shell, tmp_path: Path, words: tuple[object, ...], said: str) -> None:
+    code, out, err = shell("reproduce", *words, "--out", tmp_path / "out", "--json")
+    assert code == 2
+    assert said in json.loads(out)["error"]
+    assert said in " ".join(err.split())
+
+
+def test_an_out_that_cannot_be_written_is_met_with_a_sentence(shell: Shell, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    code, _, err = shell("reproduce", "travel", "--markers", 10, "--workers", 1, "--out", blocked)
+    assert code == 2
+    assert "name another --out" in err
