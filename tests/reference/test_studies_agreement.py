@@ -32,7 +32,7 @@ def intensities(rig: rigs.Rig, off_plane_deg: float | None, *, count: int) -> np
 def test_intensities_are_distributed_alike(peak_snr_db: float, off_plane_deg: float | None) -> None:
     """Means within 0.6 noise standard deviations and 0.7 % beside their Monte Carlo error; scatter within a third.
 
-    Without a marker's sound, within 0.1. What is left is the reader: a peak between two columns is refined by a parabola.
+    Without a marker's sound, within 0.1. What is left is the reader, which refines a peak by parabolas.
     """
     settings = replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
     sigma = draw_scene(settings, np.random.default_rng(1)).peak / 10 ** (peak_snr_db / 20)

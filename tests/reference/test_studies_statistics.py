@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -17,7 +18,7 @@ from markerseek.studies.statistics import Mean, Moments, Share, clopper_pearson
 def test_merged_moments_are_those_of_the_whole_sample(values: list[float], cuts: list[int]) -> None:
     edges = [0, *sorted(min(cut, len(values)) for cut in cuts), len(values)]
     merged = Moments()
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in itertools.pairwise(edges):
         merged = merged.merged(Moments.of(values[low:high]))
     assert merged.count == len(values)
     assert merged.mean == pytest.approx(np.mean(values), abs=1e-9)

@@ -80,7 +80,9 @@ def test_a_recorded_curve_is_monotone_cubic_between_its_angles(t: float) -> None
     angles = np.array([-40.0, -10, -3, 0, 2, 9, 41])
     heights = np.array([[0.0, 0.0], [0.1, 0.05], [0.5, 0.4], [1.0, 0.9], [0.6, 0.6], [0.2, 0.0], [0.01, 0.0]])
     inside = min(max(t, -40.0), 41.0)
-    assert RecordedCurve(angles, heights).peaks(t) == pytest.approx(PchipInterpolator(angles, heights)(inside), abs=1e-4)
+    assert RecordedCurve(angles, heights).peaks(t) == pytest.approx(
+        PchipInterpolator(angles, heights)(inside), abs=1e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,9 @@ def test_a_dark_frame_is_noise_and_says_how_strong_it_is() -> None:
 
 def test_the_energy_of_the_light_scales_the_peak() -> None:
     bright = Flash(at_s=0.0, pulses=1, energy=1.5)
-    one, more = (world(GaussianCurve(fwhm_deg=7.0), peak=1e6).frame(f, header=HEADER).intensity for f in (FLASH, bright))
+    one, more = (
+        world(GaussianCurve(fwhm_deg=7.0), peak=1e6).frame(f, header=HEADER).intensity for f in (FLASH, bright)
+    )
     assert more / one == pytest.approx(1.5, rel=1e-5)
 
 

@@ -63,7 +63,7 @@ def _as_ready(distributed: Any, client: Any, study: Study, waiting: Iterator[Chu
 
     under_way: dict[str, Chunk] = {}
     threads = sum(client.nthreads().values()) or 1
-    ready = distributed.as_completed([submit(piece) for piece in islice(waiting, _AHEAD * threads)])
+    ready = distributed.as_completed([submit(piece) for piece in islice(waiting, _AHEAD * threads)], loop=client.loop)
     for future in ready:
         piece = under_way.pop(future.key)
         for following in islice(waiting, 1):

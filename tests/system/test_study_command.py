@@ -1,0 +1,155 @@
+"""``markerseek study`` as a user types it, killed at any moment, and on a Dask cluster."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from markerseek import cli
+from markerseek.studies import read_study, run_study
+
+STUDY = """
+version = 1
+trials = 3000
+[[policies]]
+method = "ternary"
+acquisitions = 4
+as_published = true
+[[policies]]
+method = "weighted-average"
+acquisitions = 3
+as_published = true
+[curve]
+family = "sech"
+fwhm_deg = 12.0
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.toml"
+    path.write_text(STUDY, encoding="utf-8")
+    return path
+
+
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    output = capsys.readouterr()
+    assert "Traceback" not in output.err
+    code = ended.value.code
+    return (code if isinstance(code, int) else 0), output.out, output.err
+
+
+def test_a_table_for_people_an_object_for_programs_and_any_row_again(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(STUDY.replace("3000", "20"), encoding="utf-8")
+    out = tmp_path / "out"
+    code, text, _ = shell(monkeypatch, capsys, "study", study, "--out", out, "--workers", 1)
+    assert code == 0
+    for word in ("mine: 40 simulated searches", "ternary as published, 4", "cell 0", "100.0 %", "0 - 1", "rows.csv"):
+        assert word in text
+    code, text, _ = shell(monkeypatch, capsys, "study", study, "--out", out, "--json")
+    said = json.loads(text)
+    assert code == 0
+    assert said == json.loads((out / "summary.json").read_bytes())
+    assert [policy["trials"] for policy in said["policies"]] == [20, 20]
+    with (out / "rows.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    code, text, _ = shell(monkeypatch, capsys, "study", study, "--row", 17, "--json")
+    again = json.loads(text)
+    assert code == 0
+    assert {name: float(rows[17][name]) for name in ("mean_deg", "truth_deg", "error_deg", "travel_deg")} == {
+        name: again[name] for name in ("mean_deg", "truth_deg", "error_deg", "travel_deg")
+    }
+    assert shell(monkeypatch, capsys, "study", study, "--row", 17)[1].count("\n") == len(again)
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "message"),
+    [
+        (("trials", "trails"), (), "did you mean trials?"),
+        (("", ""), ("--row", "8000"), "has the rows 0 to 5999"),
+        (("3000", "5"), ("--out", "{other}"), "holds another study"),
+    ],
+)
+def test_wrong_usage_ends_with_2_and_the_cure(
+    study: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    change: tuple[str, str],
+    words: tuple[str, ...],
+    message: str,
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "study.json").write_text(json.dumps({"hash": "0123", "version": cli.__version__}))
+    study.write_text(STUDY.replace(*change), encoding="utf-8")
+    given = [word.format(other=other) for word in words]
+    code, text, err = shell(monkeypatch, capsys, "study", study, *given, "--json")
+    assert code == 2
+    assert message in json.loads(text)["error"]
+    assert message in " ".join(err.split())
+
+
+def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(study: Path, tmp_path: Path) -> None:
+    """SIGKILL to the command once its first part is there; its orphaned workers end by themselves."""
+    settings = read_study(study)
+    run_study(settings, tmp_path / "whole", workers=1)
+    killed = tmp_path / "killed"
+    program = "from markerseek.cli import main; main()"
+    command = [sys.executable, "-c", program, "study", str(study), "--workers", "2", "--out", str(killed)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    while process.poll() is None and not list((killed / "parts").glob("*.csv")):
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=0.02)
+    process.send_signal(signal.SIGKILL)
+    # the pipes close only when the workers, which hold them too, have ended
+    process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGKILL
+    assert not (killed / "rows.csv").exists()
+    assert list((killed / "parts").glob("*.csv"))
+    run_study(settings, killed, workers=1)
+    for name in ("study.json", "rows.csv", "summary.json"):
+        assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")
+@pytest.mark.filterwarnings("ignore")
+def test_a_dask_cluster_gives_the_same_files_as_this_machine(study: Path, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    few = tmp_path / "few.toml"
+    few.write_text(STUDY.replace("3000", "700"), encoding="utf-8")
+    settings = read_study(few)
+    run_study(settings, tmp_path / "here", workers=1)
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
+        run_study(settings, tmp_path / "there", scheduler=cluster.scheduler_address)
+    for name in ("study.json", "rows.csv", "summary.json"):
+        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_does_not_answer_is_named(
+    study: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("markerseek.studies.cluster._TIMEOUT_S", 1)
+    words = ("study", study, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1", "--json")
+    code, text, _ = shell(monkeypatch, capsys, *words)
+    assert code == 2
+    assert "nothing answers at tcp://127.0.0.1:1" in json.loads(text)["error"]
