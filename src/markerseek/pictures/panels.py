@@ -59,10 +59,13 @@ class Panel:
         What it shows.
     lines
         What is drawn in it.
+    ticks
+        Names at the places 1, 2, … of the axis across; none leaves numbers there.
     """
 
     title: str
     lines: tuple[Line, ...]
+    ticks: tuple[str, ...] = ()
 
 
 def panels_figure(
@@ -109,6 +112,8 @@ def panels_figure(
             handle = _draw(axes, line)
             if line.label:
                 named.setdefault(line.label, handle)
+        if panel.ticks:
+            axes.set_xticks(range(1, len(panel.ticks) + 1), panel.ticks, fontsize=8)
         axes.grid(visible=True, color="#e3e6ea", linewidth=0.6)
         axes.set_axisbelow(True)
         if number >= len(panels) - columns:

@@ -35,7 +35,7 @@ img {{ max-width: 100%; border: 1px solid #e3e6ea; }}
 table {{ border-collapse: collapse; font-size: 13px; }}
 th, td {{ text-align: left; vertical-align: top; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
 th {{ color: #4a505a; }} td {{ font-variant-numeric: tabular-nums; }}
-td.n {{ text-align: right; white-space: nowrap; }}
+td.n {{ text-align: right; white-space: nowrap; }} th {{ vertical-align: bottom; }}
 caption {{ text-align: left; font-weight: 600; padding: .3rem 0; }}
 nav a {{ margin-right: 1rem; }} .files {{ color: #6a707a; font-size: 13px; }}
 </style>

@@ -59,12 +59,17 @@ _BRACKET = (
 )
 _NINE = "It comes from nine positions whose angles are not public."
 _TWO = (
-    "It does not replay for markers spread evenly over the range: one iteration leaves more, whatever the curve, as "
-    "the line without noise shows. The paper's nine positions are not public."
+    "It does not replay for markers spread evenly over the range: one iteration leaves more, whatever the curve "
+    "(fig5_without_noise.csv). The paper's nine positions are not public."
 )
 _TRAVEL = (
     "It does not replay: the order of acquisitions that section 2.3 prints, two fresh ones in each iteration and the "
     "left one first, turns the probe several times as far."
+)
+
+_SPEED = (
+    "It is the paper's own travel at the stage's largest speed, without a stop. A stage that comes to rest at each of "
+    "16 angles takes many times as long."
 )
 
 _TABLE_1 = {
@@ -190,7 +195,7 @@ _NUMBERS = [
         place="Section 4",
         mean=1.0,
         unit="s",
-        limits="At the stage's largest speed of 25°/s, travel alone takes longer, and each move has two ramps.",
+        limits=_SPEED,
     ),
     Reported(
         key="travel/high",
@@ -198,7 +203,7 @@ _NUMBERS = [
         place="Section 4",
         mean=2.0,
         unit="s",
-        limits="See the line before.",
+        limits=_SPEED,
     ),
     Reported(
         key="manual/low",

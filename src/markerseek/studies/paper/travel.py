@@ -300,25 +300,23 @@ def _draw(ways: Sequence[_Way]) -> Figure:
     panels = []
     for name in ("TS", "GSS"):
         here = [way for way in ways if way.name == name]
-        lines = [
-            Line(
-                label=f"{name}, {way.order}, {way.start}",
-                x=(float(number),),
-                y=(way.travel.value,),
-                half=(way.travel.half,),
-                colour=COLOURS["TS" if name == "TS" else "GSS"],
-                form="bar",
-            )
-            for number, way in enumerate(here, start=1)
-        ]
-        lines.append(
-            Line(label="paper", x=(0.0,), y=(reported(f"travel/{name}").mean,), colour="#222222", form="level")
+        bars = Line(
+            label=f"{name}, ours",
+            x=tuple(float(number) for number in range(1, len(here) + 1)),
+            y=tuple(way.travel.value for way in here),
+            half=tuple(way.travel.half for way in here),
+            colour=COLOURS["TS" if name == "TS" else "GSS"],
+            form="bar",
         )
-        panels.append(Panel(title=name, lines=tuple(lines)))
+        paper = reported(f"travel/{name}").mean
+        level = Line(label="paper", x=(0.0,), y=(paper,), colour="#222222", form="level")
+        ticks = tuple(f"{way.order},\n{way.start}" for way in here)
+        panels.append(Panel(title=name, lines=(bars, level), ticks=ticks))
     return panels_figure(
         panels,
         title=f"Rotation travel of {TABLE_ACQUISITIONS} acquisitions",
-        across="way of counting",
+        across="order within a pair, and where the travel is counted from",
         up="travel [deg]",
         columns=2,
+        panel_in=(5.2, 3.2),
     )
