@@ -59,5 +59,6 @@ def _loop(effort: Effort) -> Single:
         ms=whole.ms / acquisitions,
         least_ms=whole.least_ms / acquisitions,
         most_ms=whole.most_ms / acquisitions,
+        processor_ms=whole.processor_ms / acquisitions,
         rounds=whole.rounds,
     )

@@ -73,6 +73,7 @@ def measure(effort: Effort) -> tuple[list[Single], list[str]]:
         ms=(many.ms - one.ms) * share,
         least_ms=(many.least_ms - one.least_ms) * share,
         most_ms=(many.most_ms - one.most_ms) * share,
+        processor_ms=(many.processor_ms - one.processor_ms) * share,
         rounds=many.rounds,
     )
     rng = np.random.default_rng(3)

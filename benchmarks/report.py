@@ -38,19 +38,16 @@ class Report:
         """Tables, with the targets last."""
         parts = [
             "\n".join(f"- {name}: {value}" for name, value in self.machine.items()),
-            "### Beside other programs, in turn",
+            "### Beside other programs, in turn (processor time)",
             _table(
                 ("work", "peer", "ours, ms", "peer, ms", "peer / ours", "least – most", "rounds", "outputs differ by"),
                 map(_pair_row, self.pairs),
             ),
             f"\\* Ratios between 1/{PROVES_NOTHING:g} and {PROVES_NOTHING:g} prove nothing.",
-            "### Ours alone",
+            "### Ours alone (time on the clock)",
             _table(
-                ("work", "median, ms", "least – most, ms", "rounds"),
-                (
-                    (each.work, f"{each.ms:.3g}", f"{each.least_ms:.3g} – {each.most_ms:.3g}", str(each.rounds))
-                    for each in self.singles
-                ),
+                ("work", "median, ms", "least – most, ms", "processor time, ms", "rounds"),
+                map(_single_row, self.singles),
             ),
             "\n".join(f"- {remark}" for remark in self.remarks),
             "### Targets",
@@ -64,6 +61,11 @@ def _pair_row(pair: Pair) -> tuple[str, ...]:
     spread = f"{pair.least_ratio:.3g} – {pair.most_ratio:.3g}"
     times = (f"{pair.ours_ms:.3g}", f"{pair.peer_ms:.3g}")
     return (pair.work, pair.peer, *times, ratio, spread, str(pair.rounds), pair.agreement)
+
+
+def _single_row(single: Single) -> tuple[str, ...]:
+    spread = f"{single.least_ms:.3g} – {single.most_ms:.3g}"
+    return (single.work, f"{single.ms:.3g}", spread, f"{single.processor_ms:.3g}", str(single.rounds))
 
 
 def _target_row(target: Target) -> tuple[str, ...]:

@@ -31,8 +31,8 @@ class Target:
 
 def judge(pairs: Sequence[Pair], singles: Sequence[Single]) -> list[Target]:
     """Every target, in the order of the benchmarks."""
-    times = {single.work: single.ms for single in singles}
-    simulate = max(ms for work, ms in times.items() if work.startswith(forward.FORWARD))
+    times = {single.work: single for single in singles}
+    simulate = max((each for each in singles if each.work.startswith(forward.FORWARD)), key=lambda each: each.ms)
     return [
         _fastest_peer(pairs, beamforming.FULL_APERTURE),
         _c_limit(pairs, beamforming.FULL_APERTURE),
@@ -47,8 +47,10 @@ def judge(pairs: Sequence[Pair], singles: Sequence[Single]) -> list[Target]:
     ]
 
 
-def _at_most(work: str, ms: float, limit_ms: float) -> Target:
-    return Target(work=work, limit=f"≤ {limit_ms:g} ms", figure=f"{ms:.3g} ms", met=ms <= limit_ms)
+def _at_most(work: str, single: Single, limit_ms: float) -> Target:
+    """The clock decides; the processor time tells how far a busy machine is to blame."""
+    figure = f"{single.ms:.3g} ms (processor time {single.processor_ms:.3g} ms)"
+    return Target(work=work, limit=f"≤ {limit_ms:g} ms", figure=figure, met=single.ms <= limit_ms)
 
 
 def _fastest_peer(pairs: Sequence[Pair], work: str) -> Target:

@@ -1,7 +1,13 @@
-"""Two programs timed in turn, A B A B, so that a slow moment of the machine falls on both."""
+"""Two programs timed in turn, A B A B, so that a slow moment of the machine falls on both.
+
+Comparisons are made in processor time: what is compared computes and never waits, and is held to the same cores, so
+that on a quiet machine held to one core this is the time on the clock, and on a busy one it leaves out the moments
+when the core was taken away.
+"""
 
 from __future__ import annotations
 
+import resource
 import statistics
 import time
 from collections.abc import Callable
@@ -38,14 +44,16 @@ QUICK = Effort(rounds=9, least=3, budget_s=1.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Single:
-    """Time of one piece of work of ours.
+    """Time of one piece of work of ours, on the clock and in processor time.
 
     Attributes
     ----------
     work
         What was done.
     ms, least_ms, most_ms
-        Median, least and largest time in milliseconds.
+        Median, least and largest time on the clock in milliseconds.
+    processor_ms
+        Median processor time in milliseconds, processes that were started included.
     rounds
         Number of repetitions.
     """
@@ -54,12 +62,13 @@ class Single:
     ms: float
     least_ms: float
     most_ms: float
+    processor_ms: float
     rounds: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Times of a peer's work and of ours, taken in turn.
+    """Processor times of a peer's work and of ours, taken in turn.
 
     Attributes
     ----------
@@ -94,15 +103,23 @@ class Pair:
 def alone(work: str, ours: Work, *, effort: Effort) -> Single:
     """Time of our work by itself, after a warm-up."""
     _once_ms(ours)
-    times = []
+    times: list[tuple[float, float]] = []
     start = time.perf_counter()
     while len(times) < effort.least or (len(times) < effort.rounds and time.perf_counter() - start < effort.budget_s):
         times.append(_once_ms(ours))
-    return Single(work=work, ms=statistics.median(times), least_ms=min(times), most_ms=max(times), rounds=len(times))
+    clock, processor = zip(*times, strict=True)
+    return Single(
+        work=work,
+        ms=statistics.median(clock),
+        least_ms=min(clock),
+        most_ms=max(clock),
+        processor_ms=statistics.median(processor),
+        rounds=len(times),
+    )
 
 
 def in_turn(work: str, ours: Work, peer: str, theirs: Work, *, agreement: str, effort: Effort) -> Pair:
-    """Time of a peer's work and of ours.
+    """Processor time of a peer's work and of ours.
 
     Each turn is one call that is not timed, which brings the program's own data back into the caches, and one that is.
     """
@@ -128,10 +145,17 @@ def in_turn(work: str, ours: Work, peer: str, theirs: Work, *, agreement: str, e
 
 def _warm_ms(work: Work) -> float:
     work()
-    return _once_ms(work)
+    return _once_ms(work)[1]
 
 
-def _once_ms(work: Work) -> float:
-    start = time.perf_counter()
+def _once_ms(work: Work) -> tuple[float, float]:
+    """Time on the clock, and processor time."""
+    clock, processor = time.perf_counter(), _processor_s()
     work()
-    return 1e3 * (time.perf_counter() - start)
+    return 1e3 * (time.perf_counter() - clock), 1e3 * (_processor_s() - processor)
+
+
+def _processor_s() -> float:
+    """Processor time of this process, and of those that it started and that have ended."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime
