@@ -1,0 +1,226 @@
+"""What is known of the angle: the posterior of all samples, coarse over the range and fine where it has its mass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from markerseek.core import Interval
+from markerseek.core.reading import Sample
+from markerseek.search.floor import MOST_CELLS, Noise
+from markerseek.search.posterior import arrival
+from markerseek.search.posterior.grid import Grid, Heard, finer
+from markerseek.search.posterior.heard import place_ratio
+from markerseek.search.posterior.shapes import Shapes
+
+PARTICLES = 64
+"""Markers that are drawn from the posterior to choose the next angle."""
+
+BEYOND_STEPS = 12
+"""Coarse steps that the grid goes on beyond each end of the range."""
+
+BEYOND_SHARE = 0.05
+"""Prior density there over that inside."""
+
+COARSE_STEPS = 140
+"""Coarse steps over the range: half a degree for ±35°."""
+
+FINE_ANGLES = 49
+"""Angles of a fine grid."""
+
+CLEAR = 6.0
+"""Intensity over σ from which a peak's place and arrival are the marker's."""
+
+SAME_PLACE_M = 3e-3
+"""Largest lateral distance between peaks of one marker, for the arrival to count; in metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Belief:
+    """The posterior of the angle.
+
+    Attributes
+    ----------
+    angle_deg, share
+        Angles in degrees, evenly spaced, and the probability of each; they add up to 1.
+    coarse_deg, coarse_share
+        The same over the whole range.
+    theta_deg, member, log_snr
+        Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
+    fwhm_deg
+        Mean of the curve's full width at half maximum, in degrees.
+    """
+
+    angle_deg: Float64[np.ndarray, " angles"]
+    share: Float64[np.ndarray, " angles"]
+    coarse_deg: Float64[np.ndarray, " coarse"]
+    coarse_share: Float64[np.ndarray, " coarse"]
+    theta_deg: Float64[np.ndarray, " particles"]
+    member: Int64[np.ndarray, " particles"]
+    log_snr: Float64[np.ndarray, " particles"]
+    fwhm_deg: float
+
+    @property
+    def mean_deg(self) -> float:
+        """Mean of the angle in degrees."""
+        return float(self.share @ self.angle_deg)
+
+    @property
+    def sigma_deg(self) -> float:
+        """Standard deviation of the angle in degrees, the step of the grid in it."""
+        step_deg = float(self.angle_deg[1] - self.angle_deg[0])
+        return math.sqrt(float(self.share @ (self.angle_deg - self.mean_deg) ** 2) + step_deg**2 / 12)
+
+    def quantile_deg(self, probability: float) -> float:
+        """Angle below which the marker lies with that probability, in degrees."""
+        step_deg = float(self.angle_deg[1] - self.angle_deg[0])
+        edges = np.concatenate([[0.0], np.cumsum(self.share)])
+        ends = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
+        return float(np.interp(probability, edges, ends))
+
+
+class Evidence:
+    """All samples of a search, and the coarse grid that grows with them.
+
+    Parameters
+    ----------
+    limits
+        Range of the search.
+    shapes
+        Family of curves.
+    cues
+        Which of "intensity", "arrival" and "lateral" count.
+    """
+
+    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str]) -> None:
+        self._shapes = shapes
+        self._cues = cues
+        step_deg = limits.width_deg / COARSE_STEPS
+        self._coarse_deg = limits.low_deg + step_deg * np.arange(-BEYOND_STEPS, COARSE_STEPS + BEYOND_STEPS + 1)
+        inside = (self._coarse_deg >= limits.low_deg - step_deg / 2) & (
+            self._coarse_deg <= limits.high_deg + step_deg / 2
+        )
+        self._log_prior = np.where(inside, 0.0, math.log(BEYOND_SHARE))
+        self._grid: Grid | None = None
+        self._basis: tuple[float, float, float | None] = (0.0, 1.0, None)
+        self._heard: list[Heard] = []
+
+    def belief(self, lit: Sequence[Sample], noise: Noise) -> Belief:
+        """Return the posterior of these samples, of which the earlier ones were seen before.
+
+        Parameters
+        ----------
+        lit
+            Samples with the laser on, at least one.
+        noise
+            Noise of the search.
+        """
+        coarse = self._coarse(lit, noise)
+        log_angle = self._log_prior + self._arrivals(lit)
+        known = coarse.marginals(log_angle, particles=PARTICLES)
+        grid, best = coarse, known
+        for _ in range(2):
+            step_deg = float(grid.angles_deg[1] - grid.angles_deg[0])
+            mean_deg = float(best.angle @ grid.angles_deg)
+            sigma_deg = math.sqrt(float(best.angle @ (grid.angles_deg - mean_deg) ** 2) + step_deg**2 / 12)
+            half_deg = max(5 * sigma_deg, 2 * step_deg)
+            if half_deg >= 0.4 * (grid.angles_deg[-1] - grid.angles_deg[0]) / 2 or "intensity" not in self._cues:
+                break
+            grid = finer(self._shapes, grid, best, self._heard, half_deg=half_deg, angles=FINE_ANGLES)
+            fine_prior = np.interp(grid.angles_deg, self._coarse_deg, log_angle)
+            best = grid.marginals(fine_prior, particles=PARTICLES)
+        unit, sigma, _ = self._basis
+        return Belief(
+            angle_deg=grid.angles_deg,
+            share=best.angle,
+            coarse_deg=self._coarse_deg,
+            coarse_share=known.angle,
+            theta_deg=grid.angles_deg[best.drawn[:, 0]],
+            member=grid.members[best.drawn[:, 1]],
+            log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(unit) - math.log(sigma),
+            fwhm_deg=float(best.shape @ self._shapes.fwhm_deg[grid.members]),
+        )
+
+    def _coarse(self, lit: Sequence[Sample], noise: Noise) -> Grid:
+        """The coarse grid with all samples; made anew when what they are measured by has changed."""
+        basis = _basis(lit, noise)
+        unit, sigma, marker_m = self._basis
+        moved = (basis[2] is None) != (marker_m is None) or (
+            basis[2] is not None and marker_m is not None and abs(basis[2] - marker_m) > 0.5e-3
+        )
+        told = all(sample.reading.noise_sigma is not None for sample in lit)
+        steady = told or 0.9 < basis[1] / sigma < 1.1
+        if self._grid is None or moved or not steady or not unit <= basis[0] <= 3 * unit:
+            self._basis = basis
+            self._heard = []
+            self._grid = Grid(
+                shapes=self._shapes,
+                angles_deg=self._coarse_deg,
+                members=np.arange(0, self._shapes.fwhm_deg.size, 3),
+                lowest=math.log(0.5),
+                phases=12,
+                amplitudes=28,
+                blur=0.125,
+            )
+        for sample in lit[len(self._heard) :]:
+            heard = self._terms(sample)
+            self._heard.append(heard)
+            if "intensity" in self._cues:
+                self._grid.add(heard)
+        return self._grid
+
+    def _terms(self, sample: Sample) -> Heard:
+        unit, sigma, marker_m = self._basis
+        reading = sample.reading
+        own = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else sigma
+        intensity = max(reading.intensity, 0.01 * own)
+        ratio = place_ratio(reading.lateral_m, marker_m=marker_m) if "lateral" in self._cues else 1.0
+        return Heard(
+            angle_deg=sample.angle_deg,
+            log_intensity=math.log(intensity) - math.log(unit),
+            noise=own / intensity,
+            cells=reading.cells or MOST_CELLS,
+            ratio=ratio,
+        )
+
+    def _arrivals(self, lit: Sequence[Sample]) -> Float64[np.ndarray, " coarse"]:
+        """Ln of the likelihood of the arrivals; 0 where the cue is off or fewer than two samples tell one."""
+        nothing = np.zeros_like(self._coarse_deg)
+        if "arrival" not in self._cues:
+            return nothing
+        _, sigma, marker_m = self._basis
+        telling = [
+            (sample.angle_deg, sample.reading.arrival_s, sample.reading.intensity / sigma)
+            for sample in lit
+            if sample.reading.arrival_s is not None
+            and sample.reading.intensity > CLEAR * sigma
+            and (
+                marker_m is None
+                or sample.reading.lateral_m is None
+                or abs(sample.reading.lateral_m - marker_m) < SAME_PLACE_M
+            )
+        ]
+        if len(telling) < 2:
+            return nothing
+        heard_deg, arrival_s, snr = np.array(telling, dtype=np.float64).T
+        every = self._coarse_deg[::4]
+        log = arrival.log_likelihood(every, heard_deg, arrival_s, snr)
+        return np.asarray(np.interp(self._coarse_deg, every, log - log.max()))
+
+
+def _basis(lit: Sequence[Sample], noise: Noise) -> tuple[float, float, float | None]:
+    """Unit of the search, σ, and the marker's lateral position as far as it is known.
+
+    Where no sample tells the noise, the smallest intensity is taken for noise: σ is a quarter of it.
+    """
+    strongest = max(lit, key=lambda sample: sample.reading.intensity)
+    largest = strongest.reading.intensity
+    unit = largest if largest > 0 else 1.0
+    sigma = noise.sigma or min(sample.reading.intensity for sample in lit) / 4
+    sigma = max(sigma, 1e-4 * unit)
+    clear = largest > max(CLEAR * sigma, noise.floor.level or 0.0)
+    return unit, sigma, strongest.reading.lateral_m if clear else None

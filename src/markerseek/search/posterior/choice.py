@@ -1,0 +1,100 @@
+"""The next angle: planned while nothing is heard, then where one more sample narrows the posterior most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import Interval
+from markerseek.search.posterior import _kernel
+from markerseek.search.posterior.belief import Belief
+from markerseek.search.posterior.grid import ERRORS, LEVELS
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+
+FIRST_ANGLES = 4
+"""Planned angles, evenly spread over the range."""
+
+TRAVEL_DEG = 150.0
+"""Travel that must halve the remaining uncertainty to be worth it, roughly, in degrees."""
+
+
+def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
+    """Return the next angle of a search that has heard nothing yet, in degrees.
+
+    First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap, a third of the
+    gap from the end where it is at an end.
+
+    Parameters
+    ----------
+    heard_deg
+        Angles reached so far, in degrees.
+    limits
+        Range of the search.
+    falling
+        Whether to begin at the high end.
+    """
+    count = len(heard_deg)
+    if count < FIRST_ANGLES:
+        share = (count + 0.5) / FIRST_ANGLES
+        return limits.low_deg + limits.width_deg * (1 - share if falling else share)
+    inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in heard_deg)
+    gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
+    low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
+    gaps.append((1.5 * low_gap, limits.low_deg + low_gap / 3))
+    gaps.append((1.5 * high_gap, limits.high_deg - high_gap / 3))
+    return max(gaps, key=lambda gap: gap[0])[1]
+
+
+def most_telling_deg(
+    belief: Belief, shapes: Shapes, heard_deg: Sequence[float], *, limits: Interval, floor: float
+) -> float:
+    """Return the angle whose sample is expected to leave the smallest standard deviation, travel weighed in.
+
+    The expectation is over markers drawn from the posterior: each in turn is taken as the truth, and the others keep
+    the weight that the sample would leave them, exp(−d²/2) for a difference of d standard deviations of the two.
+
+    Parameters
+    ----------
+    belief
+        The posterior.
+    shapes
+        Family of curves.
+    heard_deg
+        Angles reached so far, the last one last, in degrees.
+    limits
+        Range of the search.
+    floor
+        Intensity that noise reaches by itself, over σ.
+    """
+    candidates = _candidates(belief, heard_deg, limits=limits)
+    variance = np.empty(candidates.size)
+    _kernel.expected_variance(
+        candidates,
+        belief.theta_deg,
+        belief.member,
+        shapes.log_curve,
+        belief.log_snr,
+        STEP_DEG,
+        floor,
+        LEVELS,
+        ERRORS,
+        variance,
+    )
+    travel = np.abs(candidates - heard_deg[-1])
+    return float(candidates[np.argmin(np.sqrt(variance + 1e-6) * (1 + travel / TRAVEL_DEG))])
+
+
+def _candidates(belief: Belief, heard_deg: Sequence[float], *, limits: Interval) -> Float64[np.ndarray, " candidates"]:
+    """Angles about the middle of the posterior, and over all of it; none that was heard, unless all were."""
+    near = belief.mean_deg + belief.fwhm_deg * np.linspace(-1.6, 1.6, 21)
+    low_deg, high_deg = float(belief.theta_deg.min()), float(belief.theta_deg.max())
+    wide = np.linspace(low_deg - belief.fwhm_deg, high_deg + belief.fwhm_deg, 24)
+    angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
+    angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
+    apart = np.abs(angles[:, None] - np.array(heard_deg)).min(axis=1)
+    least = min(max(0.25, 0.06 * belief.fwhm_deg), limits.width_deg / 100)
+    fresh = angles[apart >= least]
+    return fresh if fresh.size else angles[[int(np.argmax(apart))]]

@@ -1,0 +1,223 @@
+"""The policy: ask, tell, and answers that name what they know."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import (
+    PAPER_RANGE,
+    Ambiguous,
+    AtBound,
+    ConfigError,
+    Estimate,
+    Found,
+    Interval,
+    NotFound,
+    SearchError,
+    Unsure,
+)
+from markerseek.core.reading import Sample
+from markerseek.search.curve import check_acquisitions, check_sample
+from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
+from markerseek.search.floor import Noise, noise_of
+from markerseek.search.guarded import SIGMA_LIMIT_DEG
+from markerseek.search.posterior.belief import Belief, Evidence
+from markerseek.search.posterior.choice import most_telling_deg, planned_deg
+from markerseek.search.posterior.shapes import Shapes, family
+
+CUES = frozenset({"intensity", "arrival", "lateral"})
+"""What of a reading may count."""
+
+LEAST_ACQUISITIONS = 4
+"""Acquisitions before which a search does not end for being sure."""
+
+MODE_SHARE = 0.05
+"""Probability from which a second peak of the posterior is a mode."""
+
+FLOOR_SNR = 4.2
+"""Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
+
+
+@lru_cache(maxsize=1)
+def _family() -> Shapes:
+    return family()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _State:
+    """All that follows from the samples so far."""
+
+    noise: Noise
+    missing: str | None
+    belief: Belief
+
+
+class Posterior:
+    """Searches by a posterior over the marker's angle.
+
+    Parameters
+    ----------
+    limits
+        Range to search.
+    acquisitions
+        Most acquisitions.
+    target_sigma_deg
+        The search ends once the standard deviation is at most this, in degrees; 0: only with the last acquisition.
+    start_deg
+        Where the probe stands, in degrees; the search begins at the nearer end. None: at the low end.
+    cues
+        Which of `CUES` count: "intensity", "arrival", "lateral" (where the peak lies along the array).
+
+    Raises
+    ------
+    ConfigError
+        If an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        *,
+        limits: Interval = PAPER_RANGE,
+        acquisitions: int = 16,
+        target_sigma_deg: float = 0.1,
+        start_deg: float | None = None,
+        cues: Iterable[str] = CUES,
+    ) -> None:
+        check_acquisitions(acquisitions, least=2, method="posterior")
+        if not 0 <= target_sigma_deg < math.inf:
+            raise ConfigError(
+                f"posterior: target_sigma_deg is {target_sigma_deg} deg, it must be finite and not negative; "
+                "0 uses every acquisition"
+            )
+        if start_deg is not None and not math.isfinite(start_deg):
+            raise ConfigError(f"posterior: start_deg is {start_deg} deg, it must be finite")
+        chosen = frozenset(cues)
+        if not chosen or not chosen <= CUES:
+            raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
+        self._limits = limits
+        self._budget = acquisitions
+        self._target_deg = target_sigma_deg
+        self._falling = start_deg is not None and start_deg > limits.centre_deg
+        self._evidence = Evidence(limits=limits, shapes=_family(), cues=chosen)
+        self._lit: list[Sample] = []
+        self._dark: list[Sample] = []
+        self._known: _State | None = None
+        self._next: tuple[float | None] | None = None
+
+    def ask(self) -> float | None:
+        """Next angle in degrees; None once the budget is spent or the angle is known well enough."""
+        if self._next is None:
+            self._next = (self._decide(),)
+        return self._next[0]
+
+    def tell(self, sample: Sample) -> None:
+        """Take in one sample: a dark one for the noise floor, a lit one for the posterior.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`), or is lit and the search is over.
+        """
+        check_sample(sample)
+        if sample.dark:
+            self._dark.append(sample)
+            self._known = self._next = None
+            return
+        if self.ask() is None:
+            raise SearchError(f"posterior: it is over after {len(self._lit)} acquisitions; begin a new search")
+        self._lit.append(sample)
+        self._known = self._next = None
+
+    def estimate(self) -> Estimate:
+        """Answer as far as the samples prove it; `NotFound` before the first."""
+        if not self._lit:
+            return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
+        state = self._state()
+        belief, floor = state.belief, state.noise.floor
+        mean_deg = min(max(belief.mean_deg, self._limits.low_deg), self._limits.high_deg)
+        if state.missing is not None:
+            return NotFound(mean_deg=mean_deg, reason=state.missing, floor=floor)
+        side = self._side(belief)
+        if side is not None:
+            return AtBound(mean_deg=mean_deg, side=side, floor=floor)
+        modes = self._modes(belief)
+        if len(modes) > 1:
+            return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor)
+        interval = Interval(low_deg=belief.quantile_deg(0.025), high_deg=belief.quantile_deg(0.975))
+        if belief.sigma_deg <= SIGMA_LIMIT_DEG:
+            return Found(
+                mean_deg=mean_deg,
+                sigma_deg=belief.sigma_deg,
+                interval95_deg=interval,
+                interval_kind="posterior",
+                floor=floor,
+            )
+        return Unsure(
+            mean_deg=mean_deg,
+            sigma_deg=belief.sigma_deg,
+            interval95_deg=interval,
+            interval_kind="posterior",
+            reason=(
+                f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg; "
+                "take more acquisitions or average more pulses"
+            ),
+            floor=floor,
+        )
+
+    def _state(self) -> _State:
+        if self._known is None:
+            noise = noise_of(self._lit, dark=self._dark)
+            missing = missing_evidence(self._lit, dark=self._dark, noise=noise)
+            self._known = _State(noise=noise, missing=missing, belief=self._evidence.belief(self._lit, noise))
+        return self._known
+
+    def _decide(self) -> float | None:
+        count = len(self._lit)
+        if count >= self._budget:
+            return None
+        heard_deg = [sample.angle_deg for sample in self._lit]
+        if not self._lit or not self._heard_anything():
+            return planned_deg(heard_deg, limits=self._limits, falling=self._falling)
+        state = self._state()
+        if (
+            count >= LEAST_ACQUISITIONS
+            and state.belief.sigma_deg <= self._target_deg
+            and isinstance(self.estimate(), Found)
+        ):
+            return None
+        return most_telling_deg(state.belief, _family(), heard_deg, limits=self._limits, floor=FLOOR_SNR)
+
+    def _heard_anything(self) -> bool:
+        """Whether a sample exceeds what noise reaches; where that is unknown, whether one stands out."""
+        intensities = [sample.reading.intensity for sample in self._lit]
+        level = noise_of(self._lit, dark=self._dark).floor.level
+        if level is None:
+            return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
+        return max(intensities) > level
+
+    def _side(self, belief: Belief) -> Literal["low", "high"] | None:
+        """The end beyond which the marker lies, more likely than not."""
+        if float(belief.share[belief.angle_deg < self._limits.low_deg].sum()) > 0.5:
+            return "low"
+        if float(belief.share[belief.angle_deg > self._limits.high_deg].sum()) > 0.5:
+            return "high"
+        return None
+
+    def _modes(self, belief: Belief) -> tuple[float, ...]:
+        """Peaks of the posterior with gaps between them, the likeliest first, in degrees."""
+        share = belief.coarse_share
+        above = share > 1e-4 * share.max()
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(np.int64), [0]])))
+        modes = []
+        for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            mass = float(share[first:end].sum())
+            if mass > MODE_SHARE:
+                middle_deg = float(share[first:end] @ belief.coarse_deg[first:end]) / mass
+                modes.append((mass, min(max(middle_deg, self._limits.low_deg), self._limits.high_deg)))
+        return tuple(middle_deg for _, middle_deg in sorted(modes, reverse=True))

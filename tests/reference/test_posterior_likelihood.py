@@ -1,0 +1,157 @@
+"""The likelihoods of the posterior search against SciPy, closed forms and brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import rice
+
+from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
+from markerseek.acoustics.absorber import Absorber
+from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, delay_s
+from markerseek.search.posterior.arrival import log_likelihood as log_arrivals
+from markerseek.search.posterior.grid import Grid, Heard
+from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables, rician_density
+from markerseek.search.posterior.shapes import KNEES, MODEL_ERROR, STEP_DEG, WIDTHS_DEG, family, log_curve
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.3, 1.0])
+def test_rician_density(sigma):
+    mu = np.linspace(0, 2, 21)
+    expected = rice.pdf(1.0, mu / sigma, scale=sigma)
+    np.testing.assert_allclose(rician_density(1.0, mu, np.full(21, sigma)), expected, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize(("noise", "cells"), [(0.01, 12_800), (0.1, 12_800), (0.2, 12_800), (0.24, 1000)])
+def test_largest_of_the_marker_and_of_the_noise(noise, cells):
+    """p(y|μ) of max(Rice, largest of M Rayleigh cells), by SciPy's distributions; to 5 % of the likeliest."""
+    mu = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
+    rayleigh = rice(0.0, scale=noise)
+    below = rayleigh.cdf(1.0) ** cells
+    largest = cells * rayleigh.pdf(1.0) * rayleigh.cdf(1.0) ** (cells - 1)
+    expected = rice.pdf(1.0, mu / noise, scale=noise) * below + largest * rice.cdf(1.0, mu / noise, scale=noise)
+    expected = (1 - SPOILT) * expected + SPOILT / SPOILT_RANGE
+    table = np.exp(log_tables(noise=noise, cells=cells, errors=(0.0,))[0])
+    np.testing.assert_allclose(table, expected, atol=0.05 * expected.max())
+
+
+@pytest.mark.parametrize(("tail", "knee"), [(tail, knee) for tail, knee, _ in KNEES])
+@pytest.mark.parametrize("fwhm_deg", [2.0, 35.0])
+def test_width_and_tail_of_the_family(tail, knee, fwhm_deg):
+    half, near, far = log_curve(
+        np.array([fwhm_deg / 2, 40 * fwhm_deg, 80 * fwhm_deg]), fwhm_deg=fwhm_deg, tail=tail, knee=knee
+    )
+    assert half == pytest.approx(-math.log(2))
+    if math.isfinite(tail):
+        assert (near - far) / math.log(2) == pytest.approx(tail, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "focus_m", "radius_m", "grain_m"),
+    [(5e-3, 30e-3, 60e-3, 0.15e-3), (3e-3, None, 40e-3, 0.1e-3), (6e-3, 22e-3, 68e-3, 0.3e-3)],
+)
+def test_the_family_holds_the_acoustic_models_curves(height_m, focus_m, radius_m, grain_m):
+    """Some member follows the energy of a middle channel's peak to the model error: 8 % of the top, 25 % below."""
+    model = AcousticModel(probe=Probe(element_height_m=height_m, elevation_focus_m=focus_m))
+    spot = [Absorber(radius_m=radius_m, source=GaussianAbsorber(radius_m=grain_m))]
+    distance_deg = np.concatenate([np.arange(0, 4, 0.5), np.arange(4, 25, 2.0)])
+    heard = [float(np.abs(model.channel_data(spot, angle_deg=float(angle))[64]).max()) for angle in distance_deg]
+    curve = np.log(np.array(heard) / heard[0])
+    shapes = family()
+    members = shapes.log_curve[:, np.rint(distance_deg / STEP_DEG).astype(int)]
+    allowed = np.where(curve > math.log(0.5), 0.08, 0.25)
+    missed = np.sqrt(np.mean(((members - curve) / allowed) ** 2, axis=1))
+    assert missed.min() < 1.3
+    assert 3 < shapes.fwhm_deg[np.argmin(missed)] < 17
+
+
+def one_shape(angles_deg, *, samples, lowest, phases=1, amplitudes=300, member=40):
+    grid = Grid(
+        shapes=family(),
+        angles_deg=angles_deg,
+        members=np.array([member]),
+        lowest=lowest,
+        phases=phases,
+        amplitudes=amplitudes,
+        blur=0.0,
+    )
+    for sample in samples:
+        grid.add(sample)
+    return grid
+
+
+def test_marginal_likelihood_against_brute_force():
+    """The marginal over ln amplitude of three samples, each angle integrated by SciPy with SciPy's Rice."""
+    shapes, member, sigma, cells = family(), 40, 0.02, 12_800
+    heard = [(-4.0, 0.30), (1.0, 0.9), (4.5, 0.33)]
+    samples = [
+        Heard(angle_deg=angle, log_intensity=math.log(y), noise=sigma / y, cells=cells, ratio=1.0) for angle, y in heard
+    ]
+    angles_deg = np.linspace(-2, 2, 9)  # heights are rounded to the table's 2 %, hence the tolerance
+    shares = one_shape(angles_deg, samples=samples, lowest=-2.0).marginals(np.zeros(9), particles=8).angle
+
+    distances = np.arange(shapes.log_curve.shape[1]) * STEP_DEG
+
+    def density(log_amplitude, theta):
+        product = 1.0
+        for angle, y in heard:
+            level = np.interp(abs(angle - theta), distances, shapes.log_curve[member])
+            error = next(error for least, error in MODEL_ERROR if math.exp(level) >= least)
+            mu = math.exp(log_amplitude + level)
+            spread = math.hypot(sigma, error * mu)
+            below = (1 - math.exp(-(y**2) / (2 * sigma**2))) ** cells
+            product *= (1 - SPOILT) * rice.pdf(y, mu / spread, scale=spread) * below * y + SPOILT / SPOILT_RANGE
+        return product
+
+    brute = np.array(
+        [quad(density, -2.0, 4.0, args=(theta,), limit=100, epsabs=1e-6, epsrel=1e-4)[0] for theta in angles_deg]
+    )
+    np.testing.assert_allclose(shares, brute / brute.sum(), atol=0.02)
+
+
+def test_standard_deviation_against_cramer_rao():
+    """Samples on both flanks of a known shape: the posterior is as wide as the bound, amplitude unknown."""
+    shapes, member = family(), int(np.argmin(np.abs(WIDTHS_DEG - 8))) + WIDTHS_DEG.size * 3
+    distances = np.arange(shapes.log_curve.shape[1]) * STEP_DEG
+    places = np.array([-3.0, -2.5, -2.0, -1.5, 0.5, 1.5, 2.0, 2.5, 3.0])
+    level = np.interp(np.abs(places), distances, shapes.log_curve[member])
+    noise = 0.01
+    samples = [
+        Heard(angle_deg=float(t), log_intensity=float(s), noise=noise / math.exp(s), cells=100, ratio=1.0)
+        for t, s in zip(places, level, strict=True)
+    ]
+    angles_deg = np.linspace(-1, 1, 401)
+    marginals = one_shape(angles_deg, samples=samples, lowest=-0.6, amplitudes=60, member=member).marginals(
+        np.zeros(401), particles=8
+    )
+    sigma_deg = math.sqrt(marginals.angle @ angles_deg**2 - (marginals.angle @ angles_deg) ** 2)
+    slope = (np.interp(np.abs(places) + 0.05, distances, shapes.log_curve[member]) - level) / 0.05 * -np.sign(places)
+    error = np.array([next(error for least, error in MODEL_ERROR if height >= least) for height in np.exp(level)])
+    weight = 1 / (error**2 + (noise / np.exp(level)) ** 2)
+    fisher = np.array([[weight @ slope**2, weight @ slope], [weight @ slope, weight.sum()]])
+    assert sigma_deg == pytest.approx(math.sqrt(np.linalg.inv(fisher)[0, 0]), rel=0.1)
+
+
+def test_range_is_linear_in_cosine_and_sine():
+    """r² = A − C cos θ − S sin θ, fitted by least squares to the delays, gives the angle back."""
+    theta, depth_m = 12.0, 50e-3
+    probe_deg = np.linspace(-35, 35, 15)
+    range_m = delay_s(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m) * SOUND_SPEED_M_S + depth_m
+    turned = np.radians(probe_deg)
+    design = np.column_stack([np.ones(15), -np.cos(turned), -np.sin(turned)])
+    _, c, s = np.linalg.lstsq(design, range_m**2, rcond=None)[0]
+    assert math.degrees(math.atan2(s, c)) == pytest.approx(theta, abs=1e-6)
+
+
+def test_exact_arrivals_point_at_the_marker():
+    """With a frame whose arrival is spoilt among them, and an offset that nobody knows."""
+    theta, heard_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
+    arrival_s = 33e-6 + 0.7e-6 + delay_s(heard_deg - theta, face_radius_m=10e-3, depth_m=50e-3)
+    arrival_s[4] += 9e-6
+    angles_deg = np.arange(-35.0, 36.0)
+    log = log_arrivals(angles_deg, heard_deg, arrival_s, np.array([20.0, 30.0, 100.0, 30.0, 20.0, 10.0]))
+    assert abs(angles_deg[np.argmax(log)] - theta) <= 4
+    assert log.max() - log[angles_deg == 25.0] > 2

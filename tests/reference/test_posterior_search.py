@@ -1,0 +1,118 @@
+"""Whole searches by the posterior: how accurate, how honest. Monte Carlo of a small size, fixed seeds.
+
+Curves as in ``test_search_coverage.py``: full widths of 3–17° and tails as 1/|t| to 1/|t|^2.5.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from markerseek.core import Ambiguous, AtBound, Found, NotFound, Reading, Sample, Unsure
+from markerseek.search.posterior import Posterior
+
+CELLS = 12_800
+
+
+def shape(distance_deg, fwhm_deg, tail):
+    return (1 + (2 ** (2 / tail) - 1) * (2 * distance_deg / fwhm_deg) ** 2) ** (-tail / 2)
+
+
+def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, spoilt=None):
+    """Answer of a search, and the number of acquisitions; frame number ``spoilt`` holds a burst."""
+
+    def reading(signal, lateral_m):
+        largest = sigma * math.sqrt(-2 * math.log(-math.expm1(math.log(rng.random()) / CELLS)))
+        heard = abs(signal + sigma * complex(*rng.standard_normal(2)))
+        if heard < largest:
+            heard, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))
+        return Reading(intensity=heard, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m)
+
+    for _ in range(3):
+        policy.tell(Sample(angle_deg=0.0, reading=reading(0.0, 0.0), dark=True))
+    count = 0
+    while (angle_deg := policy.ask()) is not None:
+        signal = max((shape(angle_deg - marker, fwhm_deg, tail) for marker in markers), default=0.0)
+        heard = reading(signal, 5e-3 + 0.1e-3 * rng.standard_normal())
+        if count == spoilt:
+            heard = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3)
+        policy.tell(Sample(angle_deg=angle_deg, reading=heard))
+        count += 1
+    return policy.estimate(), count
+
+
+def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, spoilt=None):
+    rng = np.random.default_rng(seed)
+    found = []
+    for index in range(searches):
+        marker_deg = rng.uniform(-35, 35)
+        policy = Posterior(acquisitions=acquisitions, target_sigma_deg=target_sigma_deg)
+        answer, count = search(
+            policy,
+            rng=rng,
+            sigma=sigma,
+            markers=[marker_deg],
+            fwhm_deg=(3.0, 5.0, 10.0, 17.0)[index % 4],
+            tail=rng.uniform(1, 2.5),
+            spoilt=spoilt,
+        )
+        found.append((marker_deg, answer, count))
+    return found
+
+
+def test_eight_acquisitions_at_40_db():
+    answers = campaign(40, seed=1, sigma=0.01, acquisitions=8)
+    assert np.mean([abs(answer.mean_deg - truth) for truth, answer, _ in answers]) < 0.3
+    sure = [(truth, answer) for truth, answer, _ in answers if isinstance(answer, Found | Unsure)]
+    assert len(sure) >= 36
+    assert np.mean([truth in answer.interval95_deg for truth, answer in sure]) > 0.88
+
+
+@pytest.mark.parametrize("spoilt", [None, 1, 4])
+def test_found_is_right_with_a_spoilt_frame_and_without(spoilt):
+    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, spoilt=spoilt)
+    found = [(truth, answer) for truth, answer, _ in answers if isinstance(answer, Found)]
+    assert len(found) > 5
+    assert not [answer for truth, answer in found if abs(answer.mean_deg - truth) > 1]
+
+
+def test_stops_when_it_is_sure():
+    answers = campaign(20, seed=3, sigma=0.003, acquisitions=30, target_sigma_deg=0.15)
+    assert np.mean([count for *_, count in answers]) < 14
+    assert all(answer.sigma_deg <= 0.15 for _, answer, count in answers if count < 30)
+
+
+def test_nothing_is_found_in_noise():
+    rng = np.random.default_rng(4)
+    answers = [search(Posterior(acquisitions=8), rng=rng, sigma=1.0, markers=[])[0] for _ in range(60)]
+    assert all(isinstance(answer, NotFound) for answer in answers)
+    assert all(-35 <= answer.mean_deg <= 35 for answer in answers)
+
+
+@pytest.mark.parametrize(("marker_deg", "side"), [(-40.0, "low"), (40.0, "high")])
+def test_a_marker_beyond_the_range(marker_deg, side):
+    answer, _ = search(
+        Posterior(acquisitions=12, target_sigma_deg=0.0),
+        rng=np.random.default_rng(5),
+        sigma=0.003,
+        markers=[marker_deg],
+        fwhm_deg=8.0,
+    )
+    assert isinstance(answer, AtBound)
+    assert answer.side == side
+    assert answer.mean_deg == math.copysign(35.0, marker_deg)
+
+
+def test_two_markers_are_never_one():
+    """Two equal ones 30° apart: both named, or nothing claimed between them."""
+    rng = np.random.default_rng(6)
+    for _ in range(10):
+        low_deg = rng.uniform(-30, 0)
+        markers = [low_deg, low_deg + 30]
+        answer, _ = search(Posterior(acquisitions=16), rng=rng, sigma=0.01, markers=markers)
+        near = min(abs(answer.mean_deg - marker) for marker in markers)
+        assert near < 1 or not isinstance(answer, Found)
+        if isinstance(answer, Ambiguous):
+            assert len(answer.modes_deg) > 1
