@@ -29,7 +29,7 @@ STUDY = Study(
 )
 
 
-class Killed(Exception):
+class KilledError(Exception):
     """Stands for a process that is gone."""
 
 
@@ -73,13 +73,13 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     def mortal(study: Study, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[Chunk, bytes]]:
         for count, piece in enumerate(pieces):
             if count == after:
-                raise Killed
+                raise KilledError
             computed.append(piece.index)
             yield piece, run_chunk(study, piece)
 
     assert chunk_count(STUDY) == 3
     monkeypatch.setattr(runner, "on_processes", mortal)
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         run_study(STUDY, tmp_path)
     (tmp_path / "parts" / "00000002.csv.unfinished").write_bytes(b"half a li")
     (tmp_path / "rows.csv.unfinished").write_bytes(b"half a table")
@@ -102,11 +102,11 @@ def test_a_study_that_ends_while_it_is_put_together_is_put_together_again(
     whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     def killed(*_arguments: object) -> None:
-        raise Killed
+        raise KilledError
 
     with monkeypatch.context() as patched:
         patched.setattr(f"markerseek.studies.runner.{step}", killed)
-        with pytest.raises(Killed):
+        with pytest.raises(KilledError):
             run_study(STUDY, tmp_path, workers=1)
     run_study(STUDY, tmp_path, workers=1)
     assert files(tmp_path) == whole
