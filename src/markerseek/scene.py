@@ -188,7 +188,9 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
     """Place of the marker of the settings, what they leave open drawn; of strength 1."""
     search = settings.limits.search
-    angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-20e-3, 20e-3)
+    # Off the ends of the array a marker is hardly heard: it is drawn in front of its inner four fifths.
+    reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
+    angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
     marker = settings.marker
     return Absorber(
         radius_m=marker.radius_m,

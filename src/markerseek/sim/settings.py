@@ -24,7 +24,8 @@ class MarkerSettings:
     radius_m
         Distance from the axis of rotation in metres.
     lateral_m
-        Place along the axis in metres; None draws it within 20 mm of the middle.
+        Place along the axis in metres; None draws it at most 20 mm from the middle,
+        and in front of the array's inner four fifths.
     source_radius_m
         Radius of a single Gaussian absorber in place of the material's spot, in metres: the larger it is, the wider
         the intensity curve. None leaves the spot as the material has it.
