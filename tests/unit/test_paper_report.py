@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.studies.paper.consistency import is_consistent
+from markerseek.studies.paper.consistency_sweep import is_consistent
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.positions import grid
 from markerseek.studies.paper.report import REPORT, shown, write_report, write_section

@@ -12,7 +12,8 @@ from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import OnCounts, published, searched, shorter
-from markerseek.studies.paper.travel import quiet_track, rotation_s, shortest_order, travel, travel_deg
+from markerseek.studies.paper.rotation import quiet_track, rotation_s, shortest_order, travel_deg
+from markerseek.studies.paper.travel import travel
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
 

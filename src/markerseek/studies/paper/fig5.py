@@ -17,8 +17,8 @@ from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
 from markerseek.studies.paper.look import COLOURS, MARKS, error_line
 from markerseek.studies.paper.methods import AVERAGE_ACQUISITIONS, BRACKET_ACQUISITIONS, BRACKETS, NAMES, Name
 from markerseek.studies.paper.reported import reported
+from markerseek.studies.paper.rotation import quiet_track
 from markerseek.studies.paper.section import Beside, Cell, Errors, Picture, Section, Table, beside, errors_of
-from markerseek.studies.paper.travel import quiet_track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ def fig5(effort: Effort) -> Section:
         condition: _searched(condition, effort, trials=effort.markers, sweeps=AVERAGE_ACQUISITIONS)
         for condition in (FITTED, USUAL)
     }
-    few = max(10, round(FRAME_SHARE * min(effort.markers, PAPER_MARKERS)))
+    few = max(4, round(FRAME_SHARE * min(effort.markers, PAPER_MARKERS)))
     curves = _searched(FRAMED, effort, trials=few, sweeps=FRAME_SWEEPS)
     frames = _searched(FRAMED, effort, trials=few, sweeps=FRAME_SWEEPS, level="frames")
     rng = np.random.Generator(np.random.PCG64(effort.seed))

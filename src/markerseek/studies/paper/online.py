@@ -1,4 +1,4 @@
-"""Table 2, Fig. 7 and Fig. 8: the online searches, their errors and the track of the probe."""
+"""Table 2 and Fig. 7: errors of the online searches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from markerseek.studies.paper.section import Beside, Cell, Errors, Picture, Sect
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_METHOD = (
+METHOD = (
     (
         "The searches drive the simulated rig in virtual time, from −35°: stage with its encoder, play and approach "
         "from below, laser pulses with jitter, 16 of them averaged, frames of 128 channels with noise, beamforming. "
@@ -39,7 +39,7 @@ def table2(runs: Sequence[OnlineRun]) -> Section:
     """
     besides: list[Beside] = []
     rows: list[tuple[Cell, ...]] = []
-    for level_db in _levels(runs):
+    for level_db in levels_of(runs):
         for name in NAMES:
             found = [run for run in runs if (run.method, run.peak_snr_db) == (name, level_db)]
             errors = errors_of(np.array([_answer_error(run) for run in found]))
@@ -71,7 +71,7 @@ def table2(runs: Sequence[OnlineRun]) -> Section:
     return Section(
         name="table2",
         title="Table 2: online analysis",
-        method=_METHOD,
+        method=METHOD,
         besides=tuple(besides),
         tables=(
             Table(
@@ -106,19 +106,19 @@ def fig7(runs: Sequence[OnlineRun]) -> Section:
         (level_db, name, count): errors_of(
             np.array([r.error_deg(count) for r in runs if (r.method, r.peak_snr_db) == (name, level_db)])
         )
-        for level_db in _levels(runs)
+        for level_db in levels_of(runs)
         for name in BRACKETS
         for count in BRACKET_ACQUISITIONS
     }
     return Section(
         name="fig7",
         title="Fig. 7: online analysis, mean error over the number of acquisitions",
-        method=_METHOD,
+        method=METHOD,
         besides=tuple(
             beside(f"fig7/{name}/{count}", cells[level_db, name, count], condition=f"{level_db:g} dB")
             for count in (2, 28)
             for name in BRACKETS
-            for level_db in _levels(runs)
+            for level_db in levels_of(runs)
         ),
         tables=(
             Table(
@@ -148,50 +148,14 @@ def fig7(runs: Sequence[OnlineRun]) -> Section:
     )
 
 
-def fig8(runs: Sequence[OnlineRun]) -> Section:
-    """Fig. 8: where the probe stood at each acquisition of TS and GSS, one panel for each position.
+def levels_of(runs: Sequence[OnlineRun]) -> list[float]:
+    """Peak SNR of the runs in dB, each once.
 
     Parameters
     ----------
     runs
         Of `markerseek.studies.paper.online_runs.online_runs`.
     """
-    quietest = max(_levels(runs))
-    shown = [run for run in runs if run.repeat == 0 and run.method in BRACKETS and run.peak_snr_db == quietest]
-    return Section(
-        name="fig8",
-        title="Fig. 8: track of the probe, positions 1 to 9",
-        method=(*_METHOD, f"Shown is the first visit to each position, at a peak SNR of {quietest:g} dB."),
-        tables=(
-            Table(
-                name="fig8",
-                caption="Angles reached",
-                columns=("position", "method", "acquisition", "angle_deg", "truth_deg"),
-                rows=tuple(
-                    (run.position, run.method, number, angle_deg, run.truth_deg)
-                    for run in shown
-                    for number, angle_deg in enumerate(run.track_deg, start=1)
-                ),
-                shown=False,
-            ),
-        ),
-        pictures=(
-            Picture(
-                name="fig8",
-                alt="Probe angle over the acquisitions of TS and GSS beside the marker's angle, nine panels",
-                draw=partial(_draw_tracks, shown),
-            ),
-        ),
-        remarks=(
-            (
-                "The paper prints this figure without numbers. How it counts its positions within the grid it does not "
-                "say; ours go row by row along x."
-            ),
-        ),
-    )
-
-
-def _levels(runs: Sequence[OnlineRun]) -> list[float]:
     return list(dict.fromkeys(run.peak_snr_db for run in runs))
 
 
@@ -267,25 +231,4 @@ def _draw_errors(cells: dict[tuple[float, Name, int], Errors]) -> Figure:
         columns=2,
         scale="log",
         panel_in=(5.0, 3.6),
-    )
-
-
-def _draw_tracks(shown: Sequence[OnlineRun]) -> Figure:
-    panels = []
-    for position in sorted({run.position for run in shown}):
-        here = [run for run in shown if run.position == position]
-        lines = [Line(label="marker (truth)", x=(0.0,), y=(here[0].truth_deg,), colour="#e08a1e", form="level")]
-        lines += [
-            Line(
-                label=run.method,
-                x=tuple(float(n) for n in range(1, len(run.track_deg) + 1)),
-                y=run.track_deg,
-                colour=COLOURS[run.method],
-                mark=MARKS[run.method],
-            )
-            for run in here
-        ]
-        panels.append(Panel(title=f"position {position}, marker at {here[0].truth_deg:.1f}°", lines=tuple(lines)))
-    return panels_figure(
-        panels, title="Track of the probe on the simulated rig", across="acquisition", up="probe angle [deg]"
     )

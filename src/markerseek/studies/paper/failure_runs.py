@@ -1,0 +1,233 @@
+"""Searches under faults: the paper's rules as a bare program has them, and ours as they stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from markerseek import rigs
+from markerseek.acoustics import Bursts
+from markerseek.core import Frame, MarkerseekError, Receiver
+from markerseek.core.estimate import Found
+from markerseek.guard import Admission, FiringLimits, Permits
+from markerseek.records.replay import IntensityReader
+from markerseek.scan import Scanner
+from markerseek.search import build
+from markerseek.sim import IntensityCurve, SimulatedSettings
+from markerseek.studies.paper import faults
+from markerseek.studies.paper.bare_rules import bare_answer, bare_listener
+from markerseek.studies.paper.curve_runs import Condition
+from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.methods import BUILT, NAMES, Name, searched
+from markerseek.studies.study import CurveSettings
+from markerseek.studies.trial import intensity_curve
+
+WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
+"""Curve and noise of all faults but one: without a fault, neither set of rules fails on it."""
+
+FRAMED = Condition(source_radius_m=0.35e-3, peak_snr_db=50.0)
+"""Curve and noise of the faults that need frames: a converter of 12 bits still shows this noise."""
+
+NARROW = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+"""The default of the simulated rig."""
+
+MARKERS_DEG = 30.0
+"""Markers lie within this of the middle, in degrees, so that no failure is owed to the end of the range."""
+
+MOVED_DEG, MOVED_AFTER = 5.0, 8
+"""How far, and after how many acquisitions, a moving marker moves."""
+
+FADING = 0.97
+"""Factor on the intensity from one acquisition to the next: half is left after 23."""
+
+Rules: TypeAlias = Literal["the paper's", "ours"]
+
+_Spoil: TypeAlias = Callable[[int, Frame, Frame | None], Frame]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One thing that goes wrong.
+
+    Attributes
+    ----------
+    words
+        What it is.
+    condition
+        Curve and noise.
+    present
+        Whether there is a marker.
+    spoil
+        Makes what happens to frames, given a number from 0 to 13 that differs from run to run; None: nothing.
+    shift_deg, fading
+        See `markerseek.studies.paper.faults.ChangingCurve`.
+    frames
+        Whether it runs on frames of channel data instead of the curve.
+    peak_counts, bursts
+        Settings of a run on frames; None: the usual ones.
+    """
+
+    words: str
+    condition: Condition = WIDE
+    present: bool = True
+    spoil: Callable[[int], _Spoil] | None = None
+    shift_deg: float = 0.0
+    fading: float = 1.0
+    frames: bool = False
+    peak_counts: float | None = None
+    bursts: Bursts | None = None
+
+
+_HALF = 0.5 * 10 ** (WIDE.peak_snr_db / 20)
+
+FAULTS: dict[str, Fault] = {
+    "none": Fault(words="no fault"),
+    "no marker": Fault(words="no marker", present=False),
+    "one NaN": Fault(words="one frame NaN", spoil=faults.nan_at),
+    "all NaN": Fault(words="all frames NaN", spoil=lambda _: faults.nan_always),
+    "dead": Fault(words="dead receiver: all intensities 0", spoil=lambda _: faults.dead),
+    "late": Fault(words="frames one step late", spoil=lambda _: faults.late),
+    "clipped": Fault(words="intensities clipped at 50 %", spoil=lambda _: faults.clipped(_HALF)),
+    "narrow": Fault(words="narrow curve over a noise floor, no fault", condition=NARROW),
+    "fading": Fault(words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING),
+    "moving": Fault(words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG),
+    "frames": Fault(words="no fault (from frames)", condition=FRAMED, frames=True),
+    "clipped channels": Fault(
+        words="channels clipped at 50 % (from frames)", condition=FRAMED, frames=True, peak_counts=4094.0
+    ),
+    "bursts": Fault(
+        words="bursts of noise in one frame of ten (from frames)",
+        condition=FRAMED,
+        frames=True,
+        bursts=Bursts(frame_probability=0.1, gain=20.0),
+    ),
+}
+"""All faults by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """One search under one fault."""
+
+    fault: str
+    marker_deg: float
+    number: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """How one search under a fault ended.
+
+    Attributes
+    ----------
+    fault, rules, method
+        What went wrong, and who searched.
+    error_deg
+        Angle answered less the marker's, in degrees; None where no angle was claimed.
+    """
+
+    fault: str
+    rules: Rules
+    method: Name
+    error_deg: float | None
+
+
+def outcomes_of(effort: Effort) -> list[Outcome]:
+    """Outcomes of every method under every fault, with both sets of rules.
+
+    Parameters
+    ----------
+    effort
+        What may be used.
+    """
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
+    runs = []
+    for name, fault in FAULTS.items():
+        count = max(1, round((10 if fault.frames else 120) * effort.share))
+        for number, marker_deg in enumerate(rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)):
+            runs.append(_Run(fault=name, marker_deg=float(marker_deg), number=number, seed=int(rng.integers(2**31))))
+    parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]
+    return [outcome for part in effort.each(_outcomes, parts, what="failures") for outcome in part]
+
+
+def _outcomes(runs: tuple[_Run, ...]) -> list[Outcome]:
+    outcomes = []
+    for run in runs:
+        for name in NAMES:
+            for rules, answer in (("the paper's", _bare), ("ours", _guarded)):
+                angle_deg = answer(run, name)
+                truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
+                outcomes.append(
+                    Outcome(
+                        fault=run.fault,
+                        rules="ours" if rules == "ours" else "the paper's",
+                        method=name,
+                        error_deg=None if angle_deg is None else angle_deg - truth_deg,
+                    )
+                )
+    return outcomes
+
+
+def _bare(run: _Run, name: Name) -> float | None:
+    rig, receiver, settings = _rig(run)
+    hear = bare_listener(rig.stage, rig.laser, receiver, rig.imaging or IntensityReader(), pulses=settings.laser.pulses)
+    # What numpy says about NaN the program does not read.
+    with np.errstate(invalid="ignore"):
+        angle_deg = bare_answer(name, hear)
+    return None if math.isnan(angle_deg) else angle_deg
+
+
+def _guarded(run: _Run, name: Name) -> float | None:
+    rig, receiver, settings = _rig(run)
+    scanner = Scanner(
+        stage=rig.stage,
+        laser=rig.laser,
+        receiver=receiver,
+        reader=rig.imaging or IntensityReader(),
+        clock=rig.scanner.clock,
+        limits=rig.limits,
+        permits=Permits(FiringLimits()),
+        admission=Admission(),
+        pulses=settings.laser.pulses,
+    )
+    policy = build(BUILT[name], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    try:
+        _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
+    except MarkerseekError:
+        return None
+    return finished.estimate.mean_deg if isinstance(finished.estimate, Found) else None
+
+
+def _rig(run: _Run) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:
+    """Fresh rig of a run, and its receiver with the fault in it."""
+    fault = FAULTS[run.fault]
+    settings = fault.condition.settings
+    settings = replace(settings, marker=replace(settings.marker, angle_deg=run.marker_deg, present=fault.present))
+    if fault.frames:
+        settings = replace(settings, noise=replace(settings.noise, bursts=fault.bursts))
+        if fault.peak_counts is not None:
+            settings = replace(settings, receiver=replace(settings.receiver, peak_counts=fault.peak_counts))
+        rig = rigs.simulated(seed=run.seed, settings=settings)
+    else:
+        curve, cells = intensity_curve(CurveSettings(), fault.condition.settings, seed=0)
+        changing: IntensityCurve | None = curve
+        if curve is not None and (fault.shift_deg or fault.fading != 1.0):
+            changing = faults.ChangingCurve(
+                inner=curve, shift_deg=fault.shift_deg, after=MOVED_AFTER, fading=fault.fading
+            )
+        rig = rigs.of_intensities(
+            seed=run.seed,
+            curve=changing if fault.present else None,
+            marker_deg=run.marker_deg,
+            cells=cells,
+            settings=settings,
+        )
+    receiver: Receiver = rig.receiver
+    if fault.spoil is not None:
+        receiver = faults.FaultyReceiver(receiver, fault.spoil(run.number % 14))
+    return rig, receiver, settings
