@@ -16,7 +16,7 @@ NAME = "doctor"
 EXAMPLES = "Examples:\n\n  markerseek doctor\n\n  markerseek doctor --json"
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
-EXTRAS = {"plot": "matplotlib"}
+EXTRAS = {"plot": "matplotlib", "cluster": "distributed"}
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
