@@ -14,7 +14,6 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.interpolate import PchipInterpolator
 
 from markerseek.core import ConfigError
 
@@ -135,6 +134,9 @@ class RecordedCurve:
         self._low_deg = float(fine[0])
         self._per_deg = (count - 1) / float(fine[-1] - fine[0])
         self._last = count - 1
+        # Imported here: it takes a third of a second, which a search on frames would pay for nothing.
+        from scipy.interpolate import PchipInterpolator
+
         # Python's own floats: a lookup of one angle is four times as fast as in an array.
         self._rows: list[list[float]] = np.maximum(PchipInterpolator(off_plane_deg, heights)(fine), 0).tolist()
 
