@@ -26,8 +26,12 @@ class TestSmallRange(PolicyContract):
         return build("golden-section-reuse", limits=limits, acquisitions=200)
 
 
-@pytest.mark.parametrize("as_published", [True, False], ids=["as published", "guarded"])
-@pytest.mark.parametrize("name", [method.name for method in METHODS])
+FORMS = [(method.name, as_published) for method in METHODS for as_published in (True, False)]
+# Not published, and tested in a file of its own.
+FORMS = [form for form in FORMS if form[0] != "posterior"]
+
+
+@pytest.mark.parametrize(("name", "as_published"), FORMS)
 class TestMethods(PolicyContract):
     @pytest.fixture(autouse=True)
     def _form(self, name: str, as_published: bool) -> None:

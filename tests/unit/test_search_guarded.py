@@ -11,6 +11,7 @@ from markerseek.search import GOLDEN, METHODS, BracketSearch, Guarded, WeightedA
 from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
 
 ALL = [method.name for method in METHODS]
+PUBLISHED = [name for name in ALL if name != "posterior"]
 
 
 def sample(angle_deg, intensity, **reading):
@@ -128,7 +129,16 @@ def test_before_the_first_sample(name):
     estimate = build(name).estimate()
     assert isinstance(estimate, NotFound)
     assert "nothing has been measured" in estimate.reason
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_as_published_always_answers(name):
     assert isinstance(build(name, as_published=True).estimate(), Found)
+
+
+def test_posterior_was_not_published():
+    with pytest.raises(ConfigError, match="leave out as_published"):
+        build("posterior", as_published=True)
 
 
 def test_two_markers_are_no_answer_between_them():
@@ -219,12 +229,14 @@ class TestMethods:
             "ternary",
             "exhaustive",
             "manual",
+            "posterior",
         ]
 
     @pytest.mark.parametrize("name", ALL)
     def test_limits_and_acquisitions_are_kept(self, name):
         limits = Interval(low_deg=-12.0, high_deg=3.0)
-        asked, _ = run(build(name, limits=limits, acquisitions=12, as_published=True, early_end=False), lorentzian(1.0))
+        policy = build(name, limits=limits, acquisitions=12, as_published=name in PUBLISHED, early_end=False)
+        asked, _ = run(policy, lorentzian(1.0))
         assert len(asked) <= 12
         assert all(angle in limits for angle in asked)
 
@@ -243,7 +255,7 @@ class TestMethods:
             build(wrong)
 
     def test_lists_the_names(self):
-        with pytest.raises(ConfigError, match=r"'xyz' is unknown; methods are weighted-average, .*manual"):
+        with pytest.raises(ConfigError, match=r"'xyz' is unknown; methods are weighted-average, .*posterior"):
             build("xyz")
 
     def test_guarded_sweeps_begin_at_the_nearer_end(self):

@@ -74,6 +74,12 @@ METHODS: tuple[Method, ...] = (
         acquisitions=28,
         least=TURNS + 2,
     ),
+    Method(
+        name="posterior",
+        summary="the next angle for what it will teach, from all that was heard, until the marker is known well enough",
+        acquisitions=16,
+        least=2,
+    ),
 )
 """All methods, in the order in which they are shown."""
 
@@ -121,22 +127,38 @@ def build(
         Where the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end. None: at the
         low end.
     early_end
-        Whether a weighted average ends once its peak is recorded and passed; the other methods have no early end.
+        Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
+        well enough; the other methods have no early end.
 
     Raises
     ------
     ConfigError
-        If the method is unknown or the number of acquisitions is none that it can work with.
+        If the method is unknown, the number of acquisitions is none that it can work with, or a posterior is wanted as
+        published, which it is not.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
     number = check_acquisitions(number, least=chosen.least, method=chosen.name)
+    if chosen.name == "posterior":
+        return _posterior(limits, number, start_deg, early_end, as_published=as_published)
     start_deg = None if as_published else start_deg
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](limits, number, start_deg, ends_early and as_published)
     if as_published:
         return inner
     return Guarded(inner, limits=limits, early_threshold=THRESHOLD if ends_early else None)
+
+
+def _posterior(
+    limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool, *, as_published: bool
+) -> Policy:
+    if as_published:
+        raise ConfigError("posterior: it is markerseek's own and was not published; leave out as_published")
+    # SciPy and the compiled kernels are loaded for whoever wants them.
+    from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
+
+    target_deg = TARGET_SIGMA_DEG if early_end else 0.0
+    return Posterior(limits=limits, acquisitions=acquisitions, start_deg=start_deg, target_sigma_deg=target_deg)
 
 
 def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PublishedPolicy:

@@ -106,7 +106,7 @@ class Evidence:
         )
         self._log_prior = np.where(inside, 0.0, math.log(BEYOND_SHARE))
         self._grid: Grid | None = None
-        self._basis: tuple[float, float, float | None] = (0.0, 1.0, None)
+        self._basis = _Basis(unit=0.0, sigma=1.0, marker_m=None, cells=1)
         self._heard: list[Heard] = []
 
     def belief(self, lit: Sequence[Sample], noise: Noise) -> Belief:
@@ -133,7 +133,7 @@ class Evidence:
             grid = finer(self._shapes, grid, best, self._heard, half_deg=half_deg, angles=FINE_ANGLES)
             fine_prior = np.interp(grid.angles_deg, self._coarse_deg, log_angle)
             best = grid.marginals(fine_prior, particles=PARTICLES)
-        unit, sigma, _ = self._basis
+        basis = self._basis
         return Belief(
             angle_deg=grid.angles_deg,
             share=best.angle,
@@ -141,20 +141,14 @@ class Evidence:
             coarse_share=known.angle,
             theta_deg=grid.angles_deg[best.drawn[:, 0]],
             member=grid.members[best.drawn[:, 1]],
-            log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(unit) - math.log(sigma),
+            log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(basis.unit) - math.log(basis.sigma),
             fwhm_deg=float(best.shape @ self._shapes.fwhm_deg[grid.members]),
         )
 
     def _coarse(self, lit: Sequence[Sample], noise: Noise) -> Grid:
         """The coarse grid with all samples; made anew when what they are measured by has changed."""
         basis = _basis(lit, noise)
-        unit, sigma, marker_m = self._basis
-        moved = (basis[2] is None) != (marker_m is None) or (
-            basis[2] is not None and marker_m is not None and abs(basis[2] - marker_m) > 0.5e-3
-        )
-        told = all(sample.reading.noise_sigma is not None for sample in lit)
-        steady = told or 0.9 < basis[1] / sigma < 1.1
-        if self._grid is None or moved or not steady or not unit <= basis[0] <= 3 * unit:
+        if self._grid is None or basis.differs(self._basis, told=_told(lit)):
             self._basis = basis
             self._heard = []
             self._grid = Grid(
@@ -174,7 +168,7 @@ class Evidence:
         return self._grid
 
     def _terms(self, sample: Sample) -> Heard:
-        unit, sigma, marker_m = self._basis
+        unit, sigma, marker_m = self._basis.unit, self._basis.sigma, self._basis.marker_m
         reading = sample.reading
         own = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else sigma
         intensity = max(reading.intensity, 0.01 * own)
@@ -183,7 +177,7 @@ class Evidence:
             angle_deg=sample.angle_deg,
             log_intensity=math.log(intensity) - math.log(unit),
             noise=own / intensity,
-            cells=reading.cells or MOST_CELLS,
+            cells=reading.cells or self._basis.cells,
             ratio=ratio,
         )
 
@@ -192,7 +186,7 @@ class Evidence:
         nothing = np.zeros_like(self._coarse_deg)
         if "arrival" not in self._cues:
             return nothing
-        _, sigma, marker_m = self._basis
+        sigma, marker_m = self._basis.sigma, self._basis.marker_m
         telling = [
             (sample.angle_deg, sample.reading.arrival_s, sample.reading.intensity / sigma)
             for sample in lit
@@ -212,15 +206,57 @@ class Evidence:
         return np.asarray(np.interp(self._coarse_deg, every, log - log.max()))
 
 
-def _basis(lit: Sequence[Sample], noise: Noise) -> tuple[float, float, float | None]:
-    """Unit of the search, σ, and the marker's lateral position as far as it is known.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Basis:
+    """What all samples of a search are measured by.
 
-    Where no sample tells the noise, the smallest intensity is taken for noise: σ is a quarter of it.
+    Attributes
+    ----------
+    unit
+        Largest intensity so far.
+    sigma
+        Noise of samples that do not tell theirs.
+    marker_m
+        Lateral position of the marker in metres; None while no sample is clear of the noise.
+    cells
+        Envelope cells of samples that do not tell theirs.
+    """
+
+    unit: float
+    sigma: float
+    marker_m: float | None
+    cells: int
+
+    def differs(self, former: _Basis, *, told: bool) -> bool:
+        """Whether a grid made with the former one must be made anew; ``told``: each sample tells noise and cells."""
+        if self.marker_m is None or former.marker_m is None:
+            moved = self.marker_m is not former.marker_m
+        else:
+            moved = abs(self.marker_m - former.marker_m) > 0.5e-3
+        steady = told or (0.9 < self.sigma / former.sigma < 1.1 and 0.5 < self.cells / former.cells < 2)
+        return moved or not steady or not former.unit <= self.unit <= 3 * former.unit
+
+
+def _told(lit: Sequence[Sample]) -> bool:
+    return all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
+
+
+def _basis(lit: Sequence[Sample], noise: Noise) -> _Basis:
+    """Return what the samples are measured by.
+
+    Where no sample tells the noise, the smallest intensity is taken for noise: σ is a quarter of it. Where none tells
+    the cells, they are as many as the smallest intensity y allows: the largest of M reaches about σ·sqrt(2·ln M).
     """
     strongest = max(lit, key=lambda sample: sample.reading.intensity)
     largest = strongest.reading.intensity
+    smallest = min(sample.reading.intensity for sample in lit)
     unit = largest if largest > 0 else 1.0
-    sigma = noise.sigma or min(sample.reading.intensity for sample in lit) / 4
-    sigma = max(sigma, 1e-4 * unit)
+    sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
     clear = largest > max(CLEAR * sigma, noise.floor.level or 0.0)
-    return unit, sigma, strongest.reading.lateral_m if clear else None
+    most = math.log(MOST_CELLS)
+    return _Basis(
+        unit=unit,
+        sigma=sigma,
+        marker_m=strongest.reading.lateral_m if clear else None,
+        cells=math.ceil(math.exp(min((smallest / sigma) ** 2 / 2, most))),
+    )

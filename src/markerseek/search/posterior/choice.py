@@ -24,8 +24,8 @@ TRAVEL_DEG = 150.0
 def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
     """Return the next angle of a search that has heard nothing yet, in degrees.
 
-    First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap, a third of the
-    gap from the end where it is at an end.
+    First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a
+    gap at an end of the range counts twice and is closed by the end itself.
 
     Parameters
     ----------
@@ -43,8 +43,7 @@ def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) 
     inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in heard_deg)
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
     low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
-    gaps.append((1.5 * low_gap, limits.low_deg + low_gap / 3))
-    gaps.append((1.5 * high_gap, limits.high_deg - high_gap / 3))
+    gaps += [(2 * low_gap, limits.low_deg), (2 * high_gap, limits.high_deg)]
     return max(gaps, key=lambda gap: gap[0])[1]
 
 

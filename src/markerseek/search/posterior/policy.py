@@ -34,11 +34,17 @@ from markerseek.search.posterior.shapes import Shapes, family
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """What of a reading may count."""
 
+TARGET_SIGMA_DEG = 0.1
+"""Standard deviation at which a search ends where nothing else is said, in degrees."""
+
 LEAST_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for being sure."""
 
 MODE_SHARE = 0.05
 """Probability from which a second peak of the posterior is a mode."""
+
+UNRESOLVED_BEYOND = 0.1
+"""Probability of lying beyond an end from which an angle that is not known is said to be at that end."""
 
 FLOOR_SNR = 4.2
 """Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
@@ -85,7 +91,7 @@ class Posterior:
         *,
         limits: Interval = PAPER_RANGE,
         acquisitions: int = 16,
-        target_sigma_deg: float = 0.1,
+        target_sigma_deg: float = TARGET_SIGMA_DEG,
         start_deg: float | None = None,
         cues: Iterable[str] = CUES,
     ) -> None:
@@ -202,12 +208,13 @@ class Posterior:
         return max(intensities) > level
 
     def _side(self, belief: Belief) -> Literal["low", "high"] | None:
-        """The end beyond which the marker lies, more likely than not."""
-        if float(belief.share[belief.angle_deg < self._limits.low_deg].sum()) > 0.5:
-            return "low"
-        if float(belief.share[belief.angle_deg > self._limits.high_deg].sum()) > 0.5:
-            return "high"
-        return None
+        """The end beyond which the marker lies: more likely than not, or perhaps, where its angle is not known."""
+        least = 0.5 if belief.sigma_deg <= SIGMA_LIMIT_DEG else UNRESOLVED_BEYOND
+        below = float(belief.share[belief.angle_deg < self._limits.low_deg].sum())
+        above = float(belief.share[belief.angle_deg > self._limits.high_deg].sum())
+        if max(below, above) <= least:
+            return None
+        return "low" if below > above else "high"
 
     def _modes(self, belief: Belief) -> tuple[float, ...]:
         """Peaks of the posterior with gaps between them, the likeliest first, in degrees."""
