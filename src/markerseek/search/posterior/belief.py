@@ -11,8 +11,9 @@ from jaxtyping import Float64, Int64
 
 from markerseek.core import Interval
 from markerseek.core.reading import Sample
-from markerseek.search.floor import MOST_CELLS, Noise
+from markerseek.search.floor import Noise
 from markerseek.search.posterior import arrival
+from markerseek.search.posterior.basis import CLEAR, Basis, all_told, basis_of
 from markerseek.search.posterior.grid import Grid, Heard, finer
 from markerseek.search.posterior.heard import place_ratio
 from markerseek.search.posterior.shapes import Shapes
@@ -31,9 +32,6 @@ COARSE_STEPS = 140
 
 FINE_ANGLES = 49
 """Angles of a fine grid."""
-
-CLEAR = 6.0
-"""Intensity over σ from which a peak's place and arrival are the marker's."""
 
 SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, for the arrival to count; in metres."""
@@ -106,7 +104,7 @@ class Evidence:
         )
         self._log_prior = np.where(inside, 0.0, math.log(BEYOND_SHARE))
         self._grid: Grid | None = None
-        self._basis = _Basis(unit=0.0, sigma=1.0, marker_m=None, cells=1)
+        self._basis = Basis(unit=0.0, sigma=1.0, marker_m=None, cells=1)
         self._heard: list[Heard] = []
 
     def belief(self, lit: Sequence[Sample], noise: Noise) -> Belief:
@@ -147,8 +145,8 @@ class Evidence:
 
     def _coarse(self, lit: Sequence[Sample], noise: Noise) -> Grid:
         """The coarse grid with all samples; made anew when what they are measured by has changed."""
-        basis = _basis(lit, noise)
-        if self._grid is None or basis.differs(self._basis, told=_told(lit)):
+        basis = basis_of(lit, noise)
+        if self._grid is None or basis.differs(self._basis, told=all_told(lit)):
             self._basis = basis
             self._heard = []
             self._grid = Grid(
@@ -204,59 +202,3 @@ class Evidence:
         every = self._coarse_deg[::4]
         log = arrival.log_likelihood(every, heard_deg, arrival_s, snr)
         return np.asarray(np.interp(self._coarse_deg, every, log - log.max()))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Basis:
-    """What all samples of a search are measured by.
-
-    Attributes
-    ----------
-    unit
-        Largest intensity so far.
-    sigma
-        Noise of samples that do not tell theirs.
-    marker_m
-        Lateral position of the marker in metres; None while no sample is clear of the noise.
-    cells
-        Envelope cells of samples that do not tell theirs.
-    """
-
-    unit: float
-    sigma: float
-    marker_m: float | None
-    cells: int
-
-    def differs(self, former: _Basis, *, told: bool) -> bool:
-        """Whether a grid made with the former one must be made anew; ``told``: each sample tells noise and cells."""
-        if self.marker_m is None or former.marker_m is None:
-            moved = self.marker_m is not former.marker_m
-        else:
-            moved = abs(self.marker_m - former.marker_m) > 0.5e-3
-        steady = told or (0.9 < self.sigma / former.sigma < 1.1 and 0.5 < self.cells / former.cells < 2)
-        return moved or not steady or not former.unit <= self.unit <= 3 * former.unit
-
-
-def _told(lit: Sequence[Sample]) -> bool:
-    return all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
-
-
-def _basis(lit: Sequence[Sample], noise: Noise) -> _Basis:
-    """Return what the samples are measured by.
-
-    Where no sample tells the noise, the smallest intensity is taken for noise: σ is a quarter of it. Where none tells
-    the cells, they are as many as the smallest intensity y allows: the largest of M reaches about σ·sqrt(2·ln M).
-    """
-    strongest = max(lit, key=lambda sample: sample.reading.intensity)
-    largest = strongest.reading.intensity
-    smallest = min(sample.reading.intensity for sample in lit)
-    unit = largest if largest > 0 else 1.0
-    sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
-    clear = largest > max(CLEAR * sigma, noise.floor.level or 0.0)
-    most = math.log(MOST_CELLS)
-    return _Basis(
-        unit=unit,
-        sigma=sigma,
-        marker_m=strongest.reading.lateral_m if clear else None,
-        cells=math.ceil(math.exp(min((smallest / sigma) ** 2 / 2, most))),
-    )
