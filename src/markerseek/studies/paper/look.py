@@ -14,6 +14,13 @@ COLOURS: dict[Name, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f"}
 MARKS: dict[Name, str] = {"TS": "o", "GSS": "s", "WA": "^"}
 
 
+def _drawn_half(errors: Errors) -> float:
+    """Half the interval, on a logarithmic scale not down to 0; of fewer than five searches it says nothing."""
+    if errors.half_deg is None or errors.count < 5:
+        return 0.0
+    return min(errors.half_deg, 0.95 * errors.mean_deg)
+
+
 def error_line(name: Name, cells: Mapping[int, Errors]) -> Line:
     """Mean error of a method over the number of acquisitions, with the 95 % interval of the mean.
 
@@ -28,7 +35,7 @@ def error_line(name: Name, cells: Mapping[int, Errors]) -> Line:
         label=f"{name}, ours",
         x=tuple(float(count) for count in cells),
         y=tuple(errors.mean_deg for errors in cells.values()),
-        half=tuple(errors.half_deg or 0.0 for errors in cells.values()),
+        half=tuple(_drawn_half(errors) for errors in cells.values()),
         colour=COLOURS[name],
         mark=MARKS[name],
     )
