@@ -63,7 +63,7 @@ class Admission:
             raise AcquisitionError(f"{header.pulses} pulses were seen, {permit.pulses} were permitted; check the laser")
         if header.commanded_deg != permit.angle_deg:
             raise AcquisitionError(
-                f"the frame was taken for {header.commanded_deg} deg, {permit.angle_deg} deg was asked for; take it again"
+                f"the frame is of {header.commanded_deg} deg, {permit.angle_deg} deg was asked for; take it again"
             )
         if header.angle_before_deg is None or header.angle_after_deg is None:
             raise AcquisitionError("the frame carries no readback of the angle; the scanner must add it")

@@ -1,0 +1,11 @@
+"""Assembly, here and nowhere else: the parts of a rig, put together for a search.
+
+`simulated` makes a rig of a simulated world, `of_intensities` one of its intensity curve alone, `replayed` one of a
+recorded scan. All run under the same `Scanner`.
+"""
+
+from markerseek.rigs.replay import replayed
+from markerseek.rigs.rig import Rig
+from markerseek.rigs.simulation import USUAL_CELLS, of_intensities, simulated
+
+__all__ = ["USUAL_CELLS", "Rig", "of_intensities", "replayed", "simulated"]
