@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import typer
+from rich.markup import escape
 
 NAME = "doctor"
 EXAMPLES = "Examples:\n\n  markerseek doctor\n\n  markerseek doctor --json"
@@ -46,7 +47,7 @@ def command(
     else:
         for finding in findings:
             colour = "green" if finding.state == "ok" else ("red" if finding.needed else "yellow")
-            people.print(f"[{colour}]{finding.state:>8}[/]  {finding.what}: {finding.detail}", markup=True)
+            people.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
     raise typer.Exit(0 if ok else 1)
 
 
