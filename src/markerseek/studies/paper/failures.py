@@ -85,7 +85,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
         bad = {fault: share for fault, share in worst.items() if share > 0}
         said = ", ".join(f"{FAULTS[fault].words} ({share:.0%})" for fault, share in bad.items()) or "none"
         remarks.append(
-            f"Faults under which a method by {rules.replace('ours', 'our')} rules claims a wrong angle, with the largest "
-            f"share: {said}."
+            f"Faults under which a method by {rules.replace('ours', 'our')} rules claims a wrong angle, "
+            f"with the largest share: {said}."
         )
     return tuple(remarks)
