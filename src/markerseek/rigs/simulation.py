@@ -27,7 +27,7 @@ from markerseek.sim import (
     World,
 )
 
-LEAST_NOISE_COUNTS = 0.3
+LEAST_NOISE_COUNTS = 0.25
 """Least noise of a simulated channel in counts, that the converter still shows."""
 
 DARK_FRAMES = 3
