@@ -8,38 +8,21 @@ import shutil
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from markerseek import cli, rigs
+from markerseek import rigs
 from markerseek.core import ChannelFrame
 from markerseek.wire.sonixdaq import element_of_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-class Shell:
-    """Runs a command in this process, and keeps its exit code and output."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch, self._capsys = monkeypatch, capsys
-
-    def __call__(self, *words: object) -> tuple[int, str, str]:
-        self._monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        output = self._capsys.readouterr()
-        assert "Traceback" not in output.err
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0), output.out, output.err
-
-
-@pytest.fixture
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
-    return Shell(monkeypatch, capsys)
+Shell = Callable[..., tuple[int, str, str]]
 
 
 def test_a_search_finds_the_simulated_marker_and_answers_programs_with_one_object(shell: Shell) -> None:

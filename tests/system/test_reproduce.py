@@ -4,37 +4,18 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from markerseek import cli
 from markerseek.records.banks import IntensityBank, read_bank, write_bank
 
 pytest.importorskip("matplotlib")
 
 
-class Shell:
-    """Runs a command in this process, and keeps its exit code and output."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch, self._capsys = monkeypatch, capsys
-
-    def __call__(self, *words: object) -> tuple[int, str, str]:
-        self._monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        output = self._capsys.readouterr()
-        assert "Traceback" not in output.err
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0), output.out, output.err
-
-
-@pytest.fixture
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
-    return Shell(monkeypatch, capsys)
+Shell = Callable[..., tuple[int, str, str]]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

@@ -1,0 +1,26 @@
+"""The shell in which the system tests type their commands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from markerseek import cli
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs a command in this process; its exit code, standard output and standard error come back."""
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        output = capsys.readouterr()
+        assert "Traceback" not in output.err
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), output.out, output.err
+
+    return run
