@@ -34,7 +34,7 @@ docs: .venv/dev  ## run the examples of the documentation
 lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools
 	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
-	$(COMPILE) --extra plot --extra check --extra test --extra cluster -c requirements/run.txt -o requirements/dev.txt pyproject.toml
+	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 
 clean:  ## remove the environment and everything made

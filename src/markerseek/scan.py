@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from markerseek.core import (
     AcquisitionError,
+    Asked,
     Clock,
     ConfigError,
     Event,
@@ -192,7 +193,7 @@ def run(
     Yields
     ------
     Event
-        Started; Measured and Refused; then Finished, or Failed followed by its error.
+        Started; Asked, Refused and Measured; then Finished, or Failed followed by its error.
 
     Raises
     ------
@@ -206,11 +207,13 @@ def run(
     try:
         yield Started(start_deg=place_deg, limits=scanner.limits.search)
         for index in range(1, dark_frames + 1):
+            yield Asked(role="dark", index=index, angle_deg=place_deg)
             dark = yield from _admitted(scanner.measure_dark, place_deg, limits.attempts)
             yield Measured(role="dark", index=index, sample=dark)
             policy.tell(dark)
         while (asked_deg := policy.ask()) is not None:
             _require_budget(count, scanner.clock.now_s() - began_s, limits)
+            yield Asked(role="search", index=count + 1, angle_deg=asked_deg)
             sample = yield from _admitted(_at(scanner, asked_deg), asked_deg, limits.attempts)
             count += 1
             travel_deg += abs(sample.angle_deg - place_deg)
@@ -220,6 +223,7 @@ def run(
         estimate = policy.estimate()
         confirmation = None
         if isinstance(estimate, Found) and not stay:
+            yield Asked(role="confirmation", index=1, angle_deg=estimate.mean_deg)
             confirmation = yield from _admitted(_at(scanner, estimate.mean_deg), estimate.mean_deg, limits.attempts)
             travel_deg += abs(confirmation.angle_deg - place_deg)
             yield Measured(role="confirmation", index=1, sample=confirmation)

@@ -9,6 +9,7 @@ import pytest
 
 from markerseek.core import (
     AcquisitionError,
+    Asked,
     ConfigError,
     DeviceError,
     Event,
@@ -132,7 +133,9 @@ def scanner(bench: Bench, **changes: int) -> Scanner:
 
 
 def kinds(events: list[Event]) -> list[str]:
-    return [event.role if isinstance(event, Measured) else type(event).__name__ for event in events]
+    """Names of the events without `Asked`, which stands before each acquisition."""
+    heard = [event for event in events if not isinstance(event, Asked)]
+    return [event.role if isinstance(event, Measured) else type(event).__name__ for event in heard]
 
 
 def drain(events: Iterator[Event], error: type[Exception]) -> list[Event]:
@@ -160,6 +163,16 @@ def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
     assert bench.log[-2:] == ["disarm", "stop"]
 
 
+def test_every_acquisition_is_announced_before_anything_moves() -> None:
+    bench = Bench()
+    announced = []
+    for event in run(Tour(-35.0, 10.0), scanner(bench), dark_frames=1):
+        if isinstance(event, Asked):
+            announced.append((event.role, event.index, event.angle_deg))
+            assert len([entry for entry in bench.log if entry.startswith("fire")]) == len(announced) - 1
+    assert announced == [("dark", 1, 0.0), ("search", 1, -35.0), ("search", 2, 10.0), ("confirmation", 1, 4.0)]
+
+
 def test_the_order_within_one_measurement() -> None:
     bench = Bench()
     sample = scanner(bench).measure(12.0)
@@ -173,6 +186,8 @@ def test_a_policy_is_told_only_after_the_event_was_handed_out() -> None:
     policy = Tour(0.0, 1.0)
     events = run(policy, scanner(Bench()))
     assert isinstance(next(events), Started)
+    assert next(events) == Asked(role="search", index=1, angle_deg=0.0)
+    assert policy.told == []
     measured = next(events)
     assert isinstance(measured, Measured)
     assert policy.told == []
@@ -193,7 +208,7 @@ def test_a_refused_frame_is_reported_and_taken_again() -> None:
     policy = Tour(0.0)
     events = list(run(policy, scanner(bench), stay=True))
     assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
-    refused = events[1]
+    refused = events[2]
     assert isinstance(refused, Refused)
     assert "stale" in refused.reason
     assert len(policy.told) == 1

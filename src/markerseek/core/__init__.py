@@ -17,7 +17,7 @@ from markerseek.core.errors import (
     SearchError,
 )
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
-from markerseek.core.events import Event, Failed, Finished, Measured, Refused, Started
+from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.interval import PAPER_RANGE, Interval
 from markerseek.core.permit import Permit
@@ -28,6 +28,7 @@ __all__ = [
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
+    "Asked",
     "AtBound",
     "ChannelFrame",
     "Clock",
@@ -62,6 +63,7 @@ __all__ = [
     "Receiver",
     "RecordError",
     "Refused",
+    "Role",
     "Sample",
     "SaturationError",
     "SearchError",

@@ -1,4 +1,4 @@
-"""What a run reports while it goes: Started, then Measured or Refused, then Finished or Failed.
+"""What a run reports while it goes: Started, then Asked with Measured or Refused, then Finished or Failed.
 
 `Measured` is handed out before the policy is told: whoever keeps a record commits it first.
 """
@@ -21,6 +21,27 @@ class Started:
     limits: Interval
 
 
+Role: TypeAlias = Literal["dark", "search", "confirmation"]
+"""What an acquisition is for: a dark frame before the search, one that the policy asked for, one after it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """One acquisition is about to be made: the stage is sent to an angle, and leave to fire is asked for there.
+
+    Attributes
+    ----------
+    role, index
+        As in `Measured`.
+    angle_deg
+        Where the stage is sent, in degrees; a dark frame is taken where it stands.
+    """
+
+    role: Role
+    index: int
+    angle_deg: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
     """One acquisition was made.
@@ -28,14 +49,14 @@ class Measured:
     Attributes
     ----------
     role
-        A dark frame before the search, an acquisition that the policy asked for, or the confirmation after it.
+        See `Role`.
     index
         Number of the acquisition within its role, counted from 1.
     sample
         What was measured.
     """
 
-    role: Literal["dark", "search", "confirmation"]
+    role: Role
     index: int
     sample: Sample
 
@@ -80,4 +101,4 @@ class Failed:
     error: Exception
 
 
-Event: TypeAlias = Started | Measured | Refused | Finished | Failed
+Event: TypeAlias = Started | Asked | Measured | Refused | Finished | Failed
