@@ -170,7 +170,7 @@ def test_every_acquisition_is_announced_before_anything_moves() -> None:
         if isinstance(event, Asked):
             announced.append((event.role, event.index, event.angle_deg))
             assert len([entry for entry in bench.log if entry.startswith("fire")]) == len(announced) - 1
-    assert announced == [("dark", 1, 0.0), ("search", 1, -35.0), ("search", 2, 10.0), ("confirmation", 1, 4.0)]
+    assert announced == [("dark", 1, -35.0), ("search", 1, -35.0), ("search", 2, 10.0), ("confirmation", 1, 4.0)]
 
 
 def test_the_order_within_one_measurement() -> None:
