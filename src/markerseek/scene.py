@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray
-from markerseek.signals import PRESET_NAMES, ImageReader, Picture, beamformed_sigma, probe_preset
+from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray, PaImage
+from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset
 from markerseek.signals.peaks import strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
@@ -157,7 +157,7 @@ def _heights(
     return heights
 
 
-def _separate(picture: Picture) -> list[float]:
+def _separate(picture: PaImage) -> list[float]:
     """Heights of local maxima of an image that are a resolution cell apart, strongest first."""
     largest = float(picture.envelope.max())
     kept: list[tuple[float, float, float]] = []

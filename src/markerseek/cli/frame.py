@@ -12,10 +12,10 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json
-from markerseek.core import AcquisitionError, RecordError
+from markerseek.core import AcquisitionError, PaImage, RecordError
 
 if TYPE_CHECKING:
-    from markerseek.signals import FrameFindings, Picture
+    from markerseek.signals import FrameFindings
 
 NAME = "frame"
 EXAMPLES = (
@@ -141,7 +141,7 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
         people.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
 
 
-def _draw(findings: FrameFindings, picture: Picture, path: Path, *, title: str) -> None:
+def _draw(findings: FrameFindings, picture: PaImage, path: Path, *, title: str) -> None:
     from markerseek.pictures import frame_figure, save_png
 
     arrivals = (findings.strongest, *findings.others) if findings.found else ()

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import aside, people, print_json, progress_bar
-from markerseek.core import Measured, Policy, Refused, Sample
+from markerseek.core import Measured, PaImage, Policy, Refused, Sample
 from markerseek.records.result import Recorder, SearchResult
 from markerseek.rigs import Rig
 from markerseek.scan import run
-
-if TYPE_CHECKING:
-    from markerseek.pictures import PaImage
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
@@ -194,12 +190,9 @@ def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: P
 
 def _image(rig: Rig, sample: Sample) -> PaImage | None:
     """Image of the frame of a sample, where there is one."""
-    from markerseek.pictures import PaImage
-
     if rig.imaging is None or sample.frame is None:
         return None
-    picture = rig.imaging.picture(sample.frame)
-    return PaImage(envelope=picture.envelope, lateral_m=picture.lateral_m, depth_m=picture.depth_m)
+    return rig.imaging.picture(sample.frame)
 
 
 def _optional_mm(value_m: float | None) -> str:

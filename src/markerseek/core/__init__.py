@@ -19,6 +19,7 @@ from markerseek.core.errors import (
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
+from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval
 from markerseek.core.permit import Permit
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
@@ -55,6 +56,7 @@ __all__ = [
     "MoveError",
     "NotConnectedError",
     "NotFound",
+    "PaImage",
     "Permit",
     "Policy",
     "Reader",

@@ -5,12 +5,11 @@ from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.heat_map import HeatMap, heat_maps_figure
 from markerseek.pictures.page import write_page
 from markerseek.pictures.panels import Line, Panel, panels_figure
-from markerseek.pictures.search_picture import PaImage, search_figure
+from markerseek.pictures.search_picture import search_figure
 
 __all__ = [
     "HeatMap",
     "Line",
-    "PaImage",
     "Panel",
     "frame_figure",
     "heat_maps_figure",

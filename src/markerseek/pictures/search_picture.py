@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
-from markerseek.core import Found, Sample
+from markerseek.core import Found, PaImage, Sample
 from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure
 from markerseek.pictures.image_panel import draw_image
 
@@ -18,23 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.core import Estimate
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PaImage:
-    """A photoacoustic image to be drawn.
-
-    Attributes
-    ----------
-    envelope
-        Envelope, shape (depths, laterals).
-    lateral_m, depth_m
-        Axes in metres.
-    """
-
-    envelope: Float32[np.ndarray, "depths laterals"]
-    lateral_m: Float64[np.ndarray, " laterals"]
-    depth_m: Float64[np.ndarray, " depths"]
 
 
 def search_figure(

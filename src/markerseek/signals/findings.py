@@ -1,4 +1,4 @@
-"""What is said of one frame: its picture, the arrivals in it, and whether there is a source.
+"""What is said of one frame: the arrivals in it, and whether there is a source.
 
 Plain values; `reader.ImageReader` makes them, and `core.Reading` is the short form that a search uses.
 """
@@ -6,26 +6,6 @@ Plain values; `reader.ImageReader` makes them, and `core.Reading` is the short f
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float32, Float64
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Picture:
-    """Envelope image of a frame.
-
-    Attributes
-    ----------
-    envelope
-        Shape (depth, lateral), in ADC counts.
-    lateral_m, depth_m
-        Its columns and rows in metres.
-    """
-
-    envelope: Float32[np.ndarray, "depth lateral"]
-    lateral_m: Float64[np.ndarray, " lateral"]
-    depth_m: Float64[np.ndarray, " depth"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Reading
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, PaImage, Reading
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, image_grid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
-from markerseek.signals.findings import Arrival, FrameFindings, Picture
+from markerseek.signals.findings import Arrival, FrameFindings
 from markerseek.signals.noise_gain import envelope_cells
 from markerseek.signals.peaks import refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
@@ -91,10 +91,10 @@ class ImageReader:
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
         )
 
-    def picture(self, frame: Frame) -> Picture:
+    def picture(self, frame: Frame) -> PaImage:
         """Envelope image of the frame."""
         chain = self._chain(frame)
-        return Picture(
+        return PaImage(
             envelope=chain.envelope[chain.rows],
             lateral_m=chain.grid.lateral_m,
             depth_m=chain.grid.depth_m[chain.rows],

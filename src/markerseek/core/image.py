@@ -1,0 +1,25 @@
+"""A photoacoustic image: what the imaging chain makes of channel data, and pictures and exports take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PaImage:
+    """Envelope image of one frame.
+
+    Attributes
+    ----------
+    envelope
+        Shape (depths, laterals), in ADC counts.
+    lateral_m, depth_m
+        Its columns and rows in metres: along the array from its centre, and from the array's face.
+    """
+
+    envelope: Float32[np.ndarray, "depths laterals"]
+    lateral_m: Float64[np.ndarray, " laterals"]
+    depth_m: Float64[np.ndarray, " depths"]
