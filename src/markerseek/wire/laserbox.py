@@ -1,0 +1,299 @@
+"""The laser box's lines as bytes: a small box that pulls the trigger of laser and acquisition, and counts.
+
+A line is words apart by one space, a star, and the CRC-16/CCITT-FALSE of what stands before the star (polynomial
+0x1021, start 0xFFFF, not reflected; 0x29B1 for ``123456789``) in four upper-case digits: ``BEAT 17*97F5``, then LF.
+
+======================================================  ==========================================================
+host to box                                             box to host
+======================================================  ==========================================================
+``HELLO``                                               ``OK HELLO id version lease_ms last_token``
+``PERMIT token pulses rate_hz expiry_ms triggers``      ``OK PERMIT token``
+``BEAT step``                                           nothing
+``FIRE token``                                          ``DONE token sent photodiode`` when it is over
+``DISARM``                                              ``OK DISARM``
+anything that is refused                                ``ERR reason``
+======================================================  ==========================================================
+
+There is no "on". A permit is void after its expiry, after one firing, at the lease's end, at any refusal, at DISARM and
+HELLO, and when the interlock opens; the output is low then. The lease begins with PERMIT and is renewed by BEAT with a
+step above the one before. Tokens are numbers, and each permit's must be above all before it: the counter never runs
+backwards, and nothing is fired twice. ``triggers`` is how often the acquisition is triggered; the first ``pulses`` of
+them trigger the laser too, so that a permit of 0 pulses takes a dark frame with the averaging of a lit one.
+"""
+
+from __future__ import annotations
+
+import binascii
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+from markerseek.core import ConfigError, LaserError
+
+VERSION = 1
+"""Version of the protocol."""
+
+LEASE_MS = 100
+"""Longest lease of a box, in milliseconds."""
+
+LINE_BYTES = 80
+"""Longest line, its end included."""
+
+MOST_PULSES, MOST_RATE_HZ, MOST_EXPIRY_MS, MOST_COUNT = 1024, 1000, 60_000, 2**31 - 1
+"""Largest numbers of a permit that a box accepts, and of a token or step."""
+
+RefusalReason: TypeAlias = Literal[
+    "CRC",  # the line came damaged
+    "FORM",  # it is no command, or a number is missing, too many, or out of its range
+    "TOKEN",  # a permit's token that is not above all before, or a firing without a permit of that token
+    "STEP",  # a beat whose step is not above the one before
+    "INTERLOCK",  # the interlock is open
+    "BUSY",  # a permit while pulses are fired
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hello:
+    """Asks who is there; takes any permit away and begins the steps anew."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PermitPulses:
+    """Leave for at most so many pulses, at a rate in Hz, for so many milliseconds, with so many triggers in all."""
+
+    token: int
+    pulses: int
+    rate_hz: int
+    expiry_ms: int
+    triggers: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beat:
+    """Renews the lease; the step is the control loop's own counter."""
+
+    step: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fire:
+    """Uses the permit of that token."""
+
+    token: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disarm:
+    """Takes any permit away, also while it fires."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Greeting:
+    """Answer to `Hello`: who is there, its protocol, its lease in milliseconds, and the last token that it took."""
+
+    identity: str
+    version: int
+    lease_ms: int
+    last_token: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Permitted:
+    """Answer to `PermitPulses`."""
+
+    token: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """A firing is over: pulses sent to the laser, and pulses that the photodiode saw."""
+
+    token: int
+    sent: int
+    photodiode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disarmed:
+    """Answer to `Disarm`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Nothing was done, and any permit is gone."""
+
+    reason: RefusalReason
+
+
+Command: TypeAlias = Hello | PermitPulses | Beat | Fire | Disarm
+Reply: TypeAlias = Greeting | Permitted | Done | Disarmed | Refusal
+
+_REASONS: tuple[RefusalReason, ...] = get_args(RefusalReason)
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE of the bytes."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def encode(message: Command | Reply) -> bytes:
+    """Line of a command or a reply, its end included.
+
+    Raises
+    ------
+    ConfigError
+        If the line would be refused at the other end: a number out of its range, an identity that is no word.
+    """
+    words = _words(message)
+    understood = _command(words) if isinstance(message, Command) else _reply(words)
+    if understood != message:
+        raise ConfigError(f"laser box: {message} cannot be sent, a number or word is out of its range")
+    text = " ".join(words).encode("ascii")
+    return text + b"*%04X\n" % crc16(text)
+
+
+def decode_command(line: bytes) -> Command | Refusal:
+    """Command of a line without its end; what a box must answer, if it is none."""
+    text = _checked(line)
+    if text is None:
+        return Refusal(reason="CRC")
+    return _command(text.split(" ")) or Refusal(reason="FORM")
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Reply of a line without its end.
+
+    Raises
+    ------
+    LaserError
+        If the line is damaged or no reply.
+    """
+    text = _checked(line)
+    reply = None if text is None else _reply(text.split(" "))
+    if reply is None:
+        what = "damaged (its CRC does not fit)" if text is None else "no reply of a laser box"
+        raise LaserError(f"laser box: the line {line[:LINE_BYTES]!r} is {what}; check cable, port and firmware")
+    return reply
+
+
+class Lines:
+    """Cuts bytes into lines as they come; a line that is too long comes out empty."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._too_long = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Lines completed by these bytes, without their ends."""
+        *complete, rest = (self._rest + data).split(b"\n")
+        lines = [b"" if len(line) >= LINE_BYTES else line for line in complete]
+        if complete and self._too_long:
+            lines[0] = b""
+        self._too_long = len(rest) >= LINE_BYTES or (self._too_long and not complete)
+        self._rest = b"" if self._too_long else rest
+        return lines
+
+
+def _words(message: Command | Reply) -> list[str]:
+    match message:
+        case Hello():
+            return ["HELLO"]
+        case PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=triggers):
+            return ["PERMIT", *map(str, (token, pulses, rate_hz, expiry_ms, triggers))]
+        case Beat(step=step):
+            return ["BEAT", str(step)]
+        case Fire(token=token):
+            return ["FIRE", str(token)]
+        case Disarm():
+            return ["DISARM"]
+        case _:
+            return _reply_words(message)
+
+
+def _reply_words(message: Reply) -> list[str]:
+    match message:
+        case Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token):
+            return ["OK", "HELLO", identity, *map(str, (version, lease_ms, last_token))]
+        case Permitted(token=token):
+            return ["OK", "PERMIT", str(token)]
+        case Done(token=token, sent=sent, photodiode=photodiode):
+            return ["DONE", *map(str, (token, sent, photodiode))]
+        case Disarmed():
+            return ["OK", "DISARM"]
+        case Refusal(reason=reason):
+            return ["ERR", reason]
+
+
+def _checked(line: bytes) -> str | None:
+    """Text of a line whose CRC fits, else None."""
+    text, star, crc = line.rpartition(b"*")
+    if not star or crc != b"%04X" % crc16(text) or not text.isascii():
+        return None
+    return text.decode("ascii")
+
+
+def _command(words: list[str]) -> Command | None:
+    verb, numbers = words[0], [_number(word) for word in words[1:]]
+    match verb, numbers:
+        case "HELLO", []:
+            return Hello()
+        case "PERMIT", [int(token), int(pulses), int(rate_hz), int(expiry_ms), int(triggers)]:
+            permit = PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=triggers)
+            return permit if _acceptable(permit) else None
+        case "BEAT", [int(step)]:
+            return Beat(step=step)
+        case "FIRE", [int(token)]:
+            return Fire(token=token)
+        case "DISARM", []:
+            return Disarm()
+        case _:
+            return None
+
+
+def _acceptable(permit: PermitPulses) -> bool:
+    return (
+        permit.token >= 1
+        and 1 <= permit.triggers <= MOST_PULSES
+        and permit.pulses <= permit.triggers
+        and 1 <= permit.rate_hz <= MOST_RATE_HZ
+        and 1 <= permit.expiry_ms <= MOST_EXPIRY_MS
+    )
+
+
+def _reply(words: list[str]) -> Reply | None:
+    match words:
+        case ["OK", "HELLO", identity, *rest]:
+            return _greeting(identity, [_number(word) for word in rest])
+        case ["OK", "PERMIT", word] if (token := _number(word)) is not None:
+            return Permitted(token=token)
+        case ["OK", "DISARM"]:
+            return Disarmed()
+        case ["DONE", *rest]:
+            return _done([_number(word) for word in rest])
+        case ["ERR", word]:
+            return next((Refusal(reason=reason) for reason in _REASONS if reason == word), None)
+        case _:
+            return None
+
+
+def _greeting(identity: str, numbers: list[int | None]) -> Greeting | None:
+    match numbers:
+        case [int(version), int(lease_ms), int(last_token)] if identity.isalnum() and len(identity) <= 16:
+            return Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token)
+        case _:
+            return None
+
+
+def _done(numbers: list[int | None]) -> Done | None:
+    match numbers:
+        case [int(token), int(sent), int(photodiode)]:
+            return Done(token=token, sent=sent, photodiode=photodiode)
+        case _:
+            return None
+
+
+def _number(word: str) -> int | None:
+    """Whole number of a word as `str` writes it, from 0 to `MOST_COUNT`; None if it is none."""
+    if not (word.isdecimal() and len(word) <= 10) or (word[0] == "0" and word != "0"):
+        return None
+    number = int(word)
+    return number if number <= MOST_COUNT else None
