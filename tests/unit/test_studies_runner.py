@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -13,7 +14,7 @@ import pytest
 
 from markerseek.core import ConfigError, MissingExtraError, RecordError
 from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, Summary, run_row, run_study, runner
-from markerseek.studies.chunks import Chunk, chunk, chunk_count, run_chunk
+from markerseek.studies.chunks import Chunk, chunk_count, run_chunk
 from markerseek.studies.table import as_csv, columns, values_of
 from markerseek.studies.workers import on_processes
 
@@ -27,6 +28,9 @@ STUDY = Study(
     curve=CurveSettings(family="sech", fwhm_deg=12.0),
     vary=(Axis(key="rig.noise.peak_snr_db", values=(20.0, 40.0)),),
 )
+
+
+Compute = Callable[[Chunk], bytes]
 
 
 class KilledError(Exception):
@@ -70,12 +74,12 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
 ) -> None:
     computed: list[int] = []
 
-    def mortal(study: Study, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[Chunk, bytes]]:
+    def mortal(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
         for count, piece in enumerate(pieces):
             if count == after:
                 raise KilledError
             computed.append(piece.index)
-            yield piece, run_chunk(study, piece)
+            yield count, compute(piece)
 
     assert chunk_count(STUDY) == 3
     monkeypatch.setattr(runner, "on_processes", mortal)
@@ -85,10 +89,10 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     (tmp_path / "rows.csv.unfinished").write_bytes(b"half a table")
     assert "rows.csv" not in files(tmp_path)
 
-    def counted(study: Study, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[Chunk, bytes]]:
-        for piece, lines in on_processes(study, pieces, workers=1):
+    def counted(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
+        for count, piece in enumerate(pieces):
             computed.append(piece.index)
-            yield piece, lines
+            yield count, compute(piece)
 
     monkeypatch.setattr(runner, "on_processes", counted)
     run_study(STUDY, tmp_path)
@@ -142,9 +146,9 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
 def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = dataclasses.replace(STUDY, seed=2)
 
-    def elsewhere(study: Study, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[Chunk, bytes]]:
-        for piece in pieces:
-            yield piece, run_chunk(other, piece)
+    def elsewhere(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
+        for count, piece in enumerate(pieces):
+            yield count, run_chunk(other, piece)
 
     monkeypatch.setattr(runner, "on_processes", elsewhere)
     with pytest.raises(ConfigError, match="another version of markerseek"):
@@ -161,7 +165,7 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
 
 def test_no_workers_are_refused() -> None:
     with pytest.raises(ConfigError, match="workers is 0"):
-        list(on_processes(STUDY, [chunk(STUDY, 0)], workers=0))
+        list(on_processes(math.sqrt, [1.0], workers=0))
 
 
 def test_without_dask_the_answer_is_the_command_that_installs_it(

@@ -132,18 +132,8 @@ def of_intensities(
         If a setting cannot be used; bursts of noise need frames.
     """
     settings = settings or SimulatedSettings()
-    if settings.noise.bursts is not None:
-        raise ConfigError("noise: bursts are simulated in frames only; leave them out, or study frames")
-    snr_db = settings.noise.peak_snr_db
-    world = CurveWorld(
-        curve=curve,
-        marker_deg=marker_deg,
-        peak=10 ** (snr_db / 20),
-        noise_sigma=1.0,
-        cells=cells,
-        energy_jitter=settings.laser.energy_jitter,
-        start_deg=settings.start_deg,
-        rng=np.random.default_rng(seed),
+    world = CurveWorld.of_settings(
+        settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=np.random.default_rng(seed)
     )
     return _in_world(
         world,
@@ -151,7 +141,7 @@ def of_intensities(
         clock=VirtualClock(),
         reader=IntensityReader(),
         imaging=None,
-        description=f"simulated intensities, peak SNR {snr_db:g} dB, seed {seed}",
+        description=f"simulated intensities, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
     )
 

@@ -19,9 +19,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from jaxtyping import Float64
 
 from markerseek.core import ConfigError, FrameHeader, ReadingFrame
 from markerseek.sim.curves import IntensityCurve
+from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of
 
 _CELLS_AT = 1e-3
@@ -83,6 +85,43 @@ class CurveWorld:
         self._energy_jitter = energy_jitter
         self._rng = rng
 
+    @classmethod
+    def of_settings(
+        cls,
+        settings: SimulatedSettings,
+        *,
+        curve: IntensityCurve | None,
+        marker_deg: float,
+        cells: int,
+        rng: np.random.Generator,
+    ) -> CurveWorld:
+        """World under the noise, the laser and the start of these settings, in units of the noise's deviation.
+
+        Parameters
+        ----------
+        settings
+            Of a rig.
+        curve, marker_deg, cells, rng
+            See the class.
+
+        Raises
+        ------
+        ConfigError
+            If the settings have bursts of noise, which need frames.
+        """
+        if settings.noise.bursts is not None:
+            raise ConfigError("noise: bursts are simulated in frames only; leave them out, or study frames")
+        return cls(
+            curve=curve,
+            marker_deg=marker_deg,
+            peak=10 ** (settings.noise.peak_snr_db / 20),
+            noise_sigma=1.0,
+            cells=cells,
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+        )
+
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
@@ -102,6 +141,30 @@ class CurveWorld:
             noise_sigma=self._noise_sigma,
             cells=self._cells,
         )
+
+    def scan(self, angles_deg: Float64[np.ndarray, " angles"], *, pulses: int) -> Float64[np.ndarray, " angles"]:
+        """Intensities at one angle after another: what a flash and a frame at each would hold, in a fifth of the time.
+
+        The same numbers are drawn in the same order, so that the scan and the frames of two worlds with the same seed
+        agree to rounding. No flash is kept.
+
+        Parameters
+        ----------
+        angles_deg
+            Where the probe points at each acquisition, in degrees.
+        pulses
+            Pulses of each.
+        """
+        energy, largest, heights, noise = [], [], [], []
+        for angle_deg in angles_deg.tolist():
+            energy.append(flash_of(self._rng, pulses=pulses, at_s=0.0, energy_jitter=self._energy_jitter).energy)
+            largest.append(self._largest_noise())
+            heights.append([] if self._curve is None else self._curve.peaks(angle_deg - self._marker_deg))
+            noise.append(self._rng.standard_normal((len(heights[-1]), 4)))
+        along, *across = np.moveaxis(np.array(noise), -1, 0)
+        loud = np.array(energy)[:, None] * self._peak / self._noise_sigma * np.array(heights) + along
+        loudest = np.sqrt(loud**2 + sum(part**2 for part in across)).max(axis=1, initial=0.0)
+        return np.asarray(np.maximum(largest, loudest) * self._noise_sigma, dtype=np.float64)
 
     def _largest_noise(self) -> float:
         """Largest noise in an image over σ, drawn by inverting 1 − exp(−N(u)); see the module."""

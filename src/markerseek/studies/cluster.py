@@ -17,8 +17,8 @@ _AHEAD = 3
 _TIMEOUT_S = 20
 
 
-def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[Chunk, bytes]]:
-    """Chunks and their lines, each as it is ready; closing the iterator gives up those under way.
+def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[int, bytes]]:
+    """Numbers of the chunks, from 0, and their lines, each as it is ready; closing the iterator gives up the rest.
 
     Parameters
     ----------
@@ -44,28 +44,32 @@ def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterat
         raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
     with client:
         try:
-            yield from _as_ready(distributed, client, study, iter(pieces))
+            yield from _as_ready(distributed, client, study, enumerate(pieces))
         except (distributed.KilledWorker, distributed.comm.CommClosedError) as problem:
             raise MarkerseekError(
                 f"the cluster gave up: {problem}; run the same command again to continue"
             ) from problem
 
 
-def _as_ready(distributed: Any, client: Any, study: Study, waiting: Iterator[Chunk]) -> Iterator[tuple[Chunk, bytes]]:
+def _as_ready(
+    distributed: Any, client: Any, study: Study, waiting: Iterator[tuple[int, Chunk]]
+) -> Iterator[tuple[int, bytes]]:
     """Results as they are ready, with a few under way for each thread, so that memory does not grow with the study."""
     # the study travels once to each worker
     everywhere = client.scatter(study, broadcast=True, hash=False)
 
-    def submit(piece: Chunk) -> Any:
+    def submit(number: int, piece: Chunk) -> Any:
         future = client.submit(run_chunk, everywhere, piece, pure=False)
-        under_way[future.key] = piece
+        under_way[future.key] = number
         return future
 
-    under_way: dict[str, Chunk] = {}
+    under_way: dict[str, int] = {}
     threads = sum(client.nthreads().values()) or 1
-    ready = distributed.as_completed([submit(piece) for piece in islice(waiting, _AHEAD * threads)], loop=client.loop)
+    ready = distributed.as_completed(
+        [submit(*following) for following in islice(waiting, _AHEAD * threads)], loop=client.loop
+    )
     for future in ready:
-        piece = under_way.pop(future.key)
+        number = under_way.pop(future.key)
         for following in islice(waiting, 1):
-            ready.add(submit(following))
-        yield piece, future.result()
+            ready.add(submit(*following))
+        yield number, future.result()

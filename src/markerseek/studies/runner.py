@@ -11,13 +11,14 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
-from markerseek.studies.chunks import Chunk, chunk, chunk_count, chunk_rows
+from markerseek.studies.chunks import chunk, chunk_count, chunk_rows, run_chunk
 from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
@@ -129,15 +130,16 @@ def _run_chunks(
     missing = (chunk(study, index) for index in left)
     done = study.rows - sum(chunk_rows(study, chunk(study, index)) for index in left)
     if scheduler is not None:
-        computed: Iterator[tuple[Chunk, bytes]] = on_cluster(study, missing, address=scheduler)
+        computed: Iterator[tuple[int, bytes]] = on_cluster(study, missing, address=scheduler)
     else:
-        computed = on_processes(study, missing, workers=default_workers() if workers is None else workers)
+        count = default_workers() if workers is None else workers
+        computed = on_processes(partial(run_chunk, study), missing, workers=count)
     with closing(computed):  # type: ignore[type-var]
-        for piece, lines in computed:
+        for number, lines in computed:
             if not lines.startswith(study.digest.encode()):
                 raise ConfigError("a worker has another version of markerseek than this process; install the same one")
-            commit(_part(parts, piece.index), lines)
-            done += chunk_rows(study, piece)
+            commit(_part(parts, left[number]), lines)
+            done += chunk_rows(study, chunk(study, left[number]))
             if progress is not None:
                 progress(done)
 

@@ -1,6 +1,6 @@
-"""Chunks on processes of this machine.
+"""Work on processes of this machine: chunks of a study, parts of a reproduction.
 
-At most a few chunks for each process are under way, so that memory does not grow with the study.
+At most a few jobs for each process are under way, so that memory does not grow with their number.
 """
 
 from __future__ import annotations
@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
+from typing import TypeVar
 
 from markerseek.core import ConfigError, MarkerseekError
-from markerseek.studies.chunks import Chunk, run_chunk
-from markerseek.studies.study import Study
 
 _AHEAD = 2
-"""Chunks under way for each worker: one at work, one waiting."""
+"""Jobs under way for each worker: one at work, one waiting."""
+
+Job = TypeVar("Job")
+Done = TypeVar("Done")
 
 
 def default_workers() -> int:
@@ -27,13 +29,15 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def on_processes(study: Study, pieces: Iterable[Chunk], *, workers: int) -> Iterator[tuple[Chunk, bytes]]:
-    """Chunks and their lines, each as it is ready; closing the iterator ends the processes.
+def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[tuple[int, Done]]:
+    """Numbers of the jobs, from 0, and their results, each as it is ready; closing the iterator ends the processes.
 
     Parameters
     ----------
-    study, pieces
-        What to compute.
+    function
+        What is done with a job; one of a module, or `functools.partial` of one, so that other processes find it.
+    jobs
+        Its arguments, one after another.
     workers
         Number of processes; 1 computes in this one.
 
@@ -45,35 +49,32 @@ def on_processes(study: Study, pieces: Iterable[Chunk], *, workers: int) -> Iter
     if workers < 1:
         raise ConfigError(f"workers is {workers}, at least 1 is needed")
     if workers == 1:
-        for piece in pieces:
-            yield piece, run_chunk(study, piece)
+        yield from enumerate(map(function, jobs))
         return
     # Processes are started anew: a fork would copy the locks of threads that this one has.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from as_ready(lambda piece: pool.submit(run_chunk, study, piece), pieces, ahead=_AHEAD * workers)
+        yield from _as_ready(lambda job: pool.submit(function, job), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
-            "a worker process was ended from outside, perhaps for want of memory; run the same command again to "
-            "continue, with fewer --workers"
+            "a worker process was ended from outside, perhaps for want of memory; run the same command again with "
+            "fewer --workers (a study continues where it was)"
         ) from problem
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def as_ready(
-    submit: Callable[[Chunk], Future[bytes]], pieces: Iterable[Chunk], *, ahead: int
-) -> Iterator[tuple[Chunk, bytes]]:
-    """Results of submitted chunks as they are ready, with so many under way at most."""
-    waiting = iter(pieces)
-    under_way = {submit(piece): piece for piece in islice(waiting, ahead)}
+def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
+    """Results of submitted jobs as they are ready, with so many under way at most."""
+    waiting = enumerate(jobs)
+    under_way = {submit(job): number for number, job in islice(waiting, ahead)}
     while under_way:
         ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
         for future in ready:
-            piece = under_way.pop(future)
-            under_way.update((submit(following), following) for following in islice(waiting, 1))
-            yield piece, future.result()
+            done = under_way.pop(future)
+            under_way.update((submit(job), number) for number, job in islice(waiting, 1))
+            yield done, future.result()
 
 
 def _begin() -> None:

@@ -14,10 +14,11 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
-from markerseek.search import build
+from markerseek.search import build, equal_steps
+from markerseek.search.average import weighted_average
 from markerseek.search.curve import Curve
 from markerseek.search.peak import peak_of
-from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,
@@ -30,8 +31,8 @@ from markerseek.studies.paper.methods import (
     shorter,
 )
 from markerseek.studies.paper.positions import PEAK_COUNTS
-from markerseek.studies.study import CurveSettings, PolicySettings, Study, cells
-from markerseek.studies.trial import draw_trial, intensity_curve, study_rig
+from markerseek.studies.study import Cell, CurveSettings, PolicySettings, Study, cells
+from markerseek.studies.trial import Draw, draw_trial, intensity_curve, study_rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,6 +185,10 @@ def _errors(study: Study, trial: int) -> Errors:
     errors: Errors = {}
     for settings in study.policies:
         name = names[settings.method]
+        if name == "WA" and not settings.early_end and study.level == "curves":
+            angle_deg = _full_scan(study, cell, draw, acquisitions=settings.most)
+            errors[name, settings.most] = abs(angle_deg - draw.marker_deg)
+            continue
         rig = study_rig(study, cell, draw)
         policy = build(
             settings.method,
@@ -198,3 +203,25 @@ def _errors(study: Study, trial: int) -> Errors:
         else:
             errors |= {(name, n): abs(angle_deg - draw.marker_deg) for n, angle_deg in shorter(name, samples)}
     return errors
+
+
+def _full_scan(study: Study, cell: Cell, draw: Draw, *, acquisitions: int) -> float:
+    """Answer of a full scan of WA in degrees, which is that of the loop to rounding, without the loop.
+
+    A full scan asks nothing of what it heard, so that all of it can be drawn at once; it rises, so that the probe
+    stands where the encoder does.
+    """
+    settings = cell.world.rig
+    limits, counts_per_deg = settings.limits.search, settings.stage.counts_per_deg
+    curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
+    world = CurveWorld.of_settings(
+        settings,
+        curve=curve,
+        marker_deg=draw.marker_deg,
+        cells=images_cells,
+        rng=np.random.Generator(np.random.PCG64(draw.noise_seed)),
+    )
+    asked = equal_steps(limits, acquisitions=acquisitions)
+    reached = np.round(asked * counts_per_deg) / counts_per_deg
+    heard = world.scan(np.maximum(reached, settings.start_deg), pulses=settings.laser.pulses)
+    return float(np.clip(weighted_average(reached, heard), limits.low_deg, limits.high_deg))

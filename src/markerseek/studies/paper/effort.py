@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias
 
 from markerseek.core import ConfigError
-
-Job = TypeVar("Job")
-Done = TypeVar("Done")
+from markerseek.studies.workers import Done, Job, on_processes
 
 Advance: TypeAlias = Callable[[str, int, int], None]
 """Hears what is being done, how many parts of it are done, and how many there are."""
@@ -71,17 +67,9 @@ class Effort:
         what
             What is being done, in words.
         """
-        if self.workers == 1 or len(jobs) < 2:
-            return self._gather(map(function, jobs), len(jobs), what)
-        # Spawned processes share nothing with this one: no thread or lock of a progress bar is copied half-held.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(self.workers, len(jobs)), mp_context=context) as pool:
-            return self._gather(pool.map(function, jobs), len(jobs), what)
-
-    def _gather(self, results: Iterable[Done], total: int, what: str) -> list[Done]:
-        self.advance(what, 0, total)
-        done: list[Done] = []
-        for result in results:
-            done.append(result)
-            self.advance(what, len(done), total)
-        return done
+        done: dict[int, Done] = {}
+        self.advance(what, 0, len(jobs))
+        for number, result in on_processes(function, jobs, workers=min(self.workers, max(1, len(jobs)))):
+            done[number] = result
+            self.advance(what, len(done), len(jobs))
+        return [done[number] for number in range(len(jobs))]
