@@ -1,0 +1,132 @@
+"""A serial port as a line of bytes, held by one program at a time."""
+
+from __future__ import annotations
+
+import termios
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal
+
+from markerseek.core import ConfigError, MissingExtraError, NotConnectedError
+
+_WRITE_TIMEOUT_S = 0.5
+"""A line that takes no bytes for so long is gone."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialSettings:
+    """How a serial line is set.
+
+    Attributes
+    ----------
+    path
+        Name of the port.
+    baud
+        Bits per second.
+    parity
+        Parity bit: none, even or odd.
+    handshake
+        Whether RTS and CTS say who may send; left out where the port has no such lines, as a pseudo-terminal has none.
+    """
+
+    path: str
+    baud: int = 115200
+    parity: Literal["N", "E", "O"] = "N"
+    handshake: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.path:
+            raise ConfigError("serial port: path is empty; name the port, for instance /dev/ttyUSB0")
+        if not 300 <= self.baud <= 4_000_000:
+            raise ConfigError(f"serial port: baud is {self.baud}, it must lie between 300 and 4000000 bits per second")
+
+
+class SerialPort:
+    """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
+
+    Parameters
+    ----------
+    settings
+        Which port, and how it is set.
+
+    Raises
+    ------
+    NotConnectedError
+        If the port cannot be opened, or another program holds it.
+    MissingExtraError
+        If pyserial is not installed.
+    """
+
+    def __init__(self, settings: SerialSettings) -> None:
+        try:
+            import serial  # type: ignore[import-untyped, unused-ignore]
+        except ModuleNotFoundError as missing:
+            raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial port") from missing
+        self._path = settings.path
+        # pyserial's own errors are OSErrors; a broken pseudo-terminal shows as termios.error.
+        self._broken = (OSError, termios.error)
+        try:
+            self._line = serial.Serial(
+                port=settings.path,
+                baudrate=settings.baud,
+                parity=settings.parity,
+                timeout=0,
+                write_timeout=_WRITE_TIMEOUT_S,
+                exclusive=True,
+            )
+        except (*self._broken, ValueError) as error:
+            raise NotConnectedError(
+                f"serial port {settings.path} cannot be opened ({error}); plug the device in and switch it on, and end "
+                "another program that holds it"
+            ) from error
+        if settings.handshake:
+            self._shake_hands()
+
+    def write(self, data: bytes) -> None:
+        """Send all of it.
+
+        Raises
+        ------
+        NotConnectedError
+            If the line is gone, or takes no bytes.
+        """
+        try:
+            sent = self._line.write(data)
+        except self._broken as error:
+            raise self._gone() from error
+        if sent != len(data):
+            raise self._gone()
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        """Up to that many bytes; fewer, perhaps none, once the time has gone by.
+
+        Raises
+        ------
+        NotConnectedError
+            If the line is gone.
+        """
+        try:
+            self._line.timeout = timeout_s
+            return bytes(self._line.read(size))
+        except self._broken as error:
+            raise self._gone() from error
+
+    def close(self) -> None:
+        """Let go of the line; allowed twice."""
+        self._line.close()
+
+    def __enter__(self) -> SerialPort:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _shake_hands(self) -> None:
+        try:
+            self._line.rts = True
+            self._line.rtscts = True
+        except self._broken:
+            self._line.rtscts = False
+
+    def _gone(self) -> NotConnectedError:
+        return NotConnectedError(f"serial port {self._path} is gone; check the cable and the device's power")

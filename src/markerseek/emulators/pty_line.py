@@ -1,0 +1,108 @@
+"""A pseudo-terminal with an emulator behind it: to a driver it is a serial port like another."""
+
+from __future__ import annotations
+
+import os
+import select
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from markerseek.core import Clock, ConfigError
+from markerseek.emulators.byte_device import ByteDevice
+
+_UNREAD_LIMIT = 65536
+"""Bytes kept for a reader who does not read; what comes after them is lost, as on a wire."""
+
+
+class PtyLine:
+    """A pseudo-terminal pair: drivers open `path`, the emulator answers at the other end.
+
+    Use it as a context manager, and call `serve` in a thread or a process of its own.
+
+    Parameters
+    ----------
+    device
+        The emulator.
+    clock
+        The time that it lives in; real time, where a person or another program is at the other end.
+    link
+        Where to put a link to the pseudo-terminal, whose own name changes from start to start; None puts none.
+
+    Raises
+    ------
+    ConfigError
+        If something lies at the link's place already.
+    """
+
+    def __init__(self, *, device: ByteDevice, clock: Clock, link: Path | None = None) -> None:
+        self._device = device
+        self._clock = clock
+        self._outbox = bytearray()
+        self._link: Path | None = None
+        self._ours, self._theirs = os.openpty()
+        # Our copy of their end stays open: without it, reading fails whenever no driver has the port open.
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self._open = True
+        self._name = os.ttyname(self._theirs)
+        if link is not None:
+            self._put_link(link)
+
+    @property
+    def path(self) -> str:
+        """Name of the serial port for a driver."""
+        return str(self._link or self._name)
+
+    def serve(self, *, until: Callable[[], bool], tick_s: float = 2e-3) -> None:
+        """Carry bytes and time to the device, and its answers back, until told to end.
+
+        Parameters
+        ----------
+        until
+            Asked once a tick.
+        tick_s
+            Longest time between two looks at the device, in seconds.
+        """
+        while not until():
+            self.serve_once(wait_s=tick_s)
+
+    def serve_once(self, *, wait_s: float) -> None:
+        """Wait for bytes at most so many seconds, then let the device act once."""
+        arrived, _, _ = select.select([self._ours], [], [], wait_s)
+        self._outbox += self._device.advance(self._clock.now_s())
+        if arrived:
+            self._outbox += self._device.feed(os.read(self._ours, 4096))
+        del self._outbox[_UNREAD_LIMIT:]
+        if self._outbox:
+            try:
+                del self._outbox[: os.write(self._ours, self._outbox)]
+            except BlockingIOError:
+                return
+
+    def close(self) -> None:
+        """Take the line away; a driver that has it open loses it. Allowed twice."""
+        if not self._open:
+            return
+        self._open = False
+        os.close(self._ours)
+        os.close(self._theirs)
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
+
+    def __enter__(self) -> PtyLine:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _put_link(self, link: Path) -> None:
+        try:
+            link.symlink_to(self._name)
+        except OSError as error:
+            self.close()
+            raise ConfigError(
+                f"link: {link} cannot be made a link to {self._name} ({error.strerror}); name another place"
+            ) from error
+        self._link = link

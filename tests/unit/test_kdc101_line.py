@@ -1,0 +1,112 @@
+"""The lines that emulators hang on: a pseudo-terminal for any program, a direct port for virtual time."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import ConfigError, NotConnectedError
+from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.emulators import DirectPort, PtyLine
+from markerseek.sim import VirtualClock
+
+
+class Echo:
+    """Answers what it hears, and what it heard last again after a second."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._later: list[tuple[float, bytes]] = []
+
+    def advance(self, now_s: float) -> bytes:
+        self._now_s = now_s
+        due = b"".join(said for at_s, said in self._later if at_s <= now_s)
+        self._later = [(at_s, said) for at_s, said in self._later if at_s > now_s]
+        return due
+
+    def feed(self, data: bytes) -> bytes:
+        self._later.append((self._now_s + 1.0, data.upper()))
+        return data
+
+
+def test_a_direct_port_waits_in_virtual_time() -> None:
+    clock = VirtualClock()
+    port = DirectPort(device=Echo(), clock=clock)
+    port.write(b"abc")
+    assert port.read(2, timeout_s=5.0) == b"ab"
+    assert port.read(1, timeout_s=0.0) == b"c"
+    assert clock.now_s() == 0.0
+    assert port.read(8, timeout_s=0.5) == b""
+    assert clock.now_s() == pytest.approx(0.5)
+    assert port.read(3, timeout_s=5.0) == b"ABC"
+    assert clock.now_s() == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_closed_direct_port_is_gone() -> None:
+    port = DirectPort(device=Echo(), clock=VirtualClock())
+    port.close()
+    port.close()
+    with pytest.raises(NotConnectedError, match="closed"):
+        port.write(b"a")
+
+
+def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
+    clock = SystemClock()
+    done = threading.Event()
+    with PtyLine(device=Echo(), clock=clock) as line:
+        serving = threading.Thread(target=line.serve, kwargs={"until": done.is_set})
+        serving.start()
+        try:
+            with SerialPort(SerialSettings(path=line.path, handshake=True)) as port:
+                every = bytes(range(256)) * 8
+                port.write(every)
+                heard = port.read(len(every), timeout_s=5.0)
+        finally:
+            done.set()
+            serving.join()
+    assert heard == every
+
+
+def test_one_program_holds_the_port() -> None:
+    with (
+        PtyLine(device=Echo(), clock=SystemClock()) as line,
+        SerialPort(SerialSettings(path=line.path)),
+        pytest.raises(NotConnectedError, match="another program"),
+    ):
+        SerialPort(SerialSettings(path=line.path))
+
+
+def test_a_line_taken_away_is_gone() -> None:
+    line = PtyLine(device=Echo(), clock=SystemClock())
+    port = SerialPort(SerialSettings(path=line.path))
+    line.close()
+    line.close()
+    with pytest.raises(NotConnectedError, match="gone"):
+        port.read(1, timeout_s=1.0)
+    with pytest.raises(NotConnectedError, match="gone"):
+        port.write(b"a")
+    port.close()
+    port.close()
+
+
+def test_a_link_stands_for_the_port_and_goes_with_it(tmp_path: Path) -> None:
+    link = tmp_path / "stage"
+    with PtyLine(device=Echo(), clock=SystemClock(), link=link) as line:
+        assert line.path == str(link)
+        assert link.exists()
+        with pytest.raises(ConfigError, match="link"):
+            PtyLine(device=Echo(), clock=SystemClock(), link=link)
+        assert link.is_symlink()
+    assert not link.is_symlink()
+
+
+def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(NotConnectedError, match="cannot be opened"):
+        SerialPort(SerialSettings(path=str(tmp_path / "none")))
+    with pytest.raises(ConfigError, match="path"):
+        SerialSettings(path="")
+    with pytest.raises(ConfigError, match="baud"):
+        SerialSettings(path="/dev/ttyUSB0", baud=0)
