@@ -6,8 +6,10 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from markerseek.core import (
     AcquisitionError,
@@ -19,9 +21,7 @@ from markerseek.core import (
     Finished,
     Found,
     Laser,
-    LaserError,
     Measured,
-    MoveError,
     Policy,
     Reader,
     Receiver,
@@ -32,7 +32,17 @@ from markerseek.core import (
     Stage,
     Started,
 )
-from markerseek.guard import Admission, Limits, Permits
+from markerseek.guard import Guard, Limits, State
+
+
+class DeadMan(Protocol):
+    """Lets go of the laser and the stage when the control loop falls silent between `hold` and `release`."""
+
+    def hold(self) -> None:
+        """Begin to need the steps of the control loop."""
+
+    def release(self) -> None:
+        """Need no more steps; allowed at any time, also twice."""
 
 
 class Scanner:
@@ -42,16 +52,14 @@ class Scanner:
     ----------
     stage, laser, receiver, reader, clock
         The parts of the rig.
-    limits
-        Where it may look.
-    permits
-        Who gives leave to fire.
-    admission
-        Which frames are believed.
+    guard
+        Says what may be done, and believed. It must be armed before anything moves.
     pulses
         Laser pulses averaged in one acquisition.
-    arrival_deg
-        Most that the readback may differ from the angle asked for, in degrees.
+    arms_itself
+        Whether the guard is armed by the first measurement: only where no hardware is involved.
+    dead_man
+        Watches over each move and each firing; None where no hardware is involved.
     """
 
     def __init__(
@@ -62,30 +70,34 @@ class Scanner:
         receiver: Receiver,
         reader: Reader,
         clock: Clock,
-        limits: Limits,
-        permits: Permits,
-        admission: Admission,
+        guard: Guard,
         pulses: int = 16,
-        arrival_deg: float = 0.1,
+        arms_itself: bool = False,
+        dead_man: DeadMan | None = None,
     ) -> None:
         if pulses < 1:
             raise ConfigError(f"scanner: pulses is {pulses}, at least 1 is needed to hear anything")
-        self.limits = limits
+        self.guard = guard
         self.clock = clock
         self._stage = stage
         self._laser = laser
         self._receiver = receiver
         self._reader = reader
-        self._permits = permits
-        self._admission = admission
         self._pulses = pulses
-        self._arrival_deg = arrival_deg
-        self._sequence: int | None = None
+        self._arms_itself = arms_itself
+        self._dead_man = dead_man
+
+    @property
+    def limits(self) -> Limits:
+        """Where it may look, and where the probe may be."""
+        return self.guard.limits
 
     @property
     def angle_deg(self) -> float:
-        """Readback of the stage, in degrees."""
-        return self._stage.angle_deg
+        """Readback of the stage in degrees, inside the travel range."""
+        with self._trusted():
+            angle_deg = self._stage.angle_deg
+        return self.guard.readback(angle_deg)
 
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, listen, and say what was heard.
@@ -98,17 +110,17 @@ class Scanner:
         Raises
         ------
         LimitError
-            If the angle is outside the search range; nothing was moved.
+            If the angle is outside the search range or the guard is not armed; nothing was moved.
+        AcquisitionError
+            If the frame was refused; it may be taken again.
         DeviceError
-            If a device did not do its part, or (AcquisitionError) the frame was refused.
+            If a device did not do its part; the guard is in FAULT then.
         """
-        self.limits.require_search(angle_deg)
-        reached_deg = self._stage.move_to(angle_deg)
-        if not abs(reached_deg - angle_deg) <= self._arrival_deg:
-            raise MoveError(
-                f"the stage was sent to {angle_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
-                f"{self._arrival_deg} deg away; check for an obstacle"
-            )
+        self._arm_itself()
+        self.guard.begin_move(angle_deg)
+        with self._watched():
+            reached_deg = self._stage.move_to(angle_deg)
+        self.guard.end_move(reached_deg)
         return self._acquire(angle_deg, pulses=self._pulses)
 
     def measure_dark(self) -> Sample:
@@ -117,34 +129,66 @@ class Scanner:
         Raises
         ------
         DeviceError
-            If a device did not do its part, or (AcquisitionError) the frame was refused.
+            As `measure`.
         """
-        return self._acquire(self._stage.angle_deg, pulses=0)
+        self._arm_itself()
+        return self._acquire(self.angle_deg, pulses=0)
 
     def stop(self) -> None:
-        """Take the laser's permit away, then stop the stage."""
+        """Disarm the guard, take the laser's permit away, then stop the stage; a fault stays one."""
+        self.guard.disarm()
         try:
-            self._laser.disarm()
+            with self._trusted():
+                self._laser.disarm()
         finally:
-            self._stage.stop()
+            with self._trusted():
+                self._stage.stop()
 
     def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
-        before_deg = self._stage.angle_deg
-        permit = self._permits.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
-        self._receiver.arm(permit)
-        fired = self._laser.fire(permit)
-        if fired != pulses:
-            raise LaserError(
-                f"the laser fired {fired} pulses, {pulses} were permitted; check the laser and its trigger"
-            )
-        frame = self._receiver.acquire(permit)
-        after_deg = self._stage.angle_deg
+        permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
+        with self._trusted(AcquisitionError, ConfigError):
+            self._receiver.arm(permit)
+        before_deg = self.angle_deg
+        self.guard.redeem(permit, angle_deg=before_deg, now_s=self.clock.now_s())
+        with self._watched():
+            fired = self._laser.fire(permit)
+        self.guard.end_fire(fired)
+        with self._trusted(AcquisitionError, ConfigError):
+            frame = self._receiver.acquire(permit)
+        after_deg = self.angle_deg
         frame = replace(frame, header=replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg))
-        self._admission.admit_frame(frame, permit=permit, previous_sequence=self._sequence)
-        self._sequence = frame.header.sequence
-        reading = self._reader.read(frame)
-        self._admission.admit_reading(reading, frame=frame)
+        self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
+        with self._trusted(AcquisitionError, ConfigError):
+            reading = self._reader.read(frame)
+        self.guard.admit_reading(reading, frame=frame)
         return Sample(angle_deg=(before_deg + after_deg) / 2, reading=reading, dark=pulses == 0, frame=frame)
+
+    def _arm_itself(self) -> None:
+        if self._arms_itself and self.guard.state is State.DISARMED:
+            self.guard.arm(by="a rig without hardware")
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Under the dead man's lease, and trusted to raise nothing."""
+        with self._trusted():
+            if self._dead_man is not None:
+                self._dead_man.hold()
+            try:
+                yield
+            finally:
+                if self._dead_man is not None:
+                    self._dead_man.release()
+
+    @contextmanager
+    def _trusted(self, *harmless: type[Exception]) -> Iterator[None]:
+        """Whatever a device raises is its fault, but for what it may refuse."""
+        try:
+            yield
+        except harmless:
+            raise
+        except Exception as error:
+            self.guard.fail(f"{type(error).__name__}: {error}")
+            raise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,20 +245,20 @@ def run(
         Whatever ended the run, a `MarkerseekError` unless a driver broke its promise; the probe stays where it stopped.
     """
     began_s = scanner.clock.now_s()
-    place_deg = scanner.angle_deg
     travel_deg = 0.0
     count = 0
     try:
+        place_deg = scanner.angle_deg
         yield Started(start_deg=place_deg, limits=scanner.limits.search)
         for index in range(1, dark_frames + 1):
             yield Asked(role="dark", index=index, angle_deg=place_deg)
-            dark = yield from _admitted(scanner.measure_dark, place_deg, limits.attempts)
+            dark = yield from _admitted(scanner, scanner.measure_dark, place_deg, limits.attempts)
             yield Measured(role="dark", index=index, sample=dark)
             policy.tell(dark)
         while (asked_deg := policy.ask()) is not None:
             _require_budget(count, scanner.clock.now_s() - began_s, limits)
             yield Asked(role="search", index=count + 1, angle_deg=asked_deg)
-            sample = yield from _admitted(_at(scanner, asked_deg), asked_deg, limits.attempts)
+            sample = yield from _admitted(scanner, _at(scanner, asked_deg), asked_deg, limits.attempts)
             count += 1
             travel_deg += abs(sample.angle_deg - place_deg)
             place_deg = sample.angle_deg
@@ -224,7 +268,8 @@ def run(
         confirmation = None
         if isinstance(estimate, Found) and not stay:
             yield Asked(role="confirmation", index=1, angle_deg=estimate.mean_deg)
-            confirmation = yield from _admitted(_at(scanner, estimate.mean_deg), estimate.mean_deg, limits.attempts)
+            confirm = _at(scanner, estimate.mean_deg)
+            confirmation = yield from _admitted(scanner, confirm, estimate.mean_deg, limits.attempts)
             travel_deg += abs(confirmation.angle_deg - place_deg)
             yield Measured(role="confirmation", index=1, sample=confirmation)
         yield Finished(
@@ -245,7 +290,9 @@ def _at(scanner: Scanner, angle_deg: float) -> Callable[[], Sample]:
     return lambda: scanner.measure(angle_deg)
 
 
-def _admitted(measure: Callable[[], Sample], angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
+def _admitted(
+    scanner: Scanner, measure: Callable[[], Sample], angle_deg: float, attempts: int
+) -> Generator[Event, None, Sample]:
     """Measure again while frames are refused, and no more often than the limit says."""
     for attempt in range(1, attempts + 1):
         try:
@@ -254,7 +301,9 @@ def _admitted(measure: Callable[[], Sample], angle_deg: float, attempts: int) ->
             raise
         except AcquisitionError as refusal:
             if attempt == attempts:
-                raise AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)") from refusal
+                error = AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)")
+                scanner.guard.fail(str(error))
+                raise error from refusal
             yield Refused(angle_deg=angle_deg, reason=str(refusal))
     raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
 

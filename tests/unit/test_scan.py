@@ -32,7 +32,7 @@ from markerseek.core import (
     SearchError,
     Started,
 )
-from markerseek.guard import Admission, FiringLimits, Limits, Permits
+from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.scan import RunLimits, Scanner, run
 
 FOUND = Found(
@@ -85,7 +85,7 @@ class Bench:
             started_s=self.time_s,
             ended_s=self.time_s,
         )
-        return ReadingFrame(header=header, intensity=self.intensity)
+        return ReadingFrame(header=header, intensity=self.intensity + 0.01 * self.sequence)
 
     def read(self, frame: Frame) -> Reading:
         assert isinstance(frame, ReadingFrame)
@@ -125,9 +125,8 @@ def scanner(bench: Bench, **changes: int) -> Scanner:
         receiver=bench,
         reader=bench,
         clock=bench,
-        limits=Limits(),
-        permits=Permits(FiringLimits()),
-        admission=Admission(),
+        guard=Guard(limits=Limits(), firing=FiringLimits(), admission=Admission()),
+        arms_itself=True,
         **changes,
     )
 
@@ -230,7 +229,7 @@ def test_frames_refused_too_often_end_the_run_with_an_error_and_no_angle() -> No
     ("bench", "error"),
     [
         (Bench(short_by_deg=0.2), MoveError),
-        (Bench(short_by_deg=float("nan")), MoveError),
+        (Bench(short_by_deg=float("nan")), LimitError),
         (Bench(missing_pulses=1), LaserError),
         (Bench(intensity=float("nan")), AcquisitionError),
     ],

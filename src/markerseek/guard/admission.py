@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading, SaturationError
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    ConfigError,
+    Frame,
+    Permit,
+    Reading,
+    ReadingFrame,
+    SaturationError,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,24 +27,34 @@ class Admission:
     ----------
     settled_deg
         Most that the readback may change during an acquisition, in degrees.
+    age_s
+        Most time between the end of an acquisition and its admission, in seconds.
     saturated_limit
         Most channels at full scale in the marker's window, as a share of all; 1 admits any.
     dead_limit
         Most channels without a signal, as a share of all; 1 admits any.
+    repeats
+        Whether the data may be those of the frame before, or constant: so in a recording, and nowhere else.
     """
 
     settled_deg: float = 0.05
+    age_s: float = 5.0
     saturated_limit: float = 0.05
     dead_limit: float = 0.05
+    repeats: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.settled_deg < 1:
             raise ConfigError(f"admission: settled_deg is {self.settled_deg} deg, it must lie between 0 and 1 deg")
+        if not 0 < self.age_s <= 60:
+            raise ConfigError(f"admission: age_s is {self.age_s} s, it must lie in (0, 60] s")
         for name in ("saturated_limit", "dead_limit"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"admission: {name} is {getattr(self, name)}, it is a share between 0 and 1")
 
-    def admit_frame(self, frame: Frame, *, permit: Permit, previous_sequence: int | None) -> None:
+    def admit_frame(
+        self, frame: Frame, *, permit: Permit, issued_s: float, now_s: float, previous: Frame | None
+    ) -> None:
         """Refuse a frame that is not the answer to this permit.
 
         Parameters
@@ -42,22 +63,25 @@ class Admission:
             The frame, its header completed with the readback before and after.
         permit
             The permit under which it was asked for.
-        previous_sequence
-            Sequence number of the frame before, None for the first.
+        issued_s, now_s
+            When the permit was issued, and now, on the rig's clock in seconds.
+        previous
+            The frame before in this run, None for the first.
 
         Raises
         ------
         AcquisitionError
-            If it carries another token, comes out of order, was not fired as permitted, or was taken while moving.
+            If it carries another token, comes out of order, was not fired as permitted, was taken while moving, at
+            another time, is of another shape, or holds old data.
         """
         header = frame.header
         if header.token != permit.token:
             raise AcquisitionError(
                 f"stale frame: it carries the token {header.token!r}, {permit.token!r} was asked for; take it again"
             )
-        if previous_sequence is not None and header.sequence <= previous_sequence:
+        if previous is not None and not header.sequence > previous.header.sequence:
             raise AcquisitionError(
-                f"frame out of order: sequence number {header.sequence} after {previous_sequence}; take it again"
+                f"frame out of order: sequence number {header.sequence} after {previous.header.sequence}; take it again"
             )
         if header.pulses != permit.pulses:
             raise AcquisitionError(f"{header.pulses} pulses were seen, {permit.pulses} were permitted; check the laser")
@@ -73,6 +97,17 @@ class Admission:
                 f"the probe moved by {moved_deg:.3f} deg during the acquisition, the limit is {self.settled_deg} deg; "
                 "let it settle"
             )
+        if not issued_s <= header.started_s <= header.ended_s <= now_s <= header.ended_s + self.age_s:
+            raise AcquisitionError(
+                f"stale frame: taken from {header.started_s:.3f} to {header.ended_s:.3f} s, permitted at "
+                f"{issued_s:.3f} s, and it is {now_s:.3f} s now; the limit of age is {self.age_s} s; take it again"
+            )
+        if previous is not None and _shape(frame) != _shape(previous):
+            raise AcquisitionError(
+                f"the frame is {_shape(frame)}, the one before was {_shape(previous)}; was a setting changed in a run?"
+            )
+        if not self.repeats and _unchanged(frame, previous):
+            raise AcquisitionError("stale frame: its data are constant, or those of the frame before; take it again")
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
         """Refuse a reading that cannot be a measurement.
@@ -85,7 +120,7 @@ class Admission:
         SaturationError
             If too many channels are saturated.
         """
-        if not (math.isfinite(reading.intensity) and reading.intensity >= 0):
+        if not 0 <= reading.intensity < math.inf:
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
         for name in ("lateral_m", "depth_m", "arrival_s", "noise_sigma", "coherence"):
             value = getattr(reading, name)
@@ -104,3 +139,19 @@ class Admission:
                     f"{len(reading.dead_channels)} of {frame.samples.shape[0]} channels are dead, the limit is "
                     f"{self.dead_limit:.0%}; check the probe's connector"
                 )
+
+
+def _shape(frame: Frame) -> str:
+    """What must stay the same within a run, in words."""
+    if isinstance(frame, ReadingFrame):
+        return "an intensity"
+    return f"{frame.samples.shape[0]} channels of {frame.samples.shape[1]} samples at {frame.sampling_hz:g} Hz"
+
+
+def _unchanged(frame: Frame, previous: Frame | None) -> bool:
+    """Whether no new data can have come."""
+    if isinstance(frame, ChannelFrame):
+        if np.all(frame.samples == frame.samples[0, 0]):
+            return True
+        return isinstance(previous, ChannelFrame) and np.array_equal(frame.samples, previous.samples)
+    return isinstance(previous, ReadingFrame) and frame.intensity == previous.intensity

@@ -47,3 +47,17 @@ class Limits:
                 f"angle {angle_deg:g} deg is outside the search range {self.search}; nothing was moved; "
                 "ask for an angle inside"
             )
+
+    def require_travel(self, readback_deg: float) -> None:
+        """Refuse to go on from a readback outside the travel range.
+
+        Raises
+        ------
+        LimitError
+            If the readback is NaN or outside.
+        """
+        if readback_deg not in self.travel:
+            raise LimitError(
+                f"the stage says that it stands at {readback_deg:g} deg, outside its travel range {self.travel}; "
+                "check the probe and the stage's zero"
+            )

@@ -1,10 +1,14 @@
-"""Leave to fire: so many pulses, at one angle, for a short time, once, out of a budget for the session."""
+"""Leave to fire: so many pulses, for a short time, once, out of a budget for a second and one for the session."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
-from markerseek.core import ConfigError, LimitError, Permit
+from markerseek.core import ConfigError, LaserError, LimitError, Permit
+
+_WINDOW_S = 1.0
+"""The second over which pulses are counted, wherever it begins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,6 +19,8 @@ class FiringLimits:
     ----------
     pulses_per_permit
         Most pulses in one acquisition.
+    pulses_per_second
+        Most pulses under permits that are used within any one second.
     pulses_per_session
         Most pulses until a person starts a new session.
     lifetime_s
@@ -22,11 +28,12 @@ class FiringLimits:
     """
 
     pulses_per_permit: int = 128
+    pulses_per_second: int = 1000
     pulses_per_session: int = 100_000
     lifetime_s: float = 30.0
 
     def __post_init__(self) -> None:
-        for name in ("pulses_per_permit", "pulses_per_session"):
+        for name in ("pulses_per_permit", "pulses_per_second", "pulses_per_session"):
             if not getattr(self, name) >= 1:
                 raise ConfigError(f"firing limits: {name} is {getattr(self, name)}, it must be at least 1")
         if not 0 < self.lifetime_s <= 600:
@@ -34,10 +41,10 @@ class FiringLimits:
 
 
 class Permits:
-    """Writes permits and counts the pulses that they allow.
+    """Writes permits, takes each back once, and counts the pulses that they allow.
 
     Pulses are counted when they are permitted, not when they are reported: a laser that stays silent about
-    what it fired cannot exceed the session's budget.
+    what it fired cannot exceed the session's budget. One permit is open at a time: a new one voids the one before.
 
     Parameters
     ----------
@@ -49,6 +56,8 @@ class Permits:
         self._limits = limits
         self._issued = 0
         self._pulses = 0
+        self._open: Permit | None = None
+        self._used: deque[tuple[float, int]] = deque()
 
     @property
     def pulses_permitted(self) -> int:
@@ -83,5 +92,41 @@ class Permits:
             )
         self._issued += 1
         self._pulses += pulses
-        expires_s = now_s + self._limits.lifetime_s
-        return Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
+        self._open = Permit(
+            token=f"permit-{self._issued}",
+            angle_deg=angle_deg,
+            pulses=pulses,
+            expires_s=now_s + self._limits.lifetime_s,
+        )
+        return self._open
+
+    def redeem(self, permit: Permit, *, now_s: float) -> None:
+        """Use up a permit, at the moment at which the laser is told to fire.
+
+        Raises
+        ------
+        LaserError
+            If it is not the open one (used, voided, altered or foreign), or has expired; nothing may be fired.
+        LimitError
+            If too many pulses would be fired within a second; nothing may be fired.
+        """
+        if permit != self._open:
+            raise LaserError(
+                f"the permit {permit.token!r} is not open: used, voided or never issued; nothing was fired"
+            )
+        self._open = None
+        if not now_s <= permit.expires_s:
+            raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
+        while self._used and not now_s - self._used[0][0] < _WINDOW_S:
+            self._used.popleft()
+        recent = sum(pulses for _, pulses in self._used)
+        if not recent + permit.pulses <= self._limits.pulses_per_second:
+            raise LimitError(
+                f"{recent} pulses within a second and {permit.pulses} more are asked for; the limit is "
+                f"{self._limits.pulses_per_second}: fire more slowly; nothing was fired"
+            )
+        self._used.append((now_s, permit.pulses))
+
+    def void(self) -> None:
+        """Take back the open permit, if there is one."""
+        self._open = None

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.guard import Admission, FiringLimits, Limits, Permits
+from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import FrameBank, read_bank
 from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.rig import Rig, fingerprint
@@ -56,17 +56,22 @@ def replayed(
     frames = isinstance(bank, FrameBank)
     imaging = ImageReader(preset) if frames else None
     interpolated = between == "interpolated" and not frames
+    guard = Guard(
+        limits=Limits(search=bank.range, travel=bank.range),
+        # Nothing is fired, and time stands still.
+        firing=FiringLimits(pulses_per_second=FiringLimits().pulses_per_session),
+        # What was recorded cannot be taken again: saturation, dead channels and repeated data are borne.
+        admission=Admission(saturated_limit=1.0, dead_limit=1.0, repeats=True),
+        arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
+    )
     scanner = Scanner(
         stage=stage,
         laser=laser,
         receiver=receiver,
         reader=imaging or IntensityReader(),
         clock=VirtualClock(),
-        limits=Limits(search=bank.range, travel=bank.range),
-        permits=Permits(FiringLimits()),
-        # What was recorded cannot be taken again with less gain: saturation and dead channels are borne.
-        admission=Admission(saturated_limit=1.0, dead_limit=1.0),
-        arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
+        guard=guard,
+        arms_itself=True,
     )
     return Rig(
         kind="replayed",

@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.acoustics import Digitiser
 from markerseek.core import ConfigError, Reader
-from markerseek.guard import Admission, FiringLimits, Permits
+from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.scan import Scanner
@@ -166,10 +166,9 @@ def _in_world(
         receiver=receiver,
         reader=reader,
         clock=clock,
-        limits=settings.limits,
-        permits=Permits(FiringLimits()),
-        admission=Admission(),
+        guard=Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()),
         pulses=settings.laser.pulses,
+        arms_itself=True,
     )
     return Rig(
         kind="simulated",

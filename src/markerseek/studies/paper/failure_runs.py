@@ -13,7 +13,7 @@ from markerseek import rigs
 from markerseek.acoustics import Bursts
 from markerseek.core import Frame, MarkerseekError, Receiver
 from markerseek.core.estimate import Found
-from markerseek.guard import Admission, FiringLimits, Permits
+from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.replay import IntensityReader
 from markerseek.scan import Scanner
 from markerseek.search import build
@@ -190,10 +190,9 @@ def _guarded(run: _Run, name: Name) -> float | None:
         receiver=receiver,
         reader=rig.imaging or IntensityReader(),
         clock=rig.scanner.clock,
-        limits=rig.limits,
-        permits=Permits(FiringLimits()),
-        admission=Admission(),
+        guard=Guard(limits=rig.limits, firing=FiringLimits(), admission=Admission()),
         pulses=settings.laser.pulses,
+        arms_itself=True,
     )
     policy = build(BUILT[name], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:

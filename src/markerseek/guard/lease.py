@@ -1,0 +1,51 @@
+"""The dead man's lease: it is renewed by steps of the control loop, never by time going by."""
+
+from __future__ import annotations
+
+from markerseek.core import ConfigError
+
+
+class Lease:
+    """Holds while the control loop steps on.
+
+    Parameters
+    ----------
+    period_s
+        Longest silence between two steps in seconds, above 0 and at most 1: a lease without a period never ends.
+
+    Raises
+    ------
+    ConfigError
+        If the period is NaN or out of its range.
+    """
+
+    def __init__(self, *, period_s: float) -> None:
+        if not 0 < period_s <= 1:
+            raise ConfigError(f"lease: period_s is {period_s} s, it must lie in (0, 1] s")
+        self._period_s = period_s
+        self._step = -1
+        self._ends_s: float | None = None
+
+    @property
+    def ends_s(self) -> float | None:
+        """When it lapses unless it is renewed, in seconds; None while it is not held."""
+        return self._ends_s
+
+    def hold(self, *, now_s: float) -> None:
+        """Begin to need steps; holding what is held renews nothing."""
+        if self._ends_s is None:
+            self._ends_s = now_s + self._period_s
+
+    def beat(self, step: int, *, now_s: float) -> None:
+        """Renew it if the step is a new one and comes in time; a lease that has lapsed stays so until `release`."""
+        if step > self._step and self._ends_s is not None and not self.lapsed(now_s=now_s):
+            self._ends_s = now_s + self._period_s
+        self._step = max(self._step, step)
+
+    def lapsed(self, *, now_s: float) -> bool:
+        """Whether it is held and no step came in time."""
+        return self._ends_s is not None and not now_s <= self._ends_s
+
+    def release(self) -> None:
+        """Need no more steps; allowed at any time, also twice."""
+        self._ends_s = None

@@ -1,0 +1,190 @@
+"""The guard's state, and every step that may change it. Whoever moves or fires asks here first."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from markerseek.core import ConfigError, DeviceError, Frame, LaserError, LimitError, MoveError, Permit, Reading
+from markerseek.guard.admission import Admission
+from markerseek.guard.limits import Limits
+from markerseek.guard.permits import FiringLimits, Permits
+
+
+class State(Enum):
+    """What a rig may do: DISARMED nothing, ARMED begin; MOVING and FIRING end in ARMED, FAULT by a person alone."""
+
+    DISARMED = "disarmed"
+    ARMED = "armed"
+    MOVING = "moving"
+    FIRING = "firing"
+    FAULT = "fault"
+
+
+class Guard:
+    """The safety kernel of one rig: it begins DISARMED, and only a person's `reset` leaves FAULT.
+
+    It touches no device. A step that is refused by a `LimitError` changes nothing; evidence that a device did not do
+    its part is raised after the state has become FAULT.
+
+    Parameters
+    ----------
+    limits
+        Where the probe may look and be.
+    firing
+        What may be fired.
+    admission
+        Which frames are believed.
+    arrival_deg
+        Most that the readback may differ from the angle asked for, in degrees.
+    """
+
+    def __init__(
+        self,
+        *,
+        limits: Limits,
+        firing: FiringLimits,
+        admission: Admission,
+        arrival_deg: float = 0.1,
+    ) -> None:
+        if not 0 < arrival_deg < limits.travel.width_deg:
+            raise ConfigError(f"guard: arrival_deg is {arrival_deg} deg, it must be positive and less than the travel")
+        self.limits = limits
+        self._admission = admission
+        self._arrival_deg = arrival_deg
+        self._permits = Permits(firing)
+        self._state = State.DISARMED
+        self._fault: str | None = None
+        self._target_deg = 0.0
+        self._issued_s = 0.0
+        self._firing = 0
+        self._previous: Frame | None = None
+
+    @property
+    def state(self) -> State:
+        """What may be done now."""
+        return self._state
+
+    @property
+    def fault(self) -> str | None:
+        """Why it is in FAULT; None in every other state."""
+        return self._fault
+
+    @property
+    def pulses_permitted(self) -> int:
+        """Pulses permitted in this session so far."""
+        return self._permits.pulses_permitted
+
+    def arm(self, *, by: str) -> None:
+        """DISARMED -> ARMED, in the name of a person; refused in FAULT and in mid-step."""
+        self._require_name(by)
+        self._require("arm", State.DISARMED, State.ARMED)
+        self._state = State.ARMED
+
+    def disarm(self) -> None:
+        """Any state but FAULT -> DISARMED; open permits are void, and what comes next is a new run."""
+        self._permits.void()
+        self._previous = None
+        if self._state is not State.FAULT:
+            self._state = State.DISARMED
+
+    def fail(self, reason: str) -> None:
+        """Any state -> FAULT; the first reason is kept."""
+        self._permits.void()
+        self._state = State.FAULT
+        self._fault = self._fault or reason
+
+    def reset(self, *, by: str) -> None:
+        """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
+        self._require_name(by)
+        self._require("reset", State.FAULT)
+        self._state = State.DISARMED
+        self._fault = None
+
+    def readback(self, angle_deg: float) -> float:
+        """The stage's readback in degrees, checked against the travel range wherever it is read."""
+        try:
+            self.limits.require_travel(angle_deg)
+        except LimitError as error:
+            raise self._failed(error) from None
+        return angle_deg
+
+    def begin_move(self, angle_deg: float) -> None:
+        """ARMED -> MOVING, to an angle of the search range."""
+        self._require("move", State.ARMED)
+        self.limits.require_search(angle_deg)
+        self._permits.void()
+        self._state = State.MOVING
+        self._target_deg = angle_deg
+
+    def end_move(self, reached_deg: float) -> None:
+        """MOVING -> ARMED, when the readback says that the probe has arrived."""
+        self._require("end a move", State.MOVING)
+        if not abs(self.readback(reached_deg) - self._target_deg) <= self._arrival_deg:
+            raise self._failed(
+                MoveError(
+                    f"the stage was sent to {self._target_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
+                    f"{self._arrival_deg} deg away; check for an obstacle"
+                )
+            )
+        self._state = State.ARMED
+
+    def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
+        """Leave for one acquisition at one angle, as `Permits.issue`; the state stays ARMED."""
+        self._require("permit pulses", State.ARMED)
+        self._issued_s = now_s
+        return self._permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=now_s)
+
+    def redeem(self, permit: Permit, *, angle_deg: float, now_s: float) -> None:
+        """ARMED -> FIRING, if the permit holds here and now; it is used up in any case."""
+        self._require("fire", State.ARMED)
+        try:
+            self._permits.redeem(permit, now_s=now_s)
+        except LaserError as error:
+            raise self._failed(error) from None
+        if not abs(self.readback(angle_deg) - permit.angle_deg) <= self._arrival_deg:
+            raise self._failed(
+                MoveError(
+                    f"the permit holds at {permit.angle_deg:.3f} deg and the probe stands at {angle_deg:.3f} deg, more "
+                    f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
+                )
+            )
+        self._firing = permit.pulses
+        self._state = State.FIRING
+
+    def end_fire(self, fired: int) -> None:
+        """FIRING -> ARMED, when as many pulses were fired as were permitted."""
+        self._require("end a firing", State.FIRING)
+        if fired != self._firing:
+            raise self._failed(
+                LaserError(
+                    f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
+                )
+            )
+        self._state = State.ARMED
+
+    def admit_frame(self, frame: Frame, *, permit: Permit, now_s: float) -> None:
+        """Refuse a frame that is not the answer to this permit, as `Admission.admit_frame`; the state stays."""
+        self._admission.admit_frame(frame, permit=permit, issued_s=self._issued_s, now_s=now_s, previous=self._previous)
+        self._previous = frame
+
+    def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
+        """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays."""
+        self._admission.admit_reading(reading, frame=frame)
+
+    def _failed(self, error: DeviceError) -> DeviceError:
+        self.fail(str(error))
+        return error
+
+    def _require(self, step: str, *states: State) -> None:
+        if self._state in states:
+            return
+        cure = {
+            State.DISARMED: "a person must arm it",
+            State.FAULT: f"a person must look at the rig and reset it ({self._fault})",
+        }.get(self._state, "wait for the step before to end")
+        raise LimitError(f"guard: it is {self._state.value}, which does not let anybody {step}; {cure}")
+
+    @staticmethod
+    def _require_name(by: str) -> None:
+        if not by.strip():
+            raise ConfigError("guard: by is empty; name the person who arms or resets it")
