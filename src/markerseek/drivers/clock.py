@@ -4,19 +4,40 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 from markerseek.core import ConfigError
 
+SLICE_S = 0.02
+"""Longest time between two beats of a clock that waits, in seconds."""
+
 
 class SystemClock:
-    """The computer's steady clock, which no change of the date moves."""
+    """The computer's steady clock, which no change of the date moves.
+
+    Parameters
+    ----------
+    beat
+        Called at least every `SLICE_S` seconds of a wait, in the caller's own thread: whoever holds a lease renews it
+        here, so that a control loop that hangs renews nothing.
+    """
+
+    def __init__(self, *, beat: Callable[[], None] | None = None) -> None:
+        self._beat = beat
 
     def now_s(self) -> float:
         """Seconds since some fixed moment; never runs backwards."""
         return time.monotonic()
 
     def wait(self, duration_s: float) -> None:
-        """Sleep for that many seconds."""
+        """Sleep for that many seconds, in slices with a beat before each and after the last."""
         if not 0 <= duration_s < math.inf:
             raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
-        time.sleep(duration_s)  # noqa: TID251  the one clock that is real
+        if self._beat is None:
+            time.sleep(duration_s)  # noqa: TID251  the one clock that is real
+            return
+        ends_s = self.now_s() + duration_s
+        self._beat()
+        while (left_s := ends_s - self.now_s()) > 0:
+            time.sleep(min(left_s, SLICE_S))  # noqa: TID251  the one clock that is real
+            self._beat()

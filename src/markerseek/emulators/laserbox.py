@@ -1,7 +1,7 @@
 """A laser box at the level of its bytes: lease, interlock, counter and photodiode, lighting a simulated world.
 
-Time and bytes are given to it (`advance`, then `feed`), so that it runs on a pty in real time and inside one process in
-virtual time alike. What it really did stands in `pulses`, whatever it reports.
+It is a `markerseek.emulators.ByteDevice`: on a pty in real time and in one process in virtual time it is the same. What
+it really did stands in `pulses`, whatever it reports.
 """
 
 from __future__ import annotations
@@ -106,9 +106,23 @@ class EmulatedLaserBox:
         """Close the interlock; the permit that was held stays gone."""
         self._interlock_closed = True
 
-    def advance(self, now_s: float) -> None:
-        """Do what is due until that moment, in seconds; an earlier one changes nothing."""
+    def advance(self, now_s: float) -> bytes:
+        """Do what is due until that moment, in seconds, and return what is said; an earlier moment changes nothing."""
         self._now_us = max(self._now_us, round(now_s * 1e6))
+        self._catch_up()
+        return self._take()
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in bytes from the host, at the moment last advanced to, and return what is said."""
+        for line in self._lines.feed(data):
+            answer = self._obey(wire.decode_command(line))
+            if isinstance(answer, wire.Refusal):
+                self._let_go()
+            if answer is not None:
+                self._answer(answer)
+        return self._take()
+
+    def _catch_up(self) -> None:
         if self._permit is None:
             return
         end_us = min(self._ends_us, self._expires_us)
@@ -117,17 +131,7 @@ class EmulatedLaserBox:
         if self._now_us >= end_us:
             self._let_go()
 
-    def feed(self, data: bytes) -> None:
-        """Take in bytes from the host, at the moment last advanced to."""
-        for line in self._lines.feed(data):
-            answer = self._obey(wire.decode_command(line))
-            if isinstance(answer, wire.Refusal):
-                self._let_go()
-            if answer is not None:
-                self._answer(answer)
-
-    def take(self) -> bytes:
-        """Bytes for the host since the last call."""
+    def _take(self) -> bytes:
         answers, self._answers = self._answers, b""
         return answers
 
@@ -184,7 +188,7 @@ class EmulatedLaserBox:
         self._firing = True
         self._triggers = self._sent = self._seen = 0
         self._due_us = self._now_us
-        self.advance(self._now_us / 1e6)
+        self._catch_up()
         return None
 
     def _trigger(self) -> None:

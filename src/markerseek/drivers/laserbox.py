@@ -1,0 +1,212 @@
+"""The laser box (`markerseek.wire.laserbox`): pulls the trigger of laser and acquisition under a lease.
+
+While a permit is held, `beat` renews the lease; it counts the control loop's own steps and must be called from there,
+never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`).
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import TypeVar
+
+from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.wire import laserbox as wire
+from markerseek.wire.port import Port
+
+_BEAT_S = 0.02
+"""Time between two beats, in seconds: five in the longest lease."""
+
+_POLL_S = 0.002
+_ANSWER_S = 0.5
+"""Longest time for an answer, in seconds."""
+
+_LEAST_LEASE_MS = 50
+"""Shortest lease that beats of this period keep alive with one of them lost, in milliseconds."""
+
+_SPARE_S = 0.5
+"""Time for which a permit outlives its last pulse, in seconds."""
+
+_Kind = TypeVar("_Kind", bound=wire.Reply)
+
+_CURES = {
+    "CRC": "a line was damaged on its way: check cable and earthing",
+    "FORM": "it does not know the command: check its firmware's version",
+    "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
+    "STEP": "a beat came twice: does another program speak to it?",
+    "INTERLOCK": "the interlock is open: close it, then arm again",
+    "BUSY": "it still fires: does another program speak to it?",
+}
+
+
+class LaserBox:
+    """A laser behind a laser box.
+
+    Parameters
+    ----------
+    port
+        Line to the box.
+    clock
+        The rig's time.
+    rate_hz
+        Pulses per second, a whole number.
+    dark_triggers
+        How often the acquisition is triggered for a dark frame: as often as for a lit one, so that both average alike.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of the box's range.
+    NotConnectedError
+        If no box of this protocol answers.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0, dark_triggers: int = 16) -> None:
+        if not 1 <= rate_hz <= wire.MOST_RATE_HZ or rate_hz != round(rate_hz):
+            raise ConfigError(
+                f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MOST_RATE_HZ}"
+            )
+        if not 1 <= dark_triggers <= wire.MOST_PULSES:
+            raise ConfigError(
+                f"laser box: dark_triggers is {dark_triggers}, it must lie between 1 and {wire.MOST_PULSES}"
+            )
+        self._port = port
+        self._clock = clock
+        self._rate_hz = round(rate_hz)
+        self._dark_triggers = dark_triggers
+        self._lines = wire.Lines()
+        self._heard: list[bytes] = []
+        self._used: set[str] = set()
+        self._step = 0
+        self._beaten_s = -math.inf
+        self._holds_permit = False
+        greeting = self._greet()
+        self.identity = greeting.identity
+        self._token = greeting.last_token
+
+    def fire(self, permit: Permit) -> int:
+        """Fire the permitted pulses and return how many the photodiode saw; 0 pulses trigger the acquisition alone.
+
+        Raises
+        ------
+        LaserError
+            If the permit was used or is too short, if the box refuses, or if pulses permitted, sent and seen differ.
+        DeviceTimeoutError
+            If the box does not answer in time. Whatever is raised, the box was told to disarm.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
+        left_s = permit.expires_s - self._clock.now_s()
+        triggers = permit.pulses or self._dark_triggers
+        needed_s = triggers / self._rate_hz
+        if not left_s >= needed_s:
+            raise LaserError(
+                f"laser box: the permit {permit.token!r} is good for {left_s:.2f} s more and its pulses take "
+                f"{needed_s:.2f} s; nothing was fired"
+            )
+        self._used.add(permit.token)
+        try:
+            return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
+        except BaseException:
+            # Where even this cannot be sent, the lease ends by itself; what went wrong first is what matters.
+            with suppress(NotConnectedError):
+                self._port.write(wire.encode(wire.Disarm()))
+            raise
+        finally:
+            self._holds_permit = False
+
+    def beat(self) -> None:
+        """Renew the lease if a permit is held and the last beat is old enough; call it often, from the control loop."""
+        if self._holds_permit and self._clock.now_s() - self._beaten_s >= _BEAT_S:
+            self._step += 1
+            self._beaten_s = self._clock.now_s()
+            self._port.write(wire.encode(wire.Beat(step=self._step)))
+
+    def disarm(self) -> None:
+        """Take any permit away from the box.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If the box does not confirm it.
+        """
+        self._holds_permit = False
+        self._port.write(wire.encode(wire.Disarm()))
+        self._skip_to(wire.Disarmed, after="DISARM")
+
+    def _greet(self) -> wire.Greeting:
+        """The box's answer to HELLO; the empty line before it ends whatever half line another program left."""
+        self._port.write(b"\n" + wire.encode(wire.Hello()))
+        try:
+            greeting = self._skip_to(wire.Greeting, after="HELLO")
+        except DeviceTimeoutError as error:
+            raise NotConnectedError(
+                "laser box: nothing answers HELLO; is the port right, and is the box powered?"
+            ) from error
+        if greeting.version != wire.VERSION:
+            raise NotConnectedError(
+                f"laser box: it speaks version {greeting.version} of its protocol, {wire.VERSION} is needed; "
+                "load the firmware that came with this program"
+            )
+        if not _LEAST_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
+            raise NotConnectedError(
+                f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_LEAST_LEASE_MS} and "
+                f"{wire.LEASE_MS} ms; set it in its firmware"
+            )
+        return greeting
+
+    def _fire(self, pulses: int, triggers: int, *, expiry_s: float) -> int:
+        self._token += 1
+        ask = wire.PermitPulses(
+            token=self._token,
+            pulses=pulses,
+            rate_hz=self._rate_hz,
+            expiry_ms=math.floor(min(1e3 * expiry_s, wire.MOST_EXPIRY_MS)),
+            triggers=triggers,
+        )
+        self._listen()
+        self._heard.clear()
+        self._port.write(wire.encode(ask))
+        if (answer := self._next(within_s=_ANSWER_S, after="PERMIT")) != wire.Permitted(token=self._token):
+            raise LaserError(f"laser box: {answer} answers the permit {self._token}; {_cure(answer)}")
+        self._holds_permit = True
+        self.beat()
+        self._port.write(wire.encode(wire.Fire(token=self._token)))
+        done = self._next(within_s=triggers / self._rate_hz + _ANSWER_S, after="FIRE")
+        if not (isinstance(done, wire.Done) and done.token == self._token):
+            raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
+        if not done.sent == done.photodiode == pulses:
+            raise LaserError(
+                f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "
+                "photodiode; check lease, interlock, laser and photodiode"
+            )
+        return done.photodiode
+
+    def _skip_to(self, kind: type[_Kind], *, after: str) -> _Kind:
+        """The next reply of a kind; others, and damaged lines, are left over from before and passed by."""
+        ends_s = self._clock.now_s() + _ANSWER_S
+        while True:
+            try:
+                reply = self._next(within_s=ends_s - self._clock.now_s(), after=after)
+            except LaserError:
+                continue
+            if isinstance(reply, kind):
+                return reply
+
+    def _next(self, *, within_s: float, after: str) -> wire.Reply:
+        """The next reply; the lease is renewed meanwhile."""
+        ends_s = self._clock.now_s() + within_s
+        while not self._heard:
+            if not self._clock.now_s() <= ends_s:
+                raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
+            self.beat()
+            self._clock.wait(_POLL_S)
+            self._listen()
+        return wire.decode_reply(self._heard.pop(0))
+
+    def _listen(self) -> None:
+        self._heard += self._lines.feed(self._port.read(256, timeout_s=0.0))
+
+
+def _cure(reply: wire.Reply) -> str:
+    return _CURES[reply.reason] if isinstance(reply, wire.Refusal) else "check its firmware"
