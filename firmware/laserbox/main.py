@@ -1,0 +1,251 @@
+"""Reference firmware of the laser box, for MicroPython. NOT TESTED ON HARDWARE: see README.md beside this file.
+
+`Box` is the protocol of `markerseek.wire.laserbox`; it knows no pin and no clock, and the tests of markerseek run it
+byte for byte against the emulator. `main` gives it pins, a serial line and a watchdog.
+"""
+# ruff: noqa: INP001, UP032 - a board has files, not packages; f-strings came late to MicroPython
+
+LEASE_MS = 100
+IDENTITY = "laserbox1"
+VERSION = 1
+LINE_BYTES = 80
+MOST_PULSES = 1024
+MOST_RATE_HZ = 1000
+MOST_EXPIRY_MS = 60000
+MOST_COUNT = 2147483647
+
+PIN_LASER = 2
+PIN_ACQUISITION = 3
+PIN_PHOTODIODE = 4
+PIN_INTERLOCK = 5
+PULSE_US = 10
+
+
+def crc16(data):
+    """CRC-16/CCITT-FALSE."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def line_of(text):
+    """Line of a text, with its CRC and its end."""
+    return line_of_bytes(text.encode())
+
+
+def line_of_bytes(data):
+    """Line of what stands before the star."""
+    return data + "*{:04X}\n".format(crc16(data)).encode()
+
+
+def number(word):
+    """Whole number of a word from 0 to MOST_COUNT, or None."""
+    if not 1 <= len(word) <= 10:
+        return None
+    for letter in word:
+        if letter not in "0123456789":
+            return None
+    if word[0] == "0" and word != "0":
+        return None
+    value = int(word)
+    return value if value <= MOST_COUNT else None
+
+
+class Box:
+    """The protocol.
+
+    `trigger(laser)` is called for each trigger, `photodiode()` tells the pulses seen since power-up, and
+    `interlock_closed()` whether it may fire.
+    """
+
+    def __init__(self, trigger, photodiode, interlock_closed):
+        self.trigger = trigger
+        self.photodiode = photodiode
+        self.interlock_closed = interlock_closed
+        self.now_us = 0
+        self.buffer = b""
+        self.too_long = False
+        self.said = b""
+        self.last_token = 0
+        self.last_step = 0
+        self.permit = None
+        self.lease_ends_us = 0
+        self.expires_us = 0
+        self.due_us = 0
+        self.firing = False
+        self.triggers = 0
+        self.sent = 0
+        self.seen_before = 0
+
+    def advance(self, now_us):
+        """Do what is due until that moment; what is said comes back."""
+        self.now_us = max(self.now_us, now_us)
+        self._act()
+        return self._take()
+
+    def feed(self, data):
+        """Take in bytes from the host; what is said comes back."""
+        for value in data:
+            if value == 10:
+                line, self.buffer = (b"" if self.too_long else self.buffer), b""
+                self.too_long = False
+                self._obey(line)
+            elif len(self.buffer) >= LINE_BYTES - 1:
+                self.too_long = True
+            else:
+                self.buffer += bytes((value,))
+        return self._take()
+
+    def _take(self):
+        said, self.said = self.said, b""
+        return said
+
+    def _act(self):
+        if self.permit is None:
+            return
+        if not self.interlock_closed():
+            self._let_go()
+            return
+        end_us = min(self.lease_ends_us, self.expires_us)
+        if self.now_us >= end_us:
+            self._let_go()
+        elif self.firing and self.due_us <= self.now_us:
+            self._pull()
+
+    def _obey(self, line):
+        reason = self._command(line)
+        if reason:
+            self._let_go()
+            self.said += line_of("ERR " + reason)
+
+    def _command(self, line):
+        star = line.rfind(b"*")
+        if star < 0 or line + b"\n" != line_of_bytes(line[:star]) or max(line[:star] + b"\0") > 127:
+            return "CRC"
+        words = line[:star].decode().split(" ")
+        verb = words[0]
+        numbers = [number(word) for word in words[1:]]
+        if None in numbers or len(numbers) != {"HELLO": 0, "PERMIT": 5, "BEAT": 1, "FIRE": 1, "DISARM": 0}.get(verb):
+            return "FORM"
+        if verb == "HELLO":
+            self._let_go()
+            self.last_step = 0
+            self.said += line_of("OK HELLO {} {} {} {}".format(IDENTITY, VERSION, LEASE_MS, self.last_token))
+        elif verb == "PERMIT":
+            return self._take_permit(*numbers)
+        elif verb == "BEAT":
+            if numbers[0] <= self.last_step:
+                return "STEP"
+            self.last_step = numbers[0]
+            self.lease_ends_us = self.now_us + 1000 * LEASE_MS
+        elif verb == "FIRE":
+            return self._fire(numbers[0])
+        else:
+            self._let_go()
+            self.said += line_of("OK DISARM")
+        return None
+
+    def _take_permit(self, token, pulses, rate_hz, expiry_ms, triggers):
+        if not (
+            token >= 1
+            and 1 <= triggers <= MOST_PULSES
+            and pulses <= triggers
+            and 1 <= rate_hz <= MOST_RATE_HZ
+            and 1 <= expiry_ms <= MOST_EXPIRY_MS
+        ):
+            return "FORM"
+        if self.firing:
+            return "BUSY"
+        if not self.interlock_closed():
+            return "INTERLOCK"
+        if token <= self.last_token:
+            return "TOKEN"
+        self.last_token = token
+        self.permit = (token, pulses, rate_hz, triggers)
+        self.lease_ends_us = self.now_us + 1000 * LEASE_MS
+        self.expires_us = self.now_us + 1000 * expiry_ms
+        self.said += line_of("OK PERMIT {}".format(token))
+        return None
+
+    def _fire(self, token):
+        if self.permit is None or self.firing or token != self.permit[0]:
+            return "TOKEN"
+        self.firing = True
+        self.triggers = self.sent = 0
+        self.seen_before = self.photodiode()
+        self.due_us = self.now_us
+        self._act()
+        return None
+
+    def _pull(self):
+        _token, pulses, rate_hz, triggers = self.permit
+        laser = self.triggers < pulses
+        self.trigger(laser)
+        self.triggers += 1
+        self.sent += laser
+        if self.triggers >= triggers:
+            self._let_go()
+        else:
+            # a pulse that comes late by half a period puts off the others: never two in a burst
+            period_us = (2000000 + rate_hz) // (2 * rate_hz)
+            self.due_us = max(self.due_us + period_us, self.now_us + period_us // 2)
+
+    def _let_go(self):
+        """Permit gone; what was fired under it is told."""
+        permit, firing = self.permit, self.firing
+        self.permit, self.firing = None, False
+        if permit is not None and firing:
+            self.said += line_of("DONE {} {} {}".format(permit[0], self.sent, self.photodiode() - self.seen_before))
+
+
+def main():
+    """Run the box on a board with MicroPython (written for an RP2040)."""
+    import select
+    import sys
+    import time
+
+    import micropython
+
+    import machine
+
+    # low before anything else; the pull-down on the board holds it while there is no program at all
+    laser = machine.Pin(PIN_LASER, machine.Pin.OUT, value=0)
+    acquisition = machine.Pin(PIN_ACQUISITION, machine.Pin.OUT, value=0)
+    interlock = machine.Pin(PIN_INTERLOCK, machine.Pin.IN, machine.Pin.PULL_DOWN)
+    micropython.kbd_intr(-1)  # byte 3 is data, not Ctrl-C
+    watchdog = machine.WDT(timeout=50)
+    seen = [0]
+
+    def count(_pin):
+        seen[0] += 1
+
+    machine.Pin(PIN_PHOTODIODE, machine.Pin.IN).irq(count, machine.Pin.IRQ_RISING, hard=True)
+
+    def trigger(with_laser):
+        laser.value(1 if with_laser else 0)
+        acquisition.value(1)
+        time.sleep_us(PULSE_US)
+        laser.value(0)
+        acquisition.value(0)
+
+    box = Box(trigger, lambda: seen[0], lambda: interlock.value() == 1)
+    poll = select.poll()
+    poll.register(sys.stdin, select.POLLIN)
+    now_us, ticks = 0, time.ticks_us()
+    while True:
+        watchdog.feed()
+        later = time.ticks_us()
+        now_us += time.ticks_diff(later, ticks)
+        ticks = later
+        said = box.advance(now_us)
+        if poll.poll(0):
+            said += box.feed(sys.stdin.buffer.read(1))
+        if said:
+            sys.stdout.buffer.write(said)
+
+
+if __name__ == "__main__" and __import__("sys").implementation.name == "micropython":
+    main()

@@ -1,0 +1,149 @@
+"""The reference firmware's protocol core says, byte for byte, what the emulator says, and fires when it fires."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.emulators import laserbox as emulator
+from markerseek.sim import Flash
+from markerseek.wire import laserbox as wire
+
+MAIN = Path(__file__).parents[2] / "firmware" / "laserbox" / "main.py"
+
+
+def load() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("laserbox_firmware", MAIN)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FIRMWARE: Any = load()
+FIRMWARE.IDENTITY = emulator.IDENTITY  # the one word in which they differ
+
+
+class Dark:
+    angle_deg = 0.0
+
+    def __init__(self) -> None:
+        self.flashes: list[Flash] = []
+
+    def flash(self, *, pulses: int, at_s: float) -> None:
+        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=1.0))
+
+    def frame(self, flash: Flash | None, *, header: object) -> Any:
+        raise NotImplementedError
+
+
+class Pair:
+    """Firmware and emulator, told the same at the same time, millisecond by millisecond."""
+
+    def __init__(self) -> None:
+        self.interlock = True
+        self.trains: list[int] = []
+        self.pulls: list[tuple[int, bool]] = []
+        self.now_ms = 0
+        self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append)
+        self.firmware = FIRMWARE.Box(
+            lambda laser: self.pulls.append((self.now_ms, laser)),
+            lambda: sum(laser for _, laser in self.pulls),
+            lambda: self.interlock,
+        )
+
+    def pass_ms(self, duration_ms: int) -> tuple[bytes, bytes]:
+        theirs = ours = b""
+        for _ in range(duration_ms):
+            self.now_ms += 1
+            theirs += self.emulated.advance(self.now_ms / 1e3)
+            ours += self.firmware.advance(1000 * self.now_ms)
+        return theirs, ours
+
+    def switch_interlock(self) -> tuple[bytes, bytes]:
+        self.interlock = not self.interlock
+        (self.emulated.close_interlock if self.interlock else self.emulated.open_interlock)()
+        return self.emulated.feed(b""), self.firmware.advance(1000 * self.now_ms)
+
+    def tell(self, data: bytes) -> tuple[bytes, bytes]:
+        return self.emulated.feed(data), self.firmware.feed(data)
+
+
+def permit_line(numbers: tuple[int, int, int, int, int]) -> bytes:
+    token, pulses, more, rate_hz, expiry_ms = numbers
+    return wire.encode(
+        wire.PermitPulses(
+            token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=max(pulses + more, 1)
+        )
+    )
+
+
+LINES = st.one_of(
+    st.just(wire.encode(wire.Hello())),
+    st.just(wire.encode(wire.Disarm())),
+    st.integers(1, 30).map(lambda step: wire.encode(wire.Beat(step=step))),
+    st.integers(1, 8).map(lambda token: wire.encode(wire.Fire(token=token))),
+    st.tuples(
+        st.integers(1, 8),
+        st.integers(0, 12),
+        st.integers(0, 3),
+        st.sampled_from([10, 20, 50, 100, 200, 500]),
+        st.integers(1, 300),
+    ).map(permit_line),
+    st.tuples(st.integers(1, 8), st.integers(1, 9)).map(
+        lambda pair: permit_line((pair[0], pair[1], 0, 100, 300)) + wire.encode(wire.Fire(token=pair[0]))
+    ),
+    st.binary(max_size=10),
+    st.just(b"x" * 79 + b"\n"),
+    st.just(b"x" * 80 + b"\n"),
+    st.text("ABDEFHILMOPRSTKN 0123456789*-", max_size=20).map(
+        lambda text: text.encode() + b"*%04X\n" % wire.crc16(text.encode())
+    ),
+)
+
+
+@given(st.lists(st.one_of(LINES, st.integers(1, 120), st.none()), max_size=25))
+def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[bytes | int | None]) -> None:
+    pair = Pair()
+    for step in steps:
+        match step:
+            case bytes():
+                theirs, ours = pair.tell(step)
+            case int():
+                theirs, ours = pair.pass_ms(step)
+            case None:
+                theirs, ours = pair.switch_interlock()
+        assert ours == theirs
+    assert [at_ms / 1e3 for at_ms, laser in pair.pulls if laser] == [pulse.at_s for pulse in pair.emulated.pulses]
+    assert sum(pair.trains) <= len(pair.pulls)
+
+
+@given(st.binary(max_size=80))
+def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
+    assert FIRMWARE.crc16(data) == wire.crc16(data)
+
+
+def test_limits_and_lease_are_those_of_the_codec() -> None:
+    for name in ("LEASE_MS", "VERSION", "LINE_BYTES", "MOST_PULSES", "MOST_RATE_HZ", "MOST_EXPIRY_MS", "MOST_COUNT"):
+        assert getattr(FIRMWARE, name) == getattr(wire, name), name
+
+
+@pytest.mark.parametrize("late_ms", [1, 7, 30])
+def test_a_loop_that_is_late_puts_pulses_off_and_never_bunches_them(late_ms: int) -> None:
+    pair = Pair()
+    pair.firmware.feed(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    times = []
+    for now_ms in range(0, 90, late_ms):
+        pair.now_ms = now_ms
+        pair.firmware.advance(1000 * now_ms)
+    times = [at_ms for at_ms, _ in pair.pulls]
+    assert len(times) >= 3
+    assert min(after - before for before, after in itertools.pairwise(times)) >= 5
