@@ -22,7 +22,7 @@ def correction_c_a(wavelength_nm: float) -> float:
     """
     if not 400 <= wavelength_nm <= 1400:
         raise ConfigError(f"wavelength_nm is {wavelength_nm} nm, the formulas hold from 400 to 1400 nm")
-    return float(min(max(1.0, 10 ** (0.002 * (wavelength_nm - 700))), 5.0))
+    return min(max(1.0, float(10 ** (0.002 * (wavelength_nm - 700)))), 5.0)
 
 
 def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
@@ -39,7 +39,7 @@ def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
     if duration_s <= 100e-9:
         return 200 * c_a
     if duration_s <= 10:
-        return 11e3 * c_a * duration_s**0.25
+        return 11e3 * c_a * float(duration_s**0.25)
     return 2e3 * c_a * duration_s
 
 

@@ -1,0 +1,250 @@
+"""The control process's end: it starts the supervisor, and speaks to the devices through it."""
+
+from __future__ import annotations
+
+import select
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from markerseek.core import ConfigError, NotConnectedError
+from markerseek.guard.lease import Lease
+from markerseek.supervisor.lines import Line
+from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked
+
+_CHUNK = 65536
+_ANSWER_S = 2.0
+
+
+class Supervisor:
+    """A process of its own that holds the lines, and lets go of them when this one dies or hangs.
+
+    It dies with this process, and with nothing else: Ctrl-C in the terminal does not reach it. When it is itself
+    killed, what remains is each device's own lease.
+
+    Parameters
+    ----------
+    lines
+        What to hold, each name once.
+    period_s
+        Longest silence of the control loop while the lease is held, in (0, 1] s.
+    start_s
+        Longest time for the process to start, in seconds.
+
+    Raises
+    ------
+    ConfigError
+        If two lines have one name, or the period is out of its range.
+    NotConnectedError
+        If a line cannot be opened, or the process does not start.
+    """
+
+    def __init__(self, *, lines: Sequence[Line], period_s: float = 0.1, start_s: float = 30.0) -> None:
+        Lease(period_s=period_s)
+        names = [line.name for line in lines]
+        if not 0 < len(set(names)) == len(names) < 256:
+            raise ConfigError(f"supervisor: the lines are called {names}; it needs at least one, and each name once")
+        self._slice_s = period_s / 5
+        self._step = 0
+        self._held_by: int | None = None
+        self._lapsed: str | None = None
+        self._ready = False
+        self._heard = bytearray()
+        self._data = [bytearray() for _ in lines]
+        self._ports = {
+            name: SupervisedPort(write=partial(self._write, number), read=partial(self._read, number))
+            for number, name in enumerate(names)
+        }
+        self._socket, other = socket.socketpair()
+        with other:
+            self._process = subprocess.Popen(  # noqa: S603  our own module, by the interpreter that runs
+                [
+                    sys.executable,
+                    "-m",
+                    "markerseek.supervisor",
+                    str(other.fileno()),
+                    msgspec.json.encode({"lines": lines, "period_s": period_s}).decode(),
+                ],
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        try:
+            self._await_ready(start_s)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def port(self, name: str) -> SupervisedPort:
+        """Line of that name, to speak to its device.
+
+        Raises
+        ------
+        ConfigError
+            If there is none.
+        """
+        try:
+            return self._ports[name]
+        except KeyError:
+            raise ConfigError(f"supervisor: there is no line {name!r}; it holds {sorted(self._ports)}") from None
+
+    def arm(self) -> None:
+        """Let writes through again after a lapse, in a person's name.
+
+        Raises
+        ------
+        NotConnectedError
+            If a line or the process is gone.
+        """
+        self._ready = False
+        self._send(packed(Kind.ARM))
+        self._await_ready(_ANSWER_S)
+
+    def hold(self) -> None:
+        """Begin the lease: from now on it needs the beat of the thread that calls this.
+
+        Raises
+        ------
+        NotConnectedError
+            If it has let go, or is gone.
+        """
+        self._hear(0.0)
+        self._require_held_lines()
+        self._held_by = threading.get_ident()
+        self._send(packed(Kind.HOLD))
+
+    def beat(self) -> None:
+        """Tell one more step of the control loop, which renews the lease; without a lease, nothing.
+
+        Raises
+        ------
+        ConfigError
+            If another thread than the one that holds the lease calls this: it would live on when that one hangs.
+        NotConnectedError
+            If the process is gone.
+        """
+        if self._held_by is None:
+            return
+        if self._held_by != threading.get_ident():
+            raise ConfigError("supervisor: the beat must come from the thread that holds the lease, not from a timer")
+        self._step += 1
+        self._send(packed_step(Kind.BEAT, self._step))
+
+    def release(self) -> None:
+        """End the lease; allowed at any time, also twice."""
+        if self._held_by is not None:
+            self._held_by = None
+            self._send(packed(Kind.RELEASE))
+
+    def close(self) -> None:
+        """Let go of all lines, and end the process; allowed twice."""
+        self._socket.close()
+        try:
+            self._process.wait(_ANSWER_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, number: int, data: bytes) -> None:
+        self._hear(0.0)
+        self._require_held_lines()
+        for start in range(0, len(data), MOST_BYTES):
+            self._send(packed(Kind.WRITE, data[start : start + MOST_BYTES], line=number))
+
+    def _read(self, number: int, size: int, timeout_s: float) -> bytes:
+        """Wait in slices, and beat in each: the wait has an end, and so it is a step of the control loop."""
+        ends_s = time.monotonic() + timeout_s
+        data = self._data[number]
+        self._hear(0.0)
+        while len(data) < size and (left_s := ends_s - time.monotonic()) > 0:
+            if self._held_by == threading.get_ident():
+                self.beat()
+            self._hear(min(left_s, self._slice_s))
+        taken = bytes(data[:size])
+        del data[:size]
+        return taken
+
+    def _require_held_lines(self) -> None:
+        if self._lapsed is not None:
+            raise NotConnectedError(f"the supervisor let go of the devices: {self._lapsed}; a person must arm it again")
+
+    def _await_ready(self, timeout_s: float) -> None:
+        ends_s = time.monotonic() + timeout_s
+        while not self._ready:
+            left_s = ends_s - time.monotonic()
+            if not left_s > 0:
+                raise NotConnectedError(f"the supervisor did not answer within {timeout_s} s")
+            self._hear(left_s)
+
+    def _send(self, message: bytes) -> None:
+        try:
+            self._socket.sendall(message)
+        except OSError as error:
+            raise _gone(error) from None
+
+    def _hear(self, timeout_s: float) -> None:
+        """Take in what has come, waiting at most so long for the first of it."""
+        try:
+            while select.select([self._socket], [], [], timeout_s)[0]:
+                data = self._socket.recv(_CHUNK)
+                if not data:
+                    raise _gone("its socket is closed")
+                self._heard += data
+                timeout_s = 0.0
+        except (OSError, ValueError) as error:
+            raise _gone(error) from None
+        for kind, number, content in unpacked(self._heard):
+            if kind is Kind.DATA:
+                self._data[number] += content
+            elif kind is Kind.READY:
+                self._ready = True
+                self._lapsed = None
+            elif kind is Kind.FAILED:
+                raise NotConnectedError(content.decode(errors="replace"))
+            else:
+                self._lapsed = content.decode(errors="replace")
+
+
+class SupervisedPort:
+    """A line that the supervisor holds, as a `markerseek.wire.port.Port`; `Supervisor.port` hands it out."""
+
+    def __init__(self, *, write: Callable[[bytes], None], read: Callable[[int, float], bytes]) -> None:
+        self._write = write
+        self._read = read
+
+    def write(self, data: bytes) -> None:
+        """Send one message of the device; `NotConnectedError` once the supervisor has let go."""
+        self._write(data)
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        """Up to that many bytes, fewer (perhaps none) once the time has gone by; the lease is renewed meanwhile."""
+        return self._read(size, timeout_s)
+
+    def close(self) -> None:
+        """Nothing to do: the supervisor holds the line until it is closed itself."""
+
+
+def _gone(reason: object) -> NotConnectedError:
+    return NotConnectedError(f"the supervisor is gone ({reason}); check the devices, then start again")

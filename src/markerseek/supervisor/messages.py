@@ -1,0 +1,103 @@
+"""What the control process and its supervisor say to each other: kind, line, length, then the bytes.
+
+=======  ==========================  =======  ===================================================
+control  to the supervisor           answer   from the supervisor
+=======  ==========================  =======  ===================================================
+WRITE    bytes for a line            DATA     bytes from a line
+ARM      let writes through again    READY    lines are open, or it is armed again
+HOLD     the lease begins            LAPSED   it let go, and why; writes are refused from now on
+BEAT     a step of the control loop  FAILED   why it could not begin, or be armed
+RELEASE  the lease ends
+=======  ==========================  =======  ===================================================
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from enum import IntEnum
+
+from markerseek.core import DeviceError
+
+_HEAD = struct.Struct(">BBH")
+_STEP = struct.Struct(">Q")
+
+MOST_BYTES = 4096
+"""Longest message, without its head."""
+
+
+class Kind(IntEnum):
+    """What a message is about."""
+
+    WRITE = 0x57
+    ARM = 0x41
+    HOLD = 0x48
+    BEAT = 0x42
+    RELEASE = 0x52
+    DATA = 0x44
+    READY = 0x4F
+    LAPSED = 0x4C
+    FAILED = 0x46
+
+
+_KINDS = {int(kind): kind for kind in Kind}
+
+
+def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
+    """One message as bytes.
+
+    Parameters
+    ----------
+    kind
+        What it is about.
+    data
+        Its bytes, at most `MOST_BYTES`.
+    line
+        Number of the line, where it concerns one.
+
+    Raises
+    ------
+    DeviceError
+        If there are too many bytes.
+    """
+    if len(data) > MOST_BYTES:
+        raise DeviceError(f"supervisor: a message of {len(data)} bytes; the limit is {MOST_BYTES}")
+    return _HEAD.pack(kind, line, len(data)) + data
+
+
+def packed_step(kind: Kind, step: int) -> bytes:
+    """A message that carries the control loop's step."""
+    return packed(kind, _STEP.pack(step))
+
+
+def step_of(data: bytes) -> int:
+    """Step that a message carries.
+
+    Raises
+    ------
+    DeviceError
+        If it carries none.
+    """
+    if len(data) != _STEP.size:
+        raise DeviceError(f"supervisor: a step of {len(data)} bytes; it has {_STEP.size}")
+    return int(_STEP.unpack(data)[0])
+
+
+def unpacked(buffer: bytearray) -> Iterator[tuple[Kind, int, bytes]]:
+    """Kind, line and bytes of each whole message, which is taken out of the buffer.
+
+    Raises
+    ------
+    DeviceError
+        If what comes next is no message.
+    """
+    while len(buffer) >= _HEAD.size:
+        number, line, size = _HEAD.unpack_from(buffer)
+        kind = _KINDS.get(number)
+        if kind is None or size > MOST_BYTES:
+            raise DeviceError(f"supervisor: {bytes(buffer[: _HEAD.size]).hex(' ')} is no message")
+        if len(buffer) < _HEAD.size + size:
+            return
+        data = bytes(buffer[_HEAD.size : _HEAD.size + size])
+        del buffer[: _HEAD.size + size]
+        yield kind, line, data
