@@ -9,6 +9,7 @@ from markerseek.studies.paper.report import REPORT, write_report, write_section
 from markerseek.studies.paper.reported import REPORTED, Reported, reported
 from markerseek.studies.paper.reproduce import OFFLINE, Reproduction
 from markerseek.studies.paper.section import Beside, Errors, Section, Table
+from markerseek.studies.paper.stopwatch import Stopwatch, Took
 
 __all__ = [
     "OFFLINE",
@@ -22,7 +23,9 @@ __all__ = [
     "Reported",
     "Reproduction",
     "Section",
+    "Stopwatch",
     "Table",
+    "Took",
     "reported",
     "write_report",
     "write_section",

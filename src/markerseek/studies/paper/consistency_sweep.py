@@ -16,7 +16,7 @@ from jaxtyping import Float64
 
 from markerseek.studies.paper.curve_runs import (
     Condition,
-    Errors,
+    MarkerErrors,
     Trials,
     errors_of_trials,
     study_of,
@@ -155,7 +155,7 @@ def _spots(job: _Radius) -> list[Spot]:
         condition = Condition(source_radius_m=job.source_radius_m, peak_snr_db=level_db)
         study = study_of(condition, seed=job.seed, trials=job.trials, sweeps=SWEEPS)
         spread = errors_of_trials(Trials(study=study, first=0, last=job.trials))
-        placed: list[Errors] = []
+        placed: list[MarkerErrors] = []
         for marker_deg in places:
             study = study_of(
                 condition, seed=job.seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), marker_deg=marker_deg, early=True
@@ -165,7 +165,9 @@ def _spots(job: _Radius) -> list[Spot]:
     return spots
 
 
-def _spot(condition: Condition, spread: Sequence[Errors], placed: Sequence[Errors], rng: np.random.Generator) -> Spot:
+def _spot(
+    condition: Condition, spread: Sequence[MarkerErrors], placed: Sequence[MarkerErrors], rng: np.random.Generator
+) -> Spot:
     ours: dict[str, float] = {}
     consistent: dict[str, bool] = {}
     for check in checks():

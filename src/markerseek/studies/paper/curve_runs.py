@@ -7,9 +7,10 @@ and Fig. 7 are cut from the longest, which asks the same questions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -144,30 +145,35 @@ class Trials:
     last: int
 
 
-Errors = dict[tuple[Name, int], float]
+MarkerErrors: TypeAlias = dict[tuple[Name, int], float]
 """Absolute errors of one marker in degrees, by method and number of acquisitions."""
 
 
-def errors_of_study(study: Study, effort: Effort, *, what: str) -> list[Errors]:
-    """Errors of each trial of a study.
+def errors_of_studies(studies: Sequence[Study], effort: Effort, *, what: str) -> list[list[MarkerErrors]]:
+    """Errors of each trial of each study.
 
     Parameters
     ----------
-    study
+    studies
         Of `study_of`.
     effort
         What may be used.
     what
         What is being done, in words.
     """
+    parts = [part for study in studies for part in _parts(study)]
+    found = iter(effort.each(errors_of_trials, parts, what=what))
+    return [[errors for _ in _parts(study) for errors in next(found)] for study in studies]
+
+
+def _parts(study: Study) -> list[Trials]:
     size = 2 if study.level == "frames" else 20
-    parts = [
+    return [
         Trials(study=study, first=first, last=min(first + size, study.trials)) for first in range(0, study.trials, size)
     ]
-    return [errors for part in effort.each(errors_of_trials, parts, what=what) for errors in part]
 
 
-def errors_of_trials(part: Trials) -> list[Errors]:
+def errors_of_trials(part: Trials) -> list[MarkerErrors]:
     """Errors of each of these trials.
 
     Parameters
@@ -178,17 +184,16 @@ def errors_of_trials(part: Trials) -> list[Errors]:
     return [_errors(part.study, trial) for trial in range(part.first, part.last)]
 
 
-def _errors(study: Study, trial: int) -> Errors:
+def _errors(study: Study, trial: int) -> MarkerErrors:
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
     names = {BUILT[name]: name for name in NAMES}
-    errors: Errors = {}
+    at_once = [settings for settings in study.policies if _is_full_scan(settings) and study.level == "curves"]
+    errors = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
     for settings in study.policies:
-        name = names[settings.method]
-        if name == "WA" and not settings.early_end and study.level == "curves":
-            angle_deg = _full_scan(study, cell, draw, acquisitions=settings.most)
-            errors[name, settings.most] = abs(angle_deg - draw.marker_deg)
+        if settings in at_once:
             continue
+        name = names[settings.method]
         rig = study_rig(study, cell, draw)
         policy = build(
             settings.method,
@@ -205,11 +210,15 @@ def _errors(study: Study, trial: int) -> Errors:
     return errors
 
 
-def _full_scan(study: Study, cell: Cell, draw: Draw, *, acquisitions: int) -> float:
-    """Answer of a full scan of WA in degrees, which is that of the loop to rounding, without the loop.
+def _is_full_scan(settings: PolicySettings) -> bool:
+    return settings.method == BUILT["WA"] and not settings.early_end
+
+
+def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerErrors:
+    """Errors of full scans of WA, which are those of the loop to rounding, without the loop.
 
     A full scan asks nothing of what it heard, so that all of it can be drawn at once; it rises, so that the probe
-    stands where the encoder does.
+    stands where the encoder does. All policies of a trial meet the same noise, scans of any length among them.
     """
     settings = cell.world.rig
     limits, counts_per_deg = settings.limits.search, settings.stage.counts_per_deg
@@ -221,7 +230,10 @@ def _full_scan(study: Study, cell: Cell, draw: Draw, *, acquisitions: int) -> fl
         cells=images_cells,
         rng=np.random.Generator(np.random.PCG64(draw.noise_seed)),
     )
-    asked = equal_steps(limits, acquisitions=acquisitions)
-    reached = np.round(asked * counts_per_deg) / counts_per_deg
-    heard = world.scan(np.maximum(reached, settings.start_deg), pulses=settings.laser.pulses)
-    return float(np.clip(weighted_average(reached, heard), limits.low_deg, limits.high_deg))
+    reached = [np.round(equal_steps(limits, acquisitions=count) * counts_per_deg) / counts_per_deg for count in counts]
+    scans = world.scans([np.maximum(at, settings.start_deg) for at in reached], pulses=settings.laser.pulses)
+    found: MarkerErrors = {}
+    for count, at, heard in zip(counts, reached, scans, strict=True):
+        angle_deg = float(np.clip(weighted_average(at, heard), limits.low_deg, limits.high_deg))
+        found["WA", count] = abs(angle_deg - draw.marker_deg)
+    return found

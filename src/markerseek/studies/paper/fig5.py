@@ -1,19 +1,20 @@
-"""Fig. 5: the three searches on 1000 random markers (section 2.4), from curves, and a part of them from frames."""
+"""Fig. 5: the three searches on 1000 random markers (section 2.4), from curves; `agreement` has a part from frames."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import PAPER_RANGE
 from markerseek.pictures import Line, Panel, panels_figure
-from markerseek.studies.paper.curve_runs import Condition, errors_of_study, study_of
-from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
+from markerseek.studies.paper.agreement import agreement
+from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_studies, study_of
+from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.look import COLOURS, MARKS, error_line
 from markerseek.studies.paper.methods import AVERAGE_ACQUISITIONS, BRACKET_ACQUISITIONS, BRACKETS, NAMES, Name
 from markerseek.studies.paper.reported import reported
@@ -30,18 +31,6 @@ FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise whose Fig. 5 comes nearest to the paper's: not picked by hand, but what
 `reproduce consistency` finds with its usual seed and number of markers; that section says which it finds."""
 
-FRAMED = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=50.0)
-"""Where curves and frames are compared: the same width, under a noise that a 12-bit converter still shows."""
-
-FRAME_SHARE = 0.1
-"""Share of the markers that are searched from frames of channel data as well."""
-
-FRAME_SWEEPS = (8, 18, 28)
-"""N of the full scans of WA from frames: a full scan for every N would take ten times as long."""
-
-_Found: TypeAlias = list[dict[tuple[Name, int], float]]
-"""Errors of each marker, by method and number of acquisitions."""
-
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "
     "computed by the acoustic model and the imaging chain for one absorber; its radius sets the width. Intensities are "
@@ -57,13 +46,12 @@ def fig5(effort: Effort) -> Section:
     effort
         What may be used.
     """
-    found = {
-        condition: _searched(condition, effort, trials=effort.markers, sweeps=AVERAGE_ACQUISITIONS)
-        for condition in (FITTED, USUAL)
-    }
-    few = max(4, round(FRAME_SHARE * min(effort.markers, PAPER_MARKERS)))
-    curves = _searched(FRAMED, effort, trials=few, sweeps=FRAME_SWEEPS)
-    frames = _searched(FRAMED, effort, trials=few, sweeps=FRAME_SWEEPS, level="frames")
+    conditions = (FITTED, USUAL)
+    studies = [
+        study_of(condition, seed=effort.seed, trials=effort.markers, sweeps=AVERAGE_ACQUISITIONS)
+        for condition in conditions
+    ]
+    found = dict(zip(conditions, errors_of_studies(studies, effort, what="Fig. 5 from curves"), strict=True))
     rng = np.random.Generator(np.random.PCG64(effort.seed))
     markers = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 500)
     cells = {condition: _cells(errors) for condition, errors in found.items()}
@@ -82,7 +70,7 @@ def fig5(effort: Effort) -> Section:
         tables=(
             _error_table(cells),
             _quiet_table(quiet),
-            _agreement(curves, frames),
+            agreement(effort, source_radius_m=FITTED.source_radius_m),
         ),
         pictures=(
             Picture(
@@ -95,19 +83,7 @@ def fig5(effort: Effort) -> Section:
     )
 
 
-def _searched(
-    condition: Condition,
-    effort: Effort,
-    *,
-    trials: int,
-    sweeps: tuple[int, ...],
-    level: Literal["curves", "frames"] = "curves",
-) -> _Found:
-    study = study_of(condition, seed=effort.seed, trials=trials, sweeps=sweeps, level=level)
-    return errors_of_study(study, effort, what=f"Fig. 5 from {level}, {condition.peak_snr_db:g} dB")
-
-
-def _cells(found: _Found) -> dict[tuple[Name, int], Errors]:
+def _cells(found: Sequence[MarkerErrors]) -> dict[tuple[Name, int], Errors]:
     """Summary over the markers, by method and number of acquisitions."""
     return {key: errors_of(np.array([errors[key] for errors in found])) for key in found[0]}
 
@@ -190,40 +166,6 @@ def _quiet_table(quiet: Mapping[Name, Mapping[int, Errors]]) -> Table:
             for name, cells in quiet.items()
             for count, errors in cells.items()
         ),
-    )
-
-
-def _agreement(curves: _Found, frames: _Found) -> Table:
-    """The same markers from curves and from frames: paired differences of the errors, and whether 0 is among them."""
-    rows: list[tuple[Cell, ...]] = []
-    keys: list[tuple[Name, int]] = [(name, count) for name in BRACKETS for count in (2, 8, 16, 28)]
-    keys += [("WA", count) for count in FRAME_SWEEPS]
-    for key in keys:
-        by_curve = np.array([errors[key] for errors in curves])
-        by_frame = np.array([errors[key] for errors in frames])
-        paired = by_frame - by_curve
-        half = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size)
-        mean = float(paired.mean())
-        # Errors of a bracket are equal to rounding as long as both compare alike.
-        agree = abs(mean) <= half + 1e-3
-        rows.append(
-            (*key, paired.size, float(by_curve.mean()), float(by_frame.mean()), mean, half, "yes" if agree else "no")
-        )
-    return Table(
-        name="fig5_frames",
-        caption=f"The same markers from curves and from frames of channel data ({FRAMED.words}); of eleven lines one "
-        "in twenty may disagree by chance",
-        columns=(
-            "method",
-            "acquisitions",
-            "markers",
-            "from_curves_deg",
-            "from_frames_deg",
-            "difference_deg",
-            "half_interval95_deg",
-            "agree",
-        ),
-        rows=tuple(rows),
     )
 
 

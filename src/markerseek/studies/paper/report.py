@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import html
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 from markerseek._version import __version__
@@ -13,6 +14,7 @@ from markerseek.pictures import png_data_uri, save_png, save_svg
 from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
 from markerseek.studies.paper.reported import REPORTED, Reported
 from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.paper.stopwatch import Took
 
 REPORT = "report.html"
 """Name of the page."""
@@ -78,7 +80,7 @@ def write_section(section: Section, folder: Path) -> list[Path]:
     return paths
 
 
-def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort) -> Path:
+def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort, times: Sequence[Took] = ()) -> Path:
     """Write the page of all sections, and return its path.
 
     Parameters
@@ -89,6 +91,8 @@ def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort) -
         Where `write_section` put their files.
     effort
         What they used.
+    times
+        How long each took; empty where nobody measured it.
 
     Raises
     ------
@@ -103,7 +107,7 @@ def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort) -
         markers=effort.markers,
         contents="".join(f'<a href="#{each.name}">{html.escape(each.name)}</a>' for each in sections)
         + '<a href="#limits">limits</a>',
-        sections="\n".join(_section(each) for each in sections),
+        sections="\n".join(_section(each, took) for each, took in zip_longest(sections, times)),
         limits="".join(_limit(number) for number in _limited()),
     )
     path = folder / REPORT
@@ -176,7 +180,7 @@ def _write_csv(table: Table, path: Path) -> None:
         raise ConfigError(f"{path}: the table cannot be written: {problem.strerror}; name another --out") from problem
 
 
-def _section(section: Section) -> str:
+def _section(section: Section, took: Took | None) -> str:
     parts = [f'<h2 id="{html.escape(section.name)}">{html.escape(section.title)}</h2>']
     parts += [f"<p>{html.escape(paragraph)}</p>" for paragraph in section.method]
     if section.besides:
@@ -191,7 +195,8 @@ def _section(section: Section) -> str:
     parts += [_table(table) for table in section.tables if table.shown]
     names = ", ".join(f"{table.name}.csv" for table in _tables(section))
     pictures = "".join(f", {picture.name}.png, {picture.name}.svg" for picture in section.pictures)
-    parts.append(f'<p class="files">Files: {html.escape(names + pictures)}</p>')
+    spent = "" if took is None else f". Made in {took}."
+    parts.append(f'<p class="files">Files: {html.escape(names + pictures + spent)}</p>')
     return "\n".join(parts)
 
 
