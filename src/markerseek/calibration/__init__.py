@@ -1,0 +1,6 @@
+"""What a rig must be told about itself, from one scan of a point source: angle, radius, speed, trigger. Pure."""
+
+from markerseek.calibration.elevation import Geometry, Value, Waves, fit_geometry
+from markerseek.calibration.moveout import Moveout, apex_s, fit_moveout
+
+__all__ = ["Geometry", "Moveout", "Value", "Waves", "apex_s", "fit_geometry", "fit_moveout"]

@@ -1,0 +1,251 @@
+"""Angle zero, face radius and trigger offset from the waves of one point source at many angles of the probe.
+
+Off the image plane an element hears the source later, and spread over its height: the wave there is the wave in the
+plane, delayed and smeared as the geometry says. All waves are fitted at once, with the element's height and lens left
+free, for the smear alone would be mistaken for a delay.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.interpolate import CubicSpline
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.signal import hilbert
+
+from markerseek.calibration.moveout import Moveout
+from markerseek.core import SearchError
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+_MODEL_SHARE = 0.03
+"""Error of the model over a wave's height: no wave counts for more than its fit can be good."""
+
+_LEAST_ERROR = np.array([5e-4, 0.05])
+"""Error of the wave front's speed in mm/µs and range in mm that no number of frames takes away.
+
+Oblique waves are smeared otherwise than straight ones; seen on simulated point sources with known truth.
+"""
+
+_LEAST_FACE_MM = 0.05
+"""The same of the face radius, in mm: the wave in the plane is itself smeared a little."""
+
+_Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fine"]]
+"""Times in µs and values of a finely sampled wave."""
+
+_NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_m", "speed_mm_us")
+_AUDIBLE = 0.02
+"""Power over the largest below which the wave in the plane counts as noise in finding its middle."""
+
+_FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
+"""Where the fit begins; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
+
+_LOW = (-90.0, 15.0, 3.0, -3.0, 1.0, -20.0, 1.3)
+_HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Value:
+    """A number with its standard deviation, in the unit of its name."""
+
+    value: float
+    sigma: float
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """From 1.96 standard deviations below to as many above."""
+        return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Geometry:
+    """Where the source stands and how the probe is built.
+
+    Attributes
+    ----------
+    source_deg
+        Probe angle at which the source lies in the image plane, in degrees.
+    source_radius_m
+        Distance of the source from the axis of rotation, in metres.
+    face_radius_m
+        Distance of the array's face from the axis, in metres.
+    trigger_offset_s
+        Time from the trigger to the middle of the laser's pulse, in seconds.
+    element_height_m
+        Height of the elements, in metres.
+    sound_speed_m_s
+        Speed of sound in m/s, as the wave fronts gave it, and as little moved as the waves ask for.
+    misfit
+        Root mean square of what the fit leaves, over the height of the waves.
+    """
+
+    source_deg: Value
+    source_radius_m: Value
+    face_radius_m: Value
+    trigger_offset_s: Value
+    element_height_m: Value
+    sound_speed_m_s: Value
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Waves:
+    """The waves of one source, one for each angle.
+
+    Attributes
+    ----------
+    angle_deg
+        Angles of the probe in degrees, shape (frames,).
+    arrival_s
+        When the middle of each wave reaches an element right above the source, in seconds, shape (frames,).
+    wave
+        The waves, shape (frames, window), in any unit.
+    sigma
+        Standard deviation of their noise in that unit, shape (frames,).
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+
+    angle_deg: Float64[np.ndarray, " frames"]
+    arrival_s: Float64[np.ndarray, " frames"]
+    wave: Float64[np.ndarray, "frames window"] = field(repr=False)
+    sigma: Float64[np.ndarray, " frames"] = field(repr=False)
+    sampling_hz: float
+
+
+def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
+    """Geometry under which one wave explains all.
+
+    Parameters
+    ----------
+    waves
+        Waves on both sides of the strongest; at least 8.
+    moveout
+        Speed of sound and range, from the wave fronts near the plane.
+
+    Raises
+    ------
+    SearchError
+        If there are too few waves, or none lies on one side of the strongest.
+    """
+    height = np.abs(waves.wave).max(axis=1)
+    best = int(np.argmax(height))
+    if len(height) < 8 or not 2 <= best < len(height) - 2:
+        raise SearchError(
+            f"calibration: {len(height)} angles hear the source well, the strongest is number {best + 1}; at least 8 "
+            "are needed, with two on each side of the strongest: scan further, or average more pulses"
+        )
+    plane, middle_us = _in_plane(waves, best, height)
+    speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m
+    late = 1e6 * waves.arrival_s[best] + middle_us - distance / speed
+    fits = [
+        _fit(
+            waves,
+            plane,
+            height,
+            [float(waves.angle_deg[best]), 10.0 + distance, 10.0, late, tall, 13.0, speed],
+            moveout,
+        )
+        for tall in _HEIGHTS_MM
+    ]
+    fit = min(fits, key=lambda each: float(each.cost))
+    sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
+    value = {name: Value(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
+    face = value["face_mm"]
+    left = _residual(fit.x, waves, plane, height, weighted=False)
+    return Geometry(
+        source_deg=value["source_deg"],
+        source_radius_m=_scaled(value["radius_mm"], 1e-3),
+        face_radius_m=Value(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _LEAST_FACE_MM)),
+        trigger_offset_s=_scaled(value["late_us"], 1e-6),
+        element_height_m=_scaled(value["height_mm"], 1e-3),
+        sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
+        misfit=float(np.sqrt(np.mean(left**2))),
+    )
+
+
+def _scaled(value: Value, unit: float) -> Value:
+    return Value(value=value.value * unit, sigma=value.sigma * unit)
+
+
+def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
+    """The wave in the plane over the time after its middle in µs, finely sampled; and that middle in its window."""
+    window = waves.wave.shape[1]
+    time_us = (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
+    wave = waves.wave[best] / height[best]
+    power = np.abs(hilbert(wave)) ** 2
+    strong = np.where(power > _AUDIBLE * power.max(), power, 0.0)
+    middle = float(strong @ time_us / strong.sum())
+    fine_us = np.linspace(time_us[0], time_us[-1], 16 * window)
+    return (fine_us - middle, np.asarray(CubicSpline(time_us, wave)(fine_us))), middle
+
+
+def _covariance(fit: OptimizeResult, *, frames: int) -> Float64[np.ndarray, "n n"]:
+    """Covariance of the parameters: from the noise, and from the pull of each wave where that is more.
+
+    The samples of a wave err together, by its arrival and by what the model leaves out; the sandwich estimate counts
+    the waves, and not their samples. The last two residuals are the wave front's.
+    """
+    weight = (1 + np.asarray(fit.fun) ** 2) ** -0.25  # of soft_l1, as its root stands in the Jacobian
+    jacobian = np.asarray(fit.jac)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    product = jacobian * (weight * fit.fun)[:, None]
+    pulls = np.vstack([product[:-2].reshape(frames, -1, jacobian.shape[1]).sum(axis=1), product[-2:]])
+    sandwich = inverse @ (pulls.T @ pulls) @ inverse * frames / (frames - 1)
+    return np.asarray(inverse + sandwich)
+
+
+def _fit(
+    waves: Waves,
+    plane: _Wave,
+    height: Float64[np.ndarray, " frames"],
+    start: list[float],
+    moveout: Moveout,
+) -> OptimizeResult:
+    unit = np.array([1e-3, 1e3])
+    believed = unit * [moveout.sound_speed_m_s, moveout.range_m]
+    covariance = moveout.covariance * np.outer(unit, unit) + np.diag(_LEAST_ERROR**2)
+    whiten = np.linalg.cholesky(np.linalg.inv(covariance)).T
+
+    def residual(parameters: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
+        left = _residual(parameters, waves, plane, height, weighted=True).ravel()
+        front = np.array([parameters[6], parameters[1] - parameters[2]])
+        return np.concatenate([left, whiten @ (front - believed)])
+
+    return least_squares(
+        residual, np.clip(start, _LOW, _HIGH), bounds=(_LOW, _HIGH), loss="soft_l1",
+        x_scale=[1.0, 10.0, 3.0, 0.1, 1.0, 10.0, 0.01], max_nfev=40,
+    )  # fmt: skip
+
+
+def _residual(
+    parameters: Float64[np.ndarray, " n"],
+    waves: Waves,
+    plane: _Wave,
+    height: Float64[np.ndarray, " frames"],
+    *,
+    weighted: bool,
+) -> Float64[np.ndarray, "frames window"]:
+    """What the model leaves of each wave of height 1, its own amplitude fitted."""
+    source_deg, radius, face, late, tall, bend, speed = parameters
+    turn = np.radians(waves.angle_deg - source_deg)
+    elevation, axial = radius * np.sin(turn), radius * np.cos(turn) - face
+    eta = tall / 2 * _NODES
+    # The lens takes away the delay of a focus at 1/bend; in the plane the same smear is in the wave already.
+    lens = bend * 1e-3 * eta**2 / 2
+    path = np.hypot(elevation[:, None] - eta, axial[:, None]) - lens
+    still = np.hypot(eta, radius - face) - lens - (radius - face)
+    delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + late
+    window = waves.wave.shape[1]
+    time_us = waves.arrival_s[:, None] * 1e6 + (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
+    shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
+    wave = waves.wave / height[:, None]
+    gain = np.einsum("fw,fw->f", shape, wave) / np.maximum(np.einsum("fw,fw->f", shape, shape), 1e-12)
+    left = wave - gain[:, None] * shape
+    if not weighted:
+        return np.asarray(left)
+    return np.asarray(left / np.hypot(waves.sigma / height, _MODEL_SHARE)[:, None])

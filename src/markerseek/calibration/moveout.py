@@ -1,0 +1,136 @@
+"""Speed of sound and range from the bend of the wave front: how much later the outer channels hear one point.
+
+The array itself is the ruler. Only differences between the channels of one frame count, so that neither the trigger's
+offset nor the shape of the wave enters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.optimize import least_squares
+
+from markerseek.core import SearchError
+
+_OUTLIER_S = 5e-9
+"""Residual in seconds beyond which a channel counts less: a fifth of a sample at 40 MHz."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Moveout:
+    """What the wave fronts of some frames tell.
+
+    Attributes
+    ----------
+    sound_speed_m_s
+        Speed of sound in m/s.
+    range_m
+        Distance of the point from the array in metres.
+    covariance
+        Of these two, from the scatter between the frames, shape (2, 2).
+    lateral_m
+        Where the point lies along the array, in metres.
+    """
+
+    sound_speed_m_s: float
+    range_m: float
+    covariance: Float64[np.ndarray, "2 2"]
+    lateral_m: float
+
+
+def fit_moveout(
+    arrivals_s: Sequence[Float64[np.ndarray, " channels"]], element_m: Float64[np.ndarray, " channels"]
+) -> Moveout:
+    """Speed of sound and range from frames of one point source, taken near its plane.
+
+    In each frame t(y) = t0 + sqrt((y - y0)² + r²)/c; near the plane c and r are common, t0 and y0 its own.
+
+    Parameters
+    ----------
+    arrivals_s
+        Arrival at each channel, one array a frame, NaN where it is not heard; at least 3 frames.
+    element_m
+        Places of the elements along the array, in metres.
+
+    Raises
+    ------
+    SearchError
+        If there are too few frames, or they do not agree with a point source.
+    """
+    if len(arrivals_s) < 3:
+        raise SearchError(f"moveout: {len(arrivals_s)} frames hear the source well, at least 3 are needed; step finer")
+    alone = [_alone(arrival, element_m) for arrival in arrivals_s]
+    information = np.array([each.information for each in alone])
+    total = np.linalg.inv(information.sum(axis=0))
+    mean = total @ np.einsum("fij,fj->i", information, np.array([each.value for each in alone]))
+    # Errors of the channels of a frame go together: the scatter counts the frames, and not the channels.
+    pull = np.einsum("ij,fjk,fk->fi", total, information, np.array([each.value for each in alone]) - mean)
+    frames = len(alone)
+    covariance = pull.T @ pull * frames / (frames - 1)
+    speed = float(mean[0])
+    if not 1.3 <= speed <= 1.8:
+        raise SearchError(
+            f"moveout: the wave fronts bend as with {1e3 * speed:.0f} m/s, which is no tissue; is it one point source, "
+            "and the right probe?"
+        )
+    unit = np.array([1e3, 1e-3])
+    return Moveout(
+        sound_speed_m_s=1e3 * speed,
+        range_m=1e-3 * float(mean[1]),
+        covariance=covariance * np.outer(unit, unit),
+        lateral_m=float(np.median([each.lateral_m for each in alone])),
+    )
+
+
+def apex_s(
+    arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"], moveout: Moveout
+) -> float:
+    """When a frame's wave would reach an element right above the point, in seconds.
+
+    Parameters
+    ----------
+    arrival_s, element_m
+        As in `fit_moveout`, for one frame, which may be off the plane: its own range is fitted.
+    moveout
+        What frames near the plane told.
+    """
+    used = np.isfinite(arrival_s)
+    offset_mm = 1e3 * (element_m[used] - moveout.lateral_m)
+    speed = 1e-3 * moveout.sound_speed_m_s
+
+    def residual(parameters: Float64[np.ndarray, " 2"]) -> Float64[np.ndarray, " used"]:
+        bend = (np.hypot(offset_mm, parameters[0]) - parameters[0]) / speed
+        return np.asarray((1e-6 * (bend + parameters[1]) - arrival_s[used]) / _OUTLIER_S)
+
+    start = np.array([1e3 * moveout.range_m, 1e6 * float(arrival_s[used].min())])
+    fit = least_squares(residual, start, loss="soft_l1", x_scale=start)
+    return 1e-6 * float(fit.x[1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Alone:
+    """What one frame tells: speed in mm/µs and range in mm, their information matrix, and where the point lies."""
+
+    value: Float64[np.ndarray, " 2"]
+    information: Float64[np.ndarray, "2 2"]
+    lateral_m: float
+
+
+def _alone(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"]) -> _Alone:
+    used = np.isfinite(arrival_s)
+    element_mm, arrival_us = 1e3 * element_m[used], 1e6 * arrival_s[used]
+    first = int(np.argmin(arrival_us))
+
+    def residual(parameters: Float64[np.ndarray, " 4"]) -> Float64[np.ndarray, " used"]:
+        speed, distance, place, late = parameters
+        path = np.hypot(element_mm - place, distance) - distance
+        return np.asarray((path / speed + late - arrival_us) / (1e6 * _OUTLIER_S))
+
+    start = np.array([1.54, 1.54 * arrival_us[first], element_mm[first], arrival_us[first]])
+    fit = least_squares(residual, start, loss="soft_l1", x_scale=np.maximum(np.abs(start), 1.0))
+    jacobian = np.asarray(fit.jac)
+    spread = np.linalg.pinv(jacobian.T @ jacobian)[:2, :2]
+    return _Alone(value=fit.x[:2], information=np.linalg.pinv(spread), lateral_m=1e-3 * float(fit.x[2]))

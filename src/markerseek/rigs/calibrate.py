@@ -1,0 +1,95 @@
+"""What a rig must be told about itself, from the frames of a scan over one point source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.calibration import Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout
+from markerseek.core import ChannelFrame, RecordError, Sample
+from markerseek.rigs.rig import Rig
+from markerseek.signals import ProbePreset
+from markerseek.signals.picks import common_wave
+
+NEAR_SHARE = 0.4
+"""Frames of at least this share of the largest intensity are near enough to the plane to tell the speed of sound."""
+
+HEARD_RATIO = 8.0
+"""Intensity over the noise from which the wave of a frame is followed across its channels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """Geometry and noise of a rig.
+
+    Attributes
+    ----------
+    geometry
+        See `Geometry`; its ``source_deg`` is where the readback stood with the source in the image plane.
+    noise_sigma
+        Standard deviation of the beamformed noise in counts, with that of its mean over the frames.
+    frames, waves
+        Frames looked at, and those whose wave was clear enough to be used.
+    """
+
+    geometry: Geometry
+    noise_sigma: Value
+    frames: int
+    waves: int
+
+
+def scan_again(rig: Rig, angles_deg: Sequence[float]) -> Iterator[Sample]:
+    """Samples of a recorded scan at its angles, one after the other, through its scanner."""
+    for angle_deg in angles_deg:
+        yield rig.scanner.measure(angle_deg)
+
+
+def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
+    """Calibration from one scan of a point source.
+
+    Parameters
+    ----------
+    samples
+        One for each angle, with their frames of channel data.
+    preset
+        The probe as it is thought to be; of speed of sound and trigger offset only a rough value is needed.
+
+    Raises
+    ------
+    RecordError
+        If the scan holds no channel data.
+    SearchError
+        If the source is not heard well enough, or is not one point.
+    """
+    frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
+    if len(frames) < len(samples) or not frames:
+        raise RecordError("calibration needs the channel data of a scan, and this one holds intensities only")
+    readings = [sample.reading for sample in samples]
+    strongest = max(readings, key=lambda reading: reading.intensity)
+    if strongest.lateral_m is None or strongest.depth_m is None:
+        raise RecordError("calibration needs frames that are imaged, and these were not")
+    noise = np.array([reading.noise_sigma or 0.0 for reading in readings])
+    heard = [
+        (sample, wave)
+        for sample, frame, sigma in zip(samples, frames, noise, strict=True)
+        if sample.reading.intensity > HEARD_RATIO * sigma
+        and (wave := common_wave(frame, preset, lateral_m=strongest.lateral_m, depth_m=strongest.depth_m)) is not None
+    ]
+    element_m = preset.array.lateral_m
+    near = [wave.arrival_s for sample, wave in heard if sample.reading.intensity >= NEAR_SHARE * strongest.intensity]
+    moveout = fit_moveout(near, element_m)
+    waves = Waves(
+        angle_deg=np.array([sample.angle_deg for sample, _ in heard]),
+        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout) for _, wave in heard]),
+        wave=np.array([wave.wave for _, wave in heard]),
+        sigma=np.array([wave.sigma for _, wave in heard]),
+        sampling_hz=preset.sampling_hz,
+    )
+    return Calibration(
+        geometry=fit_geometry(waves, moveout),
+        noise_sigma=Value(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
+        frames=len(frames),
+        waves=len(heard),
+    )

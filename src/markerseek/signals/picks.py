@@ -1,0 +1,162 @@
+"""The wave of one source and when it reaches each channel, by correlation: for calibration.
+
+The times are found by what the channels have in common, and need no speed of sound: neighbours are followed from the
+middle of the source outwards. What one number of a whole frame says (intensity, depth) is in `reader`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import fftconvolve
+
+from markerseek.core import ChannelFrame
+from markerseek.signals._kernel import PAD
+from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.presets import ProbePreset
+
+HALF_WINDOW_S = 1.6e-6
+"""Time on each side of the expected arrival that is looked at, in seconds: a doublet of the table's longest pulse."""
+
+_STEP_SAMPLES = 2.0
+"""Most that the delay may differ from the one extrapolated, in samples: less than half a period of the carrier."""
+
+_LEAST_LIKENESS = 0.8
+"""Correlation coefficient with the common wave below which a channel is not used."""
+
+LEAST_CHANNELS = 24
+"""Channels that must hear the same wave for it to be believed."""
+
+_FINE = 8
+"""Points between two samples in the search for the best delay."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CommonWave:
+    """What the channels of one frame have in common.
+
+    Attributes
+    ----------
+    arrival_s
+        When the middle of the wave reaches each channel, in seconds after the trigger, shape (channels,);
+        NaN where it is not heard well.
+    wave
+        The wave in counts, the mean of the channels that hear it, shape (window,); its middle sample is the arrival.
+    sigma
+        Standard deviation of the noise of that mean, from what the channels do not share, in counts.
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+
+    arrival_s: Float64[np.ndarray, " channels"]
+    wave: Float64[np.ndarray, " window"]
+    sigma: float
+    sampling_hz: float
+
+
+def common_wave(frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, depth_m: float) -> CommonWave | None:
+    """Wave of one source and its arrival at each channel; None where fewer than `LEAST_CHANNELS` agree.
+
+    Parameters
+    ----------
+    frame
+        Channel data with one source.
+    preset
+        The probe; of its speed of sound and trigger offset only a rough value is needed.
+    lateral_m, depth_m
+        Where the source is imaged with this preset, in metres.
+    """
+    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+    filtered = band_pass(frame.samples, taps, blanked=preset.pickup_samples)
+    signals = filtered[:, PAD : PAD + preset.array.elements].T.astype(np.float64)
+    rate = preset.sampling_hz
+    offset_m = np.abs(preset.array.lateral_m - lateral_m)
+    expected = np.hypot(offset_m, depth_m) / preset.sound_speed_m_s * rate + preset.trigger_offset_s * rate
+    half = math.ceil(HALF_WINDOW_S * rate)
+    wave = np.mean([_window(signals[channel], expected[channel], half) for channel in np.argsort(offset_m)[:8]], axis=0)
+    lags = np.zeros(len(expected))
+    used, aligned = np.zeros(len(expected), dtype=np.bool_), wave[None]
+    for _ in range(2):
+        lags, likeness = _follow(signals, expected, wave, int(np.argmin(offset_m)))
+        used = likeness >= _LEAST_LIKENESS
+        if int(used.sum()) < LEAST_CHANNELS:
+            return None
+        aligned = np.array([_window(signals[c], expected[c] + lags[c], half) for c in np.flatnonzero(used)])
+        wave = aligned.mean(axis=0)
+    return CommonWave(
+        arrival_s=np.where(used, (expected + lags) / rate, np.nan),
+        wave=wave,
+        sigma=float(aligned.std(axis=0).mean() / math.sqrt(len(aligned))),
+        sampling_hz=rate,
+    )
+
+
+def _follow(
+    signals: Float64[np.ndarray, "channels samples"],
+    expected: Float64[np.ndarray, " channels"],
+    wave: Float64[np.ndarray, " window"],
+    middle: int,
+) -> tuple[Float64[np.ndarray, " channels"], Float64[np.ndarray, " channels"]]:
+    """Delay of each channel beyond the expected one, in samples, and its likeness to the common wave."""
+    lags, likeness = np.zeros(len(expected)), np.zeros(len(expected))
+    for outward in (range(middle, len(expected)), range(middle - 1, -1, -1)):
+        before: list[float] = []
+        for channel in outward:
+            guess = float(np.median(before[-5:])) if before else (lags[middle] if channel != middle else 0.0)
+            if len(before) >= 5:
+                guess += 3 * (before[-1] - before[-5]) / 4
+            lag, alike = _best_lag(signals[channel], expected[channel] + guess, wave)
+            lags[channel], likeness[channel] = guess + lag, alike
+            if alike >= _LEAST_LIKENESS:
+                before.append(lags[channel])
+    return lags, likeness
+
+
+def _best_lag(
+    signal: Float64[np.ndarray, " samples"], centre: float, wave: Float64[np.ndarray, " window"]
+) -> tuple[float, float]:
+    """Shift of a wave about a place that fits a channel best, in samples, and the coefficient of correlation there."""
+    half = len(wave) // 2
+    margin = math.ceil(_STEP_SAMPLES) + 1
+    section = _window(signal, centre, half + margin)
+    products = fftconvolve(section, wave[::-1], mode="valid")
+    energy = fftconvolve(section**2, np.ones(len(wave)), mode="valid")
+    shifts = np.arange(-margin, margin + 1)
+    fine = np.linspace(-_STEP_SAMPLES, _STEP_SAMPLES, int(2 * _STEP_SAMPLES * _FINE) + 1)
+    scale = np.sqrt(np.maximum(energy, 1e-30) * float(wave @ wave))
+    smooth = _sinc_at(products, fine + margin)
+    best = int(np.argmax(smooth))
+    if best in (0, len(fine) - 1):
+        return 0.0, 0.0
+    left, top, right = smooth[best - 1 : best + 2]
+    bend = left - 2 * top + right
+    lag = fine[best] + (0.5 * (left - right) / bend if bend < 0 else 0.0) / _FINE
+    return float(lag), float(top / np.interp(lag, shifts, scale))
+
+
+def _window(signal: Float64[np.ndarray, " samples"], centre: float, half: int) -> Float64[np.ndarray, " window"]:
+    """Section of a channel about a place between two samples, zero outside the record."""
+    start = math.floor(centre)
+    around = 12
+    places = start + np.arange(-half - around, half + around + 1)
+    inside = (places >= 0) & (places < len(signal))
+    section = np.where(inside, signal[np.clip(places, 0, len(signal) - 1)], 0.0)
+    taps = np.arange(-around, around + 1)
+    kernel = np.sinc(taps + (centre - start)) * np.hanning(2 * around + 3)[1:-1]
+    return np.convolve(section, kernel, mode="valid")
+
+
+def _sinc_at(values: Float64[np.ndarray, " n"], places: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+    """Values between equally spaced ones, by a cubic through the four nearest."""
+    base = np.clip(np.floor(places).astype(np.int64), 1, len(values) - 3)
+    t = places - base
+    before, at, after, beyond = (values[base + k] for k in (-1, 0, 1, 2))
+    return np.asarray(
+        at
+        + 0.5
+        * t
+        * (after - before + t * (2 * before - 5 * at + 4 * after - beyond + t * (3 * (at - after) + beyond - before)))
+    )

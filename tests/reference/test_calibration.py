@@ -1,0 +1,116 @@
+"""Calibration against what it should find: closed-form wave fronts, and simulated scans of a point source."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Medium, Probe, RectanglePulse
+from markerseek.calibration import apex_s, fit_moveout
+from markerseek.core import ChannelFrame, FrameHeader, ReadingFrame, RecordError, Sample, SearchError
+from markerseek.rigs.calibrate import calibrate
+from markerseek.signals import ImageReader, probe_preset
+
+PRESET = probe_preset("BPL9-5/55")
+ELEMENT_M = PRESET.array.lateral_m
+HEADER = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+
+
+def fronts(*, speed: float, distance_m: float, late_s: float, jitter_s: float, frames: int = 8) -> list[np.ndarray]:
+    rng = np.random.default_rng(7)
+    front = late_s + np.hypot(ELEMENT_M - 4e-3, distance_m) / speed
+    return [front + jitter_s * rng.standard_normal(len(front)) for _ in range(frames)]
+
+
+@pytest.mark.parametrize("speed", [1450.0, 1540.0, 1600.0])
+def test_an_exact_wave_front_gives_its_speed_and_range(speed: float) -> None:
+    moveout = fit_moveout(fronts(speed=speed, distance_m=0.05, late_s=3e-7, jitter_s=0.0), ELEMENT_M)
+    assert moveout.sound_speed_m_s == pytest.approx(speed, rel=1e-6)
+    assert moveout.range_m == pytest.approx(0.05, rel=1e-5)
+    assert moveout.lateral_m == pytest.approx(4e-3, abs=1e-7)
+
+
+def test_the_scatter_of_the_frames_is_the_error_of_the_speed() -> None:
+    errors, sigmas = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        front = np.hypot(ELEMENT_M - 4e-3, 0.05) / 1500.0
+        moveout = fit_moveout([front + 2e-9 * rng.standard_normal(len(front)) for _ in range(8)], ELEMENT_M)
+        errors.append(moveout.sound_speed_m_s - 1500.0)
+        sigmas.append(np.sqrt(moveout.covariance[0, 0]))
+    assert np.std(errors) == pytest.approx(np.sqrt(np.mean(np.square(sigmas))), rel=0.5)
+
+
+def test_the_apex_is_the_arrival_above_the_point_also_further_away() -> None:
+    moveout = fit_moveout(fronts(speed=1500.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
+    arrival = 2e-7 + np.hypot(ELEMENT_M - 4e-3, 0.052) / 1500.0
+    arrival[90:] = np.nan
+    assert apex_s(arrival, ELEMENT_M, moveout) == pytest.approx(2e-7 + 0.052 / 1500.0, abs=1e-10)
+
+
+def test_a_front_that_bends_as_in_steel_is_refused() -> None:
+    with pytest.raises(SearchError, match="no tissue"):
+        fit_moveout(fronts(speed=2600.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
+
+
+def scan(*, speed: float, face_m: float, height_m: float, late_s: float, source_deg: float, seed: int) -> list[Sample]:
+    """Samples of a simulated scan over a small absorber, at about 40 dB."""
+    rng = np.random.default_rng(seed)
+    model = AcousticModel(
+        probe=Probe(face_radius_m=face_m, element_height_m=height_m),
+        medium=Medium(sound_speed_m_s=speed),
+        laser=RectanglePulse(duration_s=200e-9),
+        trigger_offset_s=late_s,
+    )
+    source = GaussianAbsorber(radius_m=0.15e-3)
+    absorber = Absorber(source=source, strength=1.0, radius_m=0.06, angle_deg=source_deg, lateral_m=-6e-3)
+    loud = 600 / np.abs(model.channel_data([absorber], angle_deg=source_deg)).max()
+    reader = ImageReader(PRESET)
+    samples = []
+    for angle_deg in np.arange(-12.0, 12.1, 1.0):
+        heard = loud * model.channel_data([absorber], angle_deg=float(angle_deg))
+        counts = np.rint(heard + 20 * rng.standard_normal(heard.shape)).astype(np.int16)
+        frame = ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6)
+        samples.append(Sample(angle_deg=float(angle_deg), reading=reader.read(frame), frame=frame))
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("speed", "face_m", "height_m", "late_s", "source_deg"),
+    [(1480.0, 10e-3, 5e-3, 0.6e-6, 1.3), (1560.0, 12e-3, 4e-3, -0.4e-6, -2.6)],
+)
+def test_a_simulated_scan_gives_its_truth_within_the_intervals(
+    speed: float, face_m: float, height_m: float, late_s: float, source_deg: float
+) -> None:
+    samples = scan(speed=speed, face_m=face_m, height_m=height_m, late_s=late_s, source_deg=source_deg, seed=3)
+    found = calibrate(samples, PRESET)
+    geometry = found.geometry
+    for value, truth, most in (
+        (geometry.source_deg, source_deg, 0.05),
+        (geometry.face_radius_m, face_m, 0.6e-3),
+        (geometry.sound_speed_m_s, speed, 6.0),
+        (geometry.trigger_offset_s, late_s, 0.3e-6),
+    ):
+        assert abs(value.value - truth) < 3 * value.sigma
+        assert abs(value.value - truth) < most
+        assert value.sigma < most
+    assert geometry.misfit < 0.1
+    assert 8 <= found.waves <= found.frames == len(samples)
+
+
+def test_noise_alone_calibrates_nothing() -> None:
+    rng = np.random.default_rng(1)
+    reader = ImageReader(PRESET)
+    noise = [np.rint(20 * rng.standard_normal((128, 2080))).astype(np.int16) for _ in range(9)]
+    frames = [ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6) for counts in noise]
+    with pytest.raises(SearchError, match="at least 3"):
+        calibrate([Sample(angle_deg=float(k), reading=reader.read(f), frame=f) for k, f in enumerate(frames)], PRESET)
+
+
+def test_intensities_alone_calibrate_nothing() -> None:
+    frame = ReadingFrame(header=HEADER, intensity=1.0)
+    reading = ImageReader(PRESET).read(
+        ChannelFrame(header=HEADER, samples=np.ones((128, 2080), np.int16), sampling_hz=40e6)
+    )
+    with pytest.raises(RecordError, match="intensities only"):
+        calibrate([Sample(angle_deg=0.0, reading=reading, frame=frame)], PRESET)
