@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.records.banks import IntensityBank, read_bank, write_bank
+from markerseek.records.banks import IntensityBank, read_bank
+from markerseek.records.intensity_table import write_bank
 
 pytest.importorskip("matplotlib")
 

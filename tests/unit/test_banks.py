@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
+from markerseek.records.bank_folder import FolderBank
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.replay import IntensityReader, ReplayReceiver, ReplayStage
 
@@ -89,9 +90,9 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
     for name in ("angle_10.0deg", "-2.5", "+3", "angle_-12.5deg"):
         (tmp_path / name).mkdir()
     bank = read_bank(tmp_path)
-    assert isinstance(bank, FrameBank)
+    assert isinstance(bank, FolderBank)
     assert bank.angles_deg == (-12.5, -2.5, 3.0, 10.0)
-    assert [folder.name for folder in bank.folders] == ["angle_-12.5deg", "-2.5", "+3", "angle_10.0deg"]
+    assert [place.name for place in bank.places] == ["angle_-12.5deg", "-2.5", "+3", "angle_10.0deg"]
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple
         read_bank(tmp_path)
 
 
-FRAMES = FrameBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), folders=(Path(),) * 4)
+FRAMES = FolderBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), places=(Path(),) * 4)
 BANK = IntensityBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), intensities=(1.0, 3.0, 9.0, 2.0))
 
 

@@ -6,7 +6,6 @@ times the file's size.
 
 from __future__ import annotations
 
-import stat
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.records._mat import load_mat
+from markerseek.records._ordinary import ordinary_size
 from markerseek.wire import sonixdaq
 
 _LARGEST_BYTES = 1 << 30
@@ -63,20 +63,8 @@ def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
             f"{path}: {path.suffix or 'a file without suffix'} is no format of frames; "
             "give a .mat, an .npy, or a folder of SonixDAQ files"
         )
-    _check_regular(path)
+    ordinary_size(path, most=_LARGEST_BYTES)
     return loader(path), 1
-
-
-def _check_regular(path: Path) -> int:
-    """Size of an ordinary file in bytes; a pipe or a device would block or never end."""
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode):
-        raise RecordError(f"{path}: it is no ordinary file; copy its contents into one")
-    if status.st_size > _LARGEST_BYTES:
-        raise RecordError(
-            f"{path}: {status.st_size} bytes found, at most {_LARGEST_BYTES} expected; no single frame is that large"
-        )
-    return status.st_size
 
 
 def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
@@ -152,7 +140,7 @@ def _daq_files(folder: Path) -> dict[int, Path]:
 
 
 def _daq_header(path: Path) -> sonixdaq.DaqHeader:
-    size = _check_regular(path)
+    size = ordinary_size(path, most=_LARGEST_BYTES)
     with path.open("rb") as file:
         head = file.read(sonixdaq.HEADER_BYTES)
     try:

@@ -26,7 +26,6 @@ from markerseek.core import (
     ReadingFrame,
 )
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.records.frame_files import load_frame
 
 
 class ReplayStage:
@@ -109,6 +108,8 @@ class ReplayReceiver:
         self._stage = stage
         self._bank = bank
         self._sequence = 0
+        self._dark = 0
+        self._dark_frames = bank.dark_frames if isinstance(bank, FrameBank) else 0
         self._armed: Permit | None = None
 
     def arm(self, permit: Permit) -> None:
@@ -117,11 +118,12 @@ class ReplayReceiver:
         Raises
         ------
         ConfigError
-            If a dark frame is asked for: this bank has none.
+            If a dark frame is asked for and the bank has none, or no more.
         """
         self._armed = permit
-        if permit.pulses == 0:
-            raise ConfigError("replay: the bank holds no dark frames; ask for 0 of them")
+        if permit.pulses == 0 and self._dark >= self._dark_frames:
+            held = f"{self._dark_frames} dark frames" if self._dark_frames else "no dark frames"
+            raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")
 
     def acquire(self, permit: Permit) -> Frame:
         """Frame or intensity of the angle at which the stage stands.
@@ -147,8 +149,10 @@ class ReplayReceiver:
             ended_s=0.0,
         )
         if isinstance(self._bank, FrameBank):
-            folder = self._bank.folders[self._bank.angles_deg.index(angle_deg)]
-            return replace(load_frame(folder), header=header)
+            if permit.pulses == 0:
+                self._dark += 1
+                return replace(self._bank.dark_frame(self._dark - 1), header=header)
+            return replace(self._bank.frame(self._bank.angles_deg.index(angle_deg)), header=header)
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
 

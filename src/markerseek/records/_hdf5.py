@@ -1,0 +1,172 @@
+"""Reads HDF5 that somebody else may have made to do harm.
+
+The library follows links to other files, loads filters, and allocates what a header declares. Here only hard links are
+followed, only the usual compressions are undone, and nothing is read that would take much more memory than the file
+has bytes. The library itself can be made to crash or to hang by damaged bytes, so `markerseek.records._vetting` opens
+a file in a process of its own first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import MissingExtraError, RecordError
+
+if TYPE_CHECKING:
+    import h5py
+
+MOST_PER_BYTE = 32
+"""Bytes that may be read into memory for each byte of the file."""
+
+_FILTERS = frozenset({"gzip", "lzf", None})
+_MOST_TEXT = 10_000
+
+
+def require_h5py() -> None:
+    """Say what to install where h5py is missing.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        import h5py  # noqa: F401
+    except ImportError as problem:
+        raise MissingExtraError(package="h5py", extra="records", purpose="a bank in HDF5") from problem
+
+
+class CarefulFile:
+    """An open HDF5 file, of which only harmless parts are handed out.
+
+    Parameters
+    ----------
+    file
+        The file.
+    size
+        Its size in bytes.
+    """
+
+    def __init__(self, file: h5py.File, *, size: int) -> None:
+        self._file = file
+        self._most = MOST_PER_BYTE * size
+
+    def has(self, name: str) -> bool:
+        """Whether there is anything of that name, be it harmless or not."""
+        group, last = self._parent(name)
+        return group is not None and last in group
+
+    def dataset(self, name: str) -> h5py.Dataset:
+        """Dataset of that name, whose largest chunk fits into memory.
+
+        Raises
+        ------
+        ValueError
+            If it is missing, leads elsewhere, or would take much more memory than the file has bytes.
+        """
+        import h5py
+
+        group, last = self._parent(name)
+        if group is None or last not in group:
+            raise ValueError(f"{name} is missing")
+        item = _followed(group, last)
+        if not isinstance(item, h5py.Dataset):
+            raise TypeError(f"{name} is no dataset")
+        if item.is_virtual or item.external:
+            raise ValueError(f"{name} lies in another file")
+        if item.compression not in _FILTERS or item.scaleoffset is not None:
+            raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
+        chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
+        if chunk > self._most:
+            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MOST_PER_BYTE} times the file")
+        return item
+
+    def require_room(self, count: int, *, name: str) -> None:
+        """Refuse to read that many bytes of a dataset at once where they are far more than the file holds."""
+        if count > self._most:
+            raise ValueError(f"{name} unpacks to {count} bytes, more than {MOST_PER_BYTE} times the file")
+
+    def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
+        """All numbers of a dataset in one row, whatever its shape."""
+        item = self.dataset(name)
+        if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
+            raise ValueError(f"{name} is {item.dtype}, numbers are expected")
+        self.require_room(8 * item.size, name=name)
+        return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
+
+    def number(self, name: str) -> float | None:
+        """The one number of a dataset; None where it is missing, not finite, or the word ``None`` stands for it."""
+        if not self.has(name) or self.text(name) == "None":
+            return None
+        values = self.numbers(name)
+        if values.size != 1:
+            raise ValueError(f"{name} holds {values.size} numbers, one is expected")
+        return float(values[0]) if math.isfinite(values[0]) else None
+
+    def text(self, name: str) -> str | None:
+        """The text of a dataset; None where it is missing or no text."""
+        import h5py
+
+        if not self.has(name):
+            return None
+        item = self.dataset(name)
+        kind = h5py.check_string_dtype(item.dtype)
+        if kind is None or item.shape != () or (kind.length or 0) > _MOST_TEXT:
+            return None
+        raw = item[()]
+        text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
+        return text[:_MOST_TEXT]
+
+    def _parent(self, name: str) -> tuple[h5py.Group | None, str]:
+        import h5py
+
+        *folders, last = name.split("/")
+        group: h5py.Group = self._file
+        for folder in folders:
+            if folder not in group:
+                return None, last
+            inner = _followed(group, folder)
+            if not isinstance(inner, h5py.Group):
+                return None, last
+            group = inner
+        return group, last
+
+
+def _followed(group: h5py.Group, name: str) -> object:
+    import h5py
+
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise TypeError(f"{name} is a link to another place")
+    return group[name]
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[CarefulFile]:
+    """Open a file for reading; whatever goes wrong with it becomes a `RecordError`.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read, or not as it is asked for.
+    """
+    require_h5py()
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            yield CarefulFile(file, size=path.stat().st_size)
+    except RecordError:
+        raise
+    # What damaged bytes make of the library's errors cannot be listed.
+    except Exception as problem:
+        said = str(problem).strip("'\"") or type(problem).__name__
+        raise RecordError(
+            f"{path}: no bank in HDF5 that can be read: {said}; it is damaged, unfinished, or of another kind"
+        ) from problem

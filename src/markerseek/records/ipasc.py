@@ -1,0 +1,273 @@
+"""Writes a bank as IPASC HDF5, by pacfish, and keeps what was written readable while it grows.
+
+pacfish wants a whole bank in memory, drops values of kinds that it does not know without a word, and writes all at
+once. So it writes everything but the frames, and these are put into their place one by one: the file has its full
+size from the first frame on and nothing but numbers changes in it, so that a process that is killed leaves a file that
+opens. An angle of NaN has not been measured. `BankWriter.close` cuts off what was not.
+"""
+
+from __future__ import annotations
+
+import math
+import uuid
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from markerseek.core import ChannelFrame, ConfigError, LinearArray, MissingExtraError, RecordError, Sample
+from markerseek.records._hdf5 import require_h5py
+from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
+
+if TYPE_CHECKING:
+    import h5py
+
+BANK_VERSION = 1
+"""Version of the fields that are ours; a reader refuses a newer one."""
+
+FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
+"""Channel data of (elements, samples, wavelengths, measurements), with the laser and without."""
+
+VERSION = "meta_data/markerseek_bank_version"
+ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
+PULSES, TIMES = "meta_data/pulses", "meta_data/measurement_timestamps"
+DARK_TAKEN = "meta_data/dark_frames_taken"
+FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
+SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
+WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
+DETECTORS = "meta_data_device/detectors"
+
+_BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, PULSE_ENERGY)
+
+
+class BankWriter:
+    """A bank that grows by one acquisition at a time; a context manager that closes it.
+
+    Parameters
+    ----------
+    path
+        Where to write; the suffix is .hdf5 or .h5.
+    angles
+        Most acquisitions with the laser that will come.
+    dark_frames
+        Most acquisitions without.
+    facts
+        What else is known of the bank.
+
+    Raises
+    ------
+    ConfigError
+        If the path has another suffix.
+    RecordError
+        If there is a file already.
+    MissingExtraError
+        If h5py or pacfish is not installed.
+    """
+
+    def __init__(self, path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> None:
+        require_h5py()
+        _pacfish()
+        if path.suffix.lower() not in HDF5_SUFFIXES:
+            raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
+        if path.exists():
+            raise RecordError(f"{path}: there is a file already; name another, or delete it")
+        self._path = path
+        self._planned, self._planned_dark = angles, dark_frames
+        self._facts = facts
+        self._file: h5py.File | None = None
+        self._shape: tuple[int, int] = (0, 0)
+        self._taken = self._taken_dark = 0
+
+    @property
+    def taken(self) -> int:
+        """Acquisitions with the laser that are in the file."""
+        return self._taken
+
+    def add(self, sample: Sample) -> None:
+        """Write one acquisition, dark or not, and hand it to the disk.
+
+        Raises
+        ------
+        RecordError
+            If it cannot be written, differs in shape from those before, or is one more than was announced.
+        """
+        frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
+        if sample.dark and frame is None:
+            return
+        try:
+            file = self._file or self._begin(frame)
+            self._require_same(frame)
+            self._put(file, sample, frame)
+            file.flush()
+        except (OSError, RuntimeError) as problem:
+            raise self._unwritten(problem) from problem
+        if sample.dark:
+            self._taken_dark += 1
+        else:
+            self._taken += 1
+
+    def close(self) -> None:
+        """Cut off what was announced and did not come, and close the file; allowed twice."""
+        file, self._file = self._file, None
+        if file is None:
+            return
+        try:
+            with file:
+                if self._taken < self._planned:
+                    self._cut(file)
+        except (OSError, RuntimeError) as problem:
+            raise self._unwritten(problem) from problem
+
+    def __enter__(self) -> Self:
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file, whatever happened."""
+        self.close()
+
+    def _begin(self, frame: ChannelFrame | None) -> h5py.File:
+        import h5py
+
+        self._shape = (0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1])
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        pacfish = _pacfish()
+        elements, samples = self._shape
+        facts = self._facts
+        sampling_hz = facts.sampling_hz if frame is None else frame.sampling_hz
+        data = pacfish.PAData(np.zeros((elements, samples, 1, 0), np.int16))
+        data.meta_data_acquisition = _acquisition_fields(facts, self._planned, self._shape, sampling_hz)
+        data.meta_data_device = _device_fields(facts, self._shape, sampling_hz)
+        pacfish.write_data(str(self._path), data)
+        self._file = h5py.File(self._path, "r+")
+        _reserve(self._file, FRAMES, self._shape, self._planned)
+        if self._shape != (0, 0):
+            _reserve(self._file, DARK_FRAMES, self._shape, self._planned_dark)
+        return self._file
+
+    def _require_same(self, frame: ChannelFrame | None) -> None:
+        shape = (0, 0) if frame is None else frame.samples.shape
+        if shape != self._shape:
+            raise RecordError(
+                f"{self._path}: a frame of {shape} follows frames of {self._shape} (channels, samples); "
+                "keep one probe and one record length in a bank"
+            )
+
+    def _put(self, file: h5py.File, sample: Sample, frame: ChannelFrame | None) -> None:
+        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self._taken, self._planned)
+        if row >= planned:
+            raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it")
+        if frame is not None:
+            file[DARK_FRAMES if sample.dark else FRAMES][:, :, 0, row] = frame.samples
+        if sample.dark:
+            file[DARK_TAKEN][()] = row + 1
+            return
+        file[INTENSITIES][row] = sample.reading.intensity
+        if sample.frame is not None:
+            file[PULSES][row] = sample.frame.header.pulses
+            file[TIMES][row] = sample.frame.header.started_s
+        file.flush()
+        # The angle last: a row with an angle is whole.
+        file[ANGLES][row] = sample.angle_deg
+
+    def _cut(self, file: h5py.File) -> None:
+        for name in _BY_MEASUREMENT:
+            if name in file:
+                kept = file[name][: self._taken]
+                del file[name]
+                file[name] = kept
+        file[FRAMES].resize(self._taken, axis=3)
+        file[SIZES][3] = self._taken
+
+    def _unwritten(self, problem: Exception) -> RecordError:
+        return RecordError(
+            f"{self._path}: the bank cannot be written: {problem}; {self._taken} acquisitions are in it and stay "
+            "readable; make room, or name another place"
+        )
+
+
+def _pacfish() -> Any:
+    try:
+        import pacfish
+    except ImportError as problem:
+        raise MissingExtraError(package="pacfish", extra="records", purpose="a bank in IPASC HDF5") from problem
+    return pacfish
+
+
+def _reserve(file: h5py.File, name: str, shape: tuple[int, int], count: int) -> None:
+    """A dataset that has its place on the disk at once, one chunk a frame."""
+    import h5py
+
+    if name in file:
+        del file[name]
+    dims = (*shape, 1, count)
+    if 0 in dims:
+        file.create_dataset(name, shape=dims, dtype="i2")
+        return
+    kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    kind.set_chunk((*shape, 1, 1))
+    kind.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    room = h5py.h5s.create_simple(dims, (*shape, 1, h5py.h5s.UNLIMITED))
+    h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)
+
+
+def _acquisition_fields(
+    facts: BankFacts, count: int, shape: tuple[int, int], sampling_hz: float | None
+) -> dict[str, object]:
+    """Fields of IPASC and ours by name; what is not known is left out."""
+    unmeasured = np.full(count, np.nan)
+    known: dict[str, object | None] = {
+        "meta_data/uuid": str(uuid.uuid4()),
+        "meta_data/encoding": "UTF-8",
+        "meta_data/compression": "raw",
+        "meta_data/data_type": "short",
+        "meta_data/dimensionality": "time",
+        SIZES: np.array([*shape, 1, count]),
+        SAMPLING: sampling_hz,
+        SOUND_SPEED: facts.sound_speed_m_s,
+        # PATATO does without many fields, and not without this one: NaN where nobody said.
+        WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
+        PULSE_ENERGY: None if facts.pulse_energy_j is None else np.full(count, facts.pulse_energy_j),
+        TIMES: unmeasured,
+        "meta_data/measurements_per_image": 1,
+        "meta_data/scanning_method": "rotation of the probe about its long axis",
+        VERSION: BANK_VERSION,
+        ANGLES: unmeasured,
+        INTENSITIES: unmeasured,
+        PULSES: np.zeros(count, np.int64),
+        DARK_TAKEN: np.zeros((), np.int64),
+        REFERENCE: facts.reference_angle_deg,
+        FACE_RADIUS: facts.face_radius_m,
+        PROBE: facts.probe,
+        DESCRIPTION: facts.description or None,
+    }
+    # Python's own numbers: pacfish drops NumPy's without a word.
+    return {
+        name.removeprefix("meta_data/"): float(value) if isinstance(value, np.floating) else value
+        for name, value in known.items()
+        if value is not None
+    }
+
+
+def _device_fields(facts: BankFacts, shape: tuple[int, int], sampling_hz: float | None) -> dict[str, object]:
+    """The probe: x1 along the array from its centre, x3 into the tissue; elements' sizes are not known."""
+    pacfish = _pacfish()
+    elements, samples = shape
+    device = pacfish.DeviceMetaDataCreator()
+    if facts.pitch_m is not None and elements >= 2:
+        for lateral_m in LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m:
+            element = pacfish.DetectionElementCreator()
+            element.set_detector_position(np.array([lateral_m, 0.0, 0.0]))
+            element.set_detector_orientation(np.array([0.0, 0.0, 1.0]))
+            device.add_detection_element(element.get_dictionary())
+    half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
+    depth_m = 0.0
+    if facts.sound_speed_m_s is not None and sampling_hz is not None:
+        depth_m = samples / sampling_hz * facts.sound_speed_m_s
+    device.set_general_information(facts.probe or "unknown", np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]))
+    fields: dict[str, object] = device.finalize_device_meta_data()
+    return fields
