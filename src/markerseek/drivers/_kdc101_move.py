@@ -1,0 +1,190 @@
+"""One move of the stage: a target that is renewed, and all that is asked of it on its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markerseek.core import Clock, DeviceError, LimitError, MoveError
+from markerseek.drivers._apt_line import AptLine
+from markerseek.wire import apt
+
+_POLL_S = 0.05
+_NEAR_POLL_S = 0.02
+_STABLE_READS = 3
+_STABLE_COUNTS = 2
+_TRIES = 3
+_TOO_FAST = 1.25
+"""Share of the speed set that is put down to the age of two readings and not to the motor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveRules:
+    """What a move may do; lengths in counts, speeds in counts per second.
+
+    Attributes
+    ----------
+    low, high
+        Travel range.
+    speed, acceleration
+        How it moves.
+    lead, renew_s
+        How far ahead a target may be, and how often it is renewed.
+    arrival
+        How near to the target it must come.
+    unexpected
+        How far it may be from where it should be.
+    begin_s
+        How long it may stand still on its way.
+    """
+
+    low: int
+    high: int
+    speed: float
+    acceleration: float
+    lead: int
+    renew_s: float
+    arrival: int
+    unexpected: int
+    begin_s: float
+
+    def longest_s(self, distance: int) -> float:
+        """Longest time that a move of that length may take, in seconds."""
+        return 2 * (distance / self.speed + self.speed / self.acceleration) + 2 * self.begin_s
+
+
+class Move:
+    """A stage on its way, or at rest between two moves.
+
+    Parameters
+    ----------
+    line
+        To its controller.
+    clock
+        Time.
+    rules
+        What it may do.
+    rest
+        Where it stands, if it should not move; None if that is not known.
+    """
+
+    def __init__(self, *, line: AptLine, clock: Clock, rules: MoveRules, rest: int | None = None) -> None:
+        self._line = line
+        self._clock = clock
+        self._rules = rules
+        self._corridor = (rules.low, rules.high) if rest is None else (rest, rest)
+        self._last: tuple[float, int] | None = None
+
+    def look(self) -> apt.Status:
+        """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
+
+        Raises
+        ------
+        MoveError
+            If it reports an error, was switched off, homes, or is where it cannot be.
+        LimitError
+            If it is outside its travel range.
+        """
+        asked_s = self._clock.now_s()
+        status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+        if self._objection(status) is not None:
+            asked_s = self._clock.now_s()
+            status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+            objection = self._objection(status)
+            if objection is not None:
+                raise objection
+        self._last = (asked_s, status.position)
+        return status
+
+    def go(self, target: int, start: int) -> int:
+        """Go from a place to another, and return where it came to rest, all in counts.
+
+        Raises
+        ------
+        MoveError, LimitError
+            As `look` says, and if it does not begin, does not go on, or stops elsewhere.
+        """
+        rules = self._rules
+        heading = 1 if target > start else -1
+        self._corridor = (min(start, target), max(start, target))
+        self._last = (self._clock.now_s(), start)
+        ends_s = self._clock.now_s() + rules.longest_s(abs(target - start))
+        aimed_s = advanced_s = self._clock.now_s()
+        aim: int | None = None
+        farthest = start
+        settled: list[int] = []
+        while True:
+            status = self.look()
+            now_s = self._clock.now_s()
+            if self._settles(status, target, settled) and aim == target:
+                return status.position
+            if heading * (status.position - farthest) > _STABLE_COUNTS:
+                farthest, advanced_s = status.position, now_s
+            if not now_s - advanced_s < rules.begin_s:
+                raise self._stuck(status.position, target, began=farthest != start)
+            if not now_s < ends_s:
+                raise MoveError(
+                    f"the stage has not arrived in {rules.longest_s(abs(target - start)):.1f} s; it is too slow"
+                )
+            left = abs(target - status.position)
+            next_aim = target if left <= rules.lead else status.position + heading * rules.lead
+            due = aim is None or now_s - aimed_s >= rules.renew_s - 1e-6
+            if due and (next_aim != aim or not (status.moving or settled)):
+                self._aim(next_aim)
+                aim, aimed_s = next_aim, now_s
+            self._clock.wait(self._pause_s(left))
+
+    def _aim(self, counts: int) -> None:
+        """Give a target, and let it go there only once the controller is known to have understood it."""
+        for _ in range(_TRIES):
+            self._line.send(apt.set_target(counts))
+            if self._line.ask(apt.ask_target(), apt.TARGET, apt.Counts).counts == counts:
+                self._line.send(apt.move())
+                return
+        raise MoveError(f"the stage did not take the target {counts} counts in {_TRIES} tries; check its cable")
+
+    def _settles(self, status: apt.Status, target: int, settled: list[int]) -> bool:
+        """Whether it stands at the target for some readings in a row."""
+        if status.moving or abs(status.position - target) > self._rules.arrival:
+            settled.clear()
+            return False
+        settled.append(status.position)
+        last = settled[-_STABLE_READS:]
+        return len(last) == _STABLE_READS and max(last) - min(last) <= _STABLE_COUNTS
+
+    def _pause_s(self, left: int) -> float:
+        return min(_POLL_S, max(_NEAR_POLL_S, left / self._rules.speed))
+
+    def _objection(self, status: apt.Status) -> DeviceError | None:
+        rules = self._rules
+        if status.faults:
+            return MoveError(f"the stage reports: {', '.join(status.faults)}; look for an obstacle")
+        if not status.homed or status.homing:
+            return MoveError(
+                "the stage is not homed any more: it lost power, or was told to home; take the probe out of the "
+                "patient and home it by the controller's menu"
+            )
+        if not rules.low - rules.unexpected <= status.position <= rules.high + rules.unexpected:
+            return LimitError(f"the stage has left its travel range, by its reading of {status.position} counts")
+        low, high = self._corridor
+        if not low - rules.unexpected <= status.position <= high + rules.unexpected:
+            return MoveError(
+                f"the stage is at {status.position} counts, which is not on its way from {low} to {high}; did somebody "
+                "turn its wheel, or does another program use it?"
+            )
+        if self._last is not None:
+            last_s, position = self._last
+            most = _TOO_FAST * rules.speed * (self._clock.now_s() - last_s) + rules.unexpected
+            if not abs(status.position - position) <= most:
+                return MoveError(
+                    f"the stage went from {position} to {status.position} counts in "
+                    f"{self._clock.now_s() - last_s:.3f} s, faster than it was set to; switch it off and on and home it "
+                    "with the probe outside the patient"
+                )
+        return None
+
+    def _stuck(self, position: int, target: int, *, began: bool) -> MoveError:
+        what = "came to rest" if began else "did not begin to move"
+        return MoveError(
+            f"the stage {what} at {position} counts, {abs(target - position) / apt.COUNTS_PER_DEG:.3f} deg from its "
+            "target; look for an obstacle"
+        )

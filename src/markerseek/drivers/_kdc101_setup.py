@@ -1,0 +1,98 @@
+"""What is done with a stage's controller before it is trusted: ask who it is, write its parameters, read them back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markerseek.core import Interval, LimitError, MoveError, NotConnectedError
+from markerseek.drivers._apt_line import AptLine
+from markerseek.wire import apt
+
+_MODELS = ("KDC101", "TDC001")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Connected:
+    """A controller that was found to be what it should be.
+
+    Attributes
+    ----------
+    info
+        Who it is.
+    zero
+        Reading at which the probe points at 0, in counts: of all turns that of the one in which the stage stands.
+    limits
+        Travel range as it was written, in counts.
+    position
+        Where it stands, in counts.
+    """
+
+    info: apt.Info
+    zero: int
+    limits: apt.SoftLimits
+    position: int
+
+
+def set_up(
+    line: AptLine, *, travel: Interval, zero_deg: float, velocity: apt.Velocity, serial_number: int | None
+) -> Connected:
+    """Check and configure a controller; nothing moves.
+
+    Raises
+    ------
+    NotConnectedError
+        If it is another device.
+    MoveError
+        If it moves, reports an error, is not homed, or does not keep what is written.
+    LimitError
+        If the probe is outside the travel range.
+    """
+    line.send(apt.stop_updates())
+    info = line.ask(apt.ask_info(), apt.INFO, apt.Info)
+    if info.model not in _MODELS:
+        raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {', '.join(_MODELS)}")
+    if serial_number is not None and info.serial_number != serial_number:
+        raise NotConnectedError(
+            f"the stage's controller has the serial number {info.serial_number}, expected {serial_number}; "
+            "correct serial_number or the port"
+        )
+    status = line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+    _require_ready(status)
+    # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
+    turns = round((apt.degrees_of(status.position) - zero_deg - travel.centre_deg) / 360)
+    zero = apt.counts_of(zero_deg + 360 * turns)
+    # The outermost counts that are inside: half a count outside would be outside.
+    low, high = math.ceil(travel.low_deg * apt.COUNTS_PER_DEG), math.floor(travel.high_deg * apt.COUNTS_PER_DEG)
+    limits = apt.SoftLimits(low=zero + low, high=zero + high)
+    if not limits.low <= status.position <= limits.high:
+        raise LimitError(
+            f"the stage stands at {apt.degrees_of(status.position - zero):.2f} deg, outside its travel {travel}; with "
+            "the probe outside the patient, turn it back by the controller's wheel, or correct zero_deg"
+        )
+    line.send(apt.set_velocity(velocity))
+    _require_kept("speed and acceleration", velocity, line.ask(apt.ask_velocity(), apt.VELOCITY, apt.Velocity))
+    no_backlash = apt.Counts(counts=0)
+    line.send(apt.set_backlash(no_backlash.counts))
+    _require_kept("backlash", no_backlash, line.ask(apt.ask_backlash(), apt.BACKLASH, apt.Counts))
+    line.send(apt.set_limits(limits))
+    _require_kept("limits", limits, line.ask(apt.ask_limits(), apt.LIMITS, apt.SoftLimits))
+    return Connected(info=info, zero=zero, limits=limits, position=status.position)
+
+
+def _require_ready(status: apt.Status) -> None:
+    if status.faults:
+        raise MoveError(f"the stage reports: {', '.join(status.faults)}; switch it off and on, and home it")
+    if status.moving or status.homing:
+        raise MoveError("the stage is moving; wait until it stands, and end other programs that use it")
+    if not status.homed:
+        raise MoveError(
+            "the stage has not been homed since it was switched on and does not know its angle; homing turns it up to "
+            "a whole turn whatever its limits: take the probe out of the patient, home it by the controller's menu, "
+            "and start again"
+        )
+
+
+def _require_kept(name: str, written: apt.Answer, read: apt.Answer) -> None:
+    if written != read:
+        raise MoveError(f"the stage does not keep its {name}: {written} was written, {read} read back; check its type")

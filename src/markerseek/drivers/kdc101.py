@@ -1,0 +1,275 @@
+"""The rotation stage: a Thorlabs PRM1Z8 on a KDC101 or TDC001.
+
+It never homes: homing ignores the soft limits and turns through whatever is in the way. It never gives a target that
+is more than a few degrees ahead: a computer that dies leaves the stage there, and not at the end of a long move.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from markerseek.core import Clock, ConfigError, DeviceError, Interval, LimitError, MoveError
+from markerseek.drivers._approach import DOWN, UP, plan_approach
+from markerseek.drivers._apt_line import AptLine
+from markerseek.drivers._kdc101_move import Move, MoveRules
+from markerseek.drivers._kdc101_setup import set_up
+from markerseek.wire import apt
+from markerseek.wire.port import Port
+
+_STOP_S = 1.0
+_STOP_AGAIN_S = 0.02
+_SAME_COUNTS = 2
+_READS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageSettings:
+    """How the stage is used.
+
+    Attributes
+    ----------
+    travel
+        Angles of the probe at which it may be, in degrees; written to the controller as its soft limits.
+    zero_deg
+        The stage's own reading at which the probe points at 0, in degrees.
+    speed_deg_s, acceleration_deg_s2
+        How it moves, in degrees per second and per second squared; at most 25.
+    approach_from, approach_deg
+        Side from which every target is arrived at, and on how long a way, in degrees: longer than the gears' play.
+    lead_deg, renew_s
+        How far ahead a target may be, in degrees, and how often it is renewed, in seconds.
+    arrival_deg
+        How near to its target the stage must come, in degrees.
+    unexpected_deg
+        How far it may be from where it should be on its way, and at rest, in degrees.
+    begin_s
+        How long it may stand still before it is taken to be stuck, in seconds.
+    answer_s, attempts, age_s
+        How long the controller may take to answer, how often it is asked, and how old an answer may be, in seconds.
+    serial_number
+        Which controller it must be; None takes any.
+    """
+
+    travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+    zero_deg: float = 0.0
+    speed_deg_s: float = 10.0
+    acceleration_deg_s2: float = 10.0
+    approach_from: Literal["below", "above"] = "below"
+    approach_deg: float = 1.0
+    lead_deg: float = 5.0
+    renew_s: float = 0.1
+    arrival_deg: float = 0.01
+    unexpected_deg: float = 0.2
+    begin_s: float = 0.5
+    answer_s: float = 0.1
+    attempts: int = 3
+    age_s: float = 0.25
+    serial_number: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("zero_deg", -360, 360),
+            ("speed_deg_s", 0.1, 25),
+            ("acceleration_deg_s2", 0.1, 25),
+            ("approach_deg", 0.01, 5),
+            ("lead_deg", 0.5, 5),
+            ("renew_s", 0.02, 0.5),
+            ("arrival_deg", 0.001, 0.1),
+            ("unexpected_deg", 0.05, 1),
+            ("begin_s", 0.1, 5),
+            ("answer_s", 0.01, 1),
+            ("attempts", 1, 10),
+            ("age_s", 0.01, 1),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise ConfigError(f"stage: {name} is {getattr(self, name)}, it must lie between {low} and {high}")
+        if self.approach_from not in ("below", "above"):
+            raise ConfigError(f"stage: approach_from is {self.approach_from!r}, it must be 'below' or 'above'")
+        if not 2 * self.approach_deg <= self.travel.width_deg <= 359:
+            raise ConfigError(
+                f"stage: the travel range {self.travel} must be at least twice approach_deg ({self.approach_deg} deg) "
+                "wide, and less than a turn"
+            )
+
+
+class Kdc101Stage:
+    """A `markerseek.core.Stage` over APT. Making one connects, checks and configures it; nothing moves.
+
+    Parameters
+    ----------
+    port
+        The line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
+    clock
+        Time; all waiting is done on it, so that a lease that is renewed by waiting shows that this loop lives.
+    settings
+        How it is used.
+
+    Attributes
+    ----------
+    approach_reversed
+        Whether the last target was arrived at from the other side, for want of room inside the travel range: its angle
+        is off by the play of the gears.
+
+    Raises
+    ------
+    NotConnectedError
+        If it is no stage of this kind.
+    MoveError
+        If it moves, is not homed, or does not keep what is written to it.
+    LimitError
+        If it stands outside its travel range.
+    DeviceTimeoutError
+        If it does not answer in time.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, settings: StageSettings | None = None) -> None:
+        settings = settings or StageSettings()
+        self._settings = settings
+        self._clock = clock
+        self._line = AptLine(
+            port=port, clock=clock, answer_s=settings.answer_s, attempts=settings.attempts, age_s=settings.age_s
+        )
+        self.approach_reversed = False
+        self._usual = UP if settings.approach_from == "below" else DOWN
+        self._pushed: int | None = None
+        connected = set_up(
+            self._line,
+            travel=settings.travel,
+            zero_deg=settings.zero_deg,
+            velocity=apt.Velocity(
+                acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
+                speed=apt.speed_word(settings.speed_deg_s),
+            ),
+            serial_number=settings.serial_number,
+        )
+        self.identity = connected.info
+        self._zero = connected.zero
+        self._rest: int | None = connected.position
+        self._rules = MoveRules(
+            low=connected.limits.low,
+            high=connected.limits.high,
+            speed=settings.speed_deg_s * apt.COUNTS_PER_DEG,
+            acceleration=settings.acceleration_deg_s2 * apt.COUNTS_PER_DEG,
+            # One count less, since the motor may stand anywhere in the count that is read.
+            lead=math.floor(settings.lead_deg * apt.COUNTS_PER_DEG) - 1,
+            renew_s=settings.renew_s,
+            arrival=round(settings.arrival_deg * apt.COUNTS_PER_DEG),
+            unexpected=round(settings.unexpected_deg * apt.COUNTS_PER_DEG),
+            begin_s=settings.begin_s,
+        )
+
+    @property
+    def limits(self) -> Interval:
+        """Angles that it accepts."""
+        return self._settings.travel
+
+    @property
+    def angle_deg(self) -> float:
+        """Readback of the angle, now, in degrees: two readings in a row that agree.
+
+        Raises
+        ------
+        MoveError
+            If it reports an error, or has turned by itself since it came to rest.
+        LimitError
+            If it is outside its travel range; it was told to stop.
+        """
+        try:
+            return self._angle_of(self._readback())
+        except DeviceError:
+            self._let_go()
+            raise
+
+    def move_to(self, angle_deg: float) -> float:
+        """Go there, arrive from the usual side, come to rest, and return the angle read back in degrees.
+
+        Raises
+        ------
+        LimitError
+            If the angle is NaN or outside the travel range, and nothing moves; or if the stage left that range.
+        MoveError
+            If it does not arrive.
+        DeviceTimeoutError
+            If it falls silent.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        here = self._readback()
+        approach = plan_approach(
+            angle_deg,
+            here_deg=self._angle_of(here),
+            pushed=self._pushed,
+            usual=self._usual,
+            room_deg=self._settings.approach_deg,
+            travel=self.limits,
+            same_deg=_SAME_COUNTS / 2 / apt.COUNTS_PER_DEG,
+        )
+        arrived = False
+        self._rest = self._pushed = None
+        try:
+            for stop_deg in approach.stops_deg:
+                here = Move(line=self._line, clock=self._clock, rules=self._rules).go(self._counts_of(stop_deg), here)
+            arrived = True
+        finally:
+            # Also where the search is interrupted by a person or by its own error.
+            if not arrived:
+                self._let_go()
+        self._rest, self._pushed = here, approach.direction
+        self.approach_reversed = approach.reversed
+        return self._angle_of(here)
+
+    def stop(self) -> None:
+        """Stop at once, and see that it stands; allowed at any time, also twice.
+
+        Raises
+        ------
+        MoveError
+            If it goes on.
+        DeviceTimeoutError
+            If it does not say whether it stands.
+        """
+        ends_s = self._clock.now_s() + _STOP_S
+        before: int | None = None
+        while True:
+            self._line.send(apt.stop())
+            status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+            at_rest = not (status.moving or status.homing)
+            if at_rest and before is not None and abs(status.position - before) <= _SAME_COUNTS:
+                break
+            if not self._clock.now_s() < ends_s:
+                raise MoveError("the stage was told to stop and goes on; cut its power")
+            before = status.position if at_rest else None
+            self._clock.wait(_STOP_AGAIN_S)
+        if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
+            self._rest = self._pushed = None
+
+    def close(self) -> None:
+        """Let go of the line; the stage stays where it is. Allowed twice."""
+        self._line.close()
+
+    def _let_go(self) -> None:
+        """Stop, and leave it to the error that is under way to say why."""
+        self._rest = self._pushed = None
+        try:
+            self.stop()
+        except DeviceError:
+            return
+
+    def _readback(self) -> int:
+        """Position that was read twice in a row, in counts."""
+        last: int | None = None
+        for _ in range(_READS):
+            status = Move(line=self._line, clock=self._clock, rules=self._rules, rest=self._rest).look()
+            if last is not None and abs(status.position - last) <= _SAME_COUNTS:
+                return status.position
+            last = status.position
+        raise MoveError("the stage turns although nobody told it to; keep hands off its wheel, and end other programs")
+
+    def _angle_of(self, counts: int) -> float:
+        return apt.degrees_of(counts - self._zero)
+
+    def _counts_of(self, angle_deg: float) -> int:
+        """Counts of an angle inside the travel range, to the nearest that are inside, too."""
+        return min(max(self._zero + apt.counts_of(angle_deg), self._rules.low), self._rules.high)

@@ -1,0 +1,257 @@
+"""How an emulated KDC101 carries out moves, and everything that goes wrong with them."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from markerseek.emulators._prm1z8 import Prm1z8
+from markerseek.sim.faults import Fault
+from markerseek.wire import apt
+
+COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444
+"""What is said at the end of a move, after a stop, and at home."""
+
+VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 0x0440, 0x0450
+"""Messages that set a parameter; the next identity asks for it, the one after answers."""
+
+_BEGINS_S = 5e-3
+"""A move that was asked for begins so much later; until then the moving bits are clear."""
+_TOP_SPEED_DEG_S = 25.0
+_GO_ON = 1
+
+POWER_UP: Mapping[int, bytes] = {
+    VELOCITY: struct.pack("<H3i", apt.CHANNEL, 0, apt.acceleration_word(20), apt.speed_word(20)),
+    JOG: struct.pack("<HH4iH", apt.CHANNEL, 2, apt.counts_of(5), 0, 147, apt.speed_word(10), 2),
+    LIMITS: struct.pack("<3HIIH", apt.CHANNEL, 4, 4, 0, 0, _GO_ON),
+    BACKLASH: struct.pack("<Hi", apt.CHANNEL, apt.counts_of(1.0)),
+    HOME: struct.pack("<3Hii", apt.CHANNEL, 2, 1, apt.speed_word(10), apt.counts_of(4.0)),
+    TARGET: struct.pack("<Hi", apt.CHANNEL, 0),
+}
+"""Parameters after a loss of power: twice the usual speed, no limits, and a backlash correction of 1 deg."""
+
+_MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
+    *(0x10, 0x20, 0x100, 0x200, 0x400, 0x4000),
+    0x80000000,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameters:
+    """Those parameters that shape a move, in degrees, seconds and counts."""
+
+    speed_deg_s: float
+    acceleration_deg_s2: float
+    home_speed_deg_s: float
+    backlash_deg: float
+    soft_range: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, stored: Mapping[int, bytes]) -> Parameters:
+        """Parameters from the messages that set them."""
+        _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
+        _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
+        return cls(
+            speed_deg_s=max(speed / apt.SPEED_WORD, 1e-6),
+            acceleration_deg_s2=max(acceleration / apt.ACCELERATION_WORD, 1e-3),
+            home_speed_deg_s=max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6),
+            backlash_deg=struct.unpack("<Hi", stored[BACKLASH])[1] / apt.COUNTS_PER_DEG,
+            soft_range=None if mode == _GO_ON else (low, high),
+        )
+
+
+class MotionControl:
+    """Moves, homes and stops a PRM1Z8.
+
+    Parameters
+    ----------
+    stage
+        The mechanics.
+    fault
+        Gives the fault of that name if it holds now.
+
+    Attributes
+    ----------
+    moves, largest_lead_deg
+        Moves that began at rest; farthest that a target ever was ahead of the motor when it was given, in degrees.
+    events
+        What it has to say by itself, since somebody took it out.
+    """
+
+    def __init__(self, *, stage: Prm1z8, fault: Callable[[str], Fault | None]) -> None:
+        self.moves = 0
+        self.largest_lead_deg = 0.0
+        self.events: list[int] = []
+        self._stage = stage
+        self._motor = stage.motor
+        self._fault = fault
+        self._now_s = 0.0
+        self.wake_up(homed=True)
+
+    @property
+    def position(self) -> int:
+        """What it says that its position counter holds."""
+        if self._told is not None and self._fault("lies"):
+            return self._told
+        return self._stage.counts if self._frozen is None else self._frozen
+
+    @property
+    def bits(self) -> int:
+        """Its status bits."""
+        motor = self._motor
+        bits = _CONNECTED | _ENABLED
+        if not motor.at_rest:
+            bits |= _MOVING_UP if motor.target_deg > motor.angle_deg else _MOVING_DOWN
+        for flag, bit in ((self._homing, _HOMING), (self._homed, _HOMED), (self._error, _ERROR)):
+            bits |= bit if flag else 0
+        return bits
+
+    @property
+    def speed_deg_s(self) -> float:
+        """How fast the motor turns, in degrees per second."""
+        return self._motor.speed_deg_s
+
+    def wake_up(self, *, homed: bool) -> None:
+        """Forget all but the angle of the motor; without home, also what the counter held."""
+        self._motor.halt()
+        self._stage.offset = 0 if homed else self._stage.offset - self._stage.counts
+        self._homed = homed
+        self._homing = self._error = False
+        self._then_deg: float | None = None
+        self._pending: tuple[float, float] | None = None
+        self._frozen: int | None = None
+        self._told: int | None = None
+        self.learn(POWER_UP)
+
+    def learn(self, stored: Mapping[int, bytes]) -> None:
+        """Take over parameters."""
+        self._parameters = Parameters.of(stored)
+
+    def advance(self, now_s: float) -> None:
+        """Let time go by until that moment."""
+        self._fail()
+        while now_s > self._now_s:
+            until_s = now_s
+            if self._pending is not None:
+                until_s = min(now_s, max(self._pending[0], self._now_s))
+            self._turn(until_s - self._now_s)
+            self._now_s = until_s
+            if self._pending is not None and self._pending[0] <= until_s:
+                target_deg = self._pending[1]
+                self._pending = None
+                self._begin(target_deg)
+
+    def go(self, counts: int) -> None:
+        """Go to a place of the position counter: at once if it turns already, a moment later if it stands."""
+        motor = self._motor
+        target_deg = self._stage.angle_of(counts)
+        self._told = counts
+        self.largest_lead_deg = max(self.largest_lead_deg, abs(target_deg - motor.angle_deg))
+        if motor.at_rest and self._pending is None:
+            self.moves += 1
+            self._fail()
+        overshoot, early = self._fault("overshoot"), self._fault("done too early")
+        if overshoot is not None:
+            target_deg += math.copysign(overshoot.amount, target_deg - motor.angle_deg)
+        if self._fault("says done") or self._fault("lies"):
+            self.events.append(COMPLETED)
+        elif not motor.at_rest:
+            self._begin(target_deg)
+        else:
+            if early is not None:
+                self.events.append(COMPLETED)
+            begins_s = self._now_s + (_BEGINS_S if early is None else early.amount)
+            self._pending = (begins_s if self._pending is None else self._pending[0], target_deg)
+
+    def go_home(self) -> None:
+        """Turn down to the home switch, whatever the limits say."""
+        self.moves += 1
+        self._homing, self._homed = True, False
+        self._pending = self._then_deg = None
+        self._motor.target_deg = 360.0 * math.floor(self._motor.angle_deg / 360.0)
+        if self._motor.at_rest:
+            self._arrive()
+
+    def stop(self) -> None:
+        """Stop dead."""
+        if self._fault("ignores stop") is None:
+            self._motor.halt()
+            self._pending = self._then_deg = None
+            self._homing = False
+        self.events.append(STOPPED)
+
+    def set_counter(self, counts: int) -> None:
+        """Call this place by another number."""
+        self._stage.offset += counts - self._stage.counts
+
+    def _fail(self) -> None:
+        """Let happen what is wrong with the mechanics by now."""
+        if self._fault("power cut"):
+            self._motor.halt()
+            self._pending = self._then_deg = None
+        if self._fault("stall") and not self._motor.at_rest:
+            self._end_by_error()
+        if self._fault("frozen readback") is None:
+            self._frozen = None
+        elif self._frozen is None:
+            self._frozen = self._stage.counts
+
+    def _turn(self, duration_s: float) -> None:
+        if self._fault("frozen motor"):
+            return
+        moving = not self._motor.at_rest
+        if moving:
+            self._prepare()
+        if self._stage.advance(duration_s):
+            if self._fault("obstacle"):
+                self._end_by_error()
+            else:
+                self._arrive()
+        elif moving and self._motor.at_rest:
+            self._arrive()
+
+    def _prepare(self) -> None:
+        motor, parameters = self._motor, self._parameters
+        speed_deg_s = parameters.home_speed_deg_s if self._homing else parameters.speed_deg_s
+        acceleration_deg_s2 = parameters.acceleration_deg_s2
+        slow, fast, obstacle = self._fault("slow"), self._fault("too fast"), self._fault("obstacle")
+        if slow is not None:
+            speed_deg_s *= slow.amount
+        if fast is not None:
+            speed_deg_s = acceleration_deg_s2 = fast.amount
+        motor.top_speed_deg_s = min(speed_deg_s, _TOP_SPEED_DEG_S)
+        motor.acceleration_deg_s2 = acceleration_deg_s2
+        motor.low_deg, motor.high_deg = -math.inf, math.inf
+        if parameters.soft_range is not None and not self._homing:
+            low_deg, high_deg = (self._stage.angle_of(counts) for counts in parameters.soft_range)
+            # Outside already, it may still turn back.
+            motor.low_deg, motor.high_deg = min(low_deg, motor.angle_deg), max(high_deg, motor.angle_deg)
+        if obstacle is not None and (at_deg := self._stage.motor_angle_of(obstacle.amount)) >= motor.angle_deg:
+            motor.high_deg = min(motor.high_deg, at_deg)
+
+    def _begin(self, target_deg: float) -> None:
+        self._error = False
+        self._then_deg = None
+        backlash_deg = self._parameters.backlash_deg
+        if backlash_deg > 0 and target_deg < self._motor.angle_deg:
+            self._then_deg, target_deg = target_deg, target_deg - backlash_deg
+        self._motor.target_deg = target_deg
+        if self._motor.at_rest:
+            self._arrive()
+
+    def _arrive(self) -> None:
+        if self._then_deg is not None:
+            self._motor.target_deg, self._then_deg = self._then_deg, None
+        elif self._homing:
+            self._homing, self._homed = False, True
+            self._stage.offset -= self._stage.counts
+            self.events.append(HOMED)
+        else:
+            self.events.append(COMPLETED)
+
+    def _end_by_error(self) -> None:
+        self._motor.halt()
+        self._then_deg = None
+        self._error = True

@@ -1,0 +1,92 @@
+"""A motor that turns with a trapezoidal speed and can be sent elsewhere at any moment. Pure, and exact in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_NO_TIME_S = 1e-12
+
+
+@dataclass(slots=True, kw_only=True)
+class Motor:
+    """Where a motor is, where it goes, and where it has been.
+
+    Attributes
+    ----------
+    angle_deg, speed_deg_s
+        Where it is, and how fast it turns there, with its sign.
+    target_deg
+        Where it goes.
+    top_speed_deg_s, acceleration_deg_s2
+        How it gets there.
+    low_deg, high_deg
+        Where it stops dead: a soft limit, or an obstacle.
+    lowest_deg, highest_deg
+        How far it has been.
+    """
+
+    angle_deg: float
+    target_deg: float
+    speed_deg_s: float = 0.0
+    top_speed_deg_s: float = 10.0
+    acceleration_deg_s2: float = 10.0
+    low_deg: float = -math.inf
+    high_deg: float = math.inf
+    lowest_deg: float = math.inf
+    highest_deg: float = -math.inf
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it stands, and goes nowhere."""
+        return self.speed_deg_s == 0 and self.angle_deg == self.target_deg
+
+    def halt(self) -> None:
+        """Stand still at once."""
+        self.speed_deg_s = 0.0
+        self.target_deg = self.angle_deg
+
+    def advance(self, duration_s: float) -> bool:
+        """Turn for that long; whether it ran against a limit and stands there."""
+        left_s = duration_s
+        for phase_s, acceleration in self._phases():
+            step_s = min(phase_s, left_s)
+            self.angle_deg += self.speed_deg_s * step_s + acceleration * step_s**2 / 2
+            self.speed_deg_s += acceleration * step_s
+            left_s -= step_s
+            if not self.low_deg <= self.angle_deg <= self.high_deg:
+                self.angle_deg = min(max(self.angle_deg, self.low_deg), self.high_deg)
+                self.halt()
+                self._note()
+                return True
+            self._note()
+            if left_s <= _NO_TIME_S:
+                break
+        if left_s > _NO_TIME_S or (abs(self.angle_deg - self.target_deg) < 1e-9 and abs(self.speed_deg_s) < 1e-6):
+            self.angle_deg, self.speed_deg_s = self.target_deg, 0.0
+            self._note()
+        return False
+
+    def _phases(self) -> Iterator[tuple[float, float]]:
+        """Seconds and acceleration of each phase from here to rest at the target; none crosses a standstill."""
+        rate = self.acceleration_deg_s2
+        braked_deg = self.angle_deg + self.speed_deg_s * abs(self.speed_deg_s) / (2 * rate)
+        # Everything below is counted in the direction of the target as it is seen from where braking now would end.
+        sign = math.copysign(1.0, self.target_deg - braked_deg)
+        ahead = sign * self.speed_deg_s
+        way_deg = sign * (self.target_deg - self.angle_deg)
+        peak = min(math.sqrt(max(rate * way_deg + ahead**2 / 2, 0.0)), self.top_speed_deg_s)
+        if ahead < 0:
+            yield -ahead / rate, sign * rate
+            way_deg += ahead**2 / (2 * rate)
+            ahead = 0.0
+        yield abs(peak - ahead) / rate, math.copysign(rate, peak - ahead) * sign
+        cruise_deg = way_deg - abs(peak**2 - ahead**2) / (2 * rate) - peak**2 / (2 * rate)
+        if peak > 0:
+            yield max(cruise_deg, 0.0) / peak, 0.0
+        yield peak / rate, -sign * rate
+
+    def _note(self) -> None:
+        self.lowest_deg = min(self.lowest_deg, self.angle_deg)
+        self.highest_deg = max(self.highest_deg, self.angle_deg)

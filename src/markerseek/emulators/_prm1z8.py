@@ -1,0 +1,93 @@
+"""The mechanics of an emulated PRM1Z8: motor, encoder, play, and the probe that it turns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from markerseek.emulators._motor import Motor
+from markerseek.sim.faults import Fault
+from markerseek.wire.apt import COUNTS_PER_DEG
+
+
+class Turned(Protocol):
+    """Where the probe truly points: `markerseek.sim.Surroundings` has it."""
+
+    angle_deg: float
+
+
+class Prm1z8:
+    """A motor with an encoder, and behind some play a probe.
+
+    Angles of the motor are the stage's own, counted from its home; the probe's are the world's.
+
+    Parameters
+    ----------
+    probe
+        The probe that is turned.
+    zero_deg
+        Angle of the motor at which the probe points at 0, in degrees.
+    play_deg
+        Play between motor and probe: pushed from below the probe stands at the motor's angle, pulled from above by the
+        play behind it. In degrees.
+    fault
+        Gives the fault of that name if it holds now.
+    """
+
+    def __init__(
+        self, *, probe: Turned, zero_deg: float, play_deg: float, fault: Callable[[str], Fault | None]
+    ) -> None:
+        start_deg = probe.angle_deg + zero_deg
+        self.motor = Motor(angle_deg=start_deg, target_deg=start_deg)
+        self.lowest_deg = self.highest_deg = probe.angle_deg
+        self.offset = 0
+        self._probe = probe
+        self._zero_deg = zero_deg
+        self._play_deg = play_deg
+        self._fault = fault
+        self._slipped_deg = 0.0
+        self._jumped = False
+
+    @property
+    def counts(self) -> int:
+        """What the position counter holds."""
+        return round(self.motor.angle_deg * COUNTS_PER_DEG) + self.offset
+
+    def angle_of(self, counts: int) -> float:
+        """Angle of the motor at which the position counter holds so much, in degrees."""
+        return (counts - self.offset) / COUNTS_PER_DEG
+
+    def motor_angle_of(self, probe_deg: float) -> float:
+        """Angle of the motor at which it pushes the probe to that angle, in degrees."""
+        return probe_deg + self._zero_deg
+
+    def advance(self, duration_s: float) -> bool:
+        """Turn for that long; whether something stopped the motor that was not its target."""
+        motor = self.motor
+        jump = self._fault("readback jump")
+        if jump is not None and not self._jumped:
+            self._jumped = True
+            self.offset += round(jump.amount * COUNTS_PER_DEG)
+        if motor.at_rest and self._fault("slip") is None:
+            return False
+        motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
+        stopped = motor.advance(duration_s)
+        # How far the motor has been on the way matters to whoever checks the limits, also where it came back.
+        for angle_deg in (motor.lowest_deg, motor.highest_deg, motor.angle_deg):
+            if math.isfinite(angle_deg):
+                self._turn_probe(angle_deg)
+        return stopped
+
+    def _turn_probe(self, motor_deg: float) -> None:
+        slip, scale, play = self._fault("slip"), self._fault("scale"), self._fault("more play")
+        pushed_deg = motor_deg - self._zero_deg
+        if scale is not None:
+            pushed_deg *= 1 + scale.amount
+        if slip is not None:
+            pushed_deg += slip.amount
+        play_deg = self._play_deg if play is None else play.amount
+        angle_deg = min(max(self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
+        self._probe.angle_deg = angle_deg
+        self.lowest_deg = min(self.lowest_deg, angle_deg)
+        self.highest_deg = max(self.highest_deg, angle_deg)

@@ -1,0 +1,265 @@
+"""A KDC101 with a PRM1Z8, emulated at the level of bytes. Simulated, and says so in its notes.
+
+It answers the messages that drivers of a single-channel motor use, and turns the probe of a simulated world. It wakes
+up as a real one does: talking unasked, with parameters that nobody chose, and if one wants not homed.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import ConfigError
+from markerseek.emulators._kdc101_motion import (
+    BACKLASH,
+    HOME,
+    HOMED,
+    JOG,
+    LIMITS,
+    POWER_UP,
+    TARGET,
+    VELOCITY,
+    MotionControl,
+)
+from markerseek.emulators._prm1z8 import Prm1z8, Turned
+from markerseek.emulators.faulty_line import FaultyLine
+from markerseek.emulators.stage_faults import STAGE_FAULTS
+from markerseek.sim.faults import Fault
+from markerseek.wire import apt
+from markerseek.wire.apt_frames import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage
+
+_UPDATES_S = 0.1
+_FIRMWARE = (4, 0, 3, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kdc101Settings:
+    """How the emulated stage stands there before anybody talks to it.
+
+    Attributes
+    ----------
+    homed
+        Whether it was homed since it was switched on.
+    zero_deg
+        The stage's own angle at which the probe points at 0, in degrees.
+    turns
+        Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
+    play_deg
+        Play between motor and probe, in degrees.
+    model, serial_number
+        Who it says it is.
+    """
+
+    homed: bool = True
+    zero_deg: float = 0.0
+    turns: int = 0
+    play_deg: float = 0.1
+    model: str = "KDC101"
+    serial_number: int = 27000001
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.play_deg <= 5:
+            raise ConfigError(f"emulated stage: play_deg is {self.play_deg} deg, it must lie between 0 and 5 deg")
+        if not -360 <= self.zero_deg <= 360:
+            raise ConfigError(f"emulated stage: zero_deg is {self.zero_deg} deg, it must lie between -360 and 360 deg")
+        if not -10 <= self.turns <= 10:
+            raise ConfigError(f"emulated stage: turns is {self.turns}, it must lie between -10 and 10")
+
+
+class Kdc101Emulator:
+    """The controller: bytes in, bytes out, time told to it by `advance`.
+
+    Parameters
+    ----------
+    probe
+        What it turns: the truth, of which the controller knows only what its encoder says.
+    settings
+        How it stands there.
+    faults
+        What is wrong with it; a step is a move that begins at rest, counted from 1.
+    rng
+        Source of randomness, for faults that need it.
+    """
+
+    def __init__(
+        self,
+        *,
+        probe: Turned,
+        settings: Kdc101Settings | None = None,
+        faults: Sequence[Fault] = (),
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self._settings = settings or Kdc101Settings()
+        self._faults: dict[str, Fault] = {}
+        zero_deg = self._settings.zero_deg + 360.0 * self._settings.turns
+        self._stage = Prm1z8(probe=probe, zero_deg=zero_deg, play_deg=self._settings.play_deg, fault=self._fault)
+        self._motion = MotionControl(stage=self._stage, fault=self._fault)
+        self._line = FaultyLine(fault=self._fault, rng=rng or np.random.Generator(np.random.PCG64(0)))
+        self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
+        self._said = bytearray()
+        self._now_s = self._next_update_s = 0.0
+        self._handlers = self._listens_to()
+        self._wake_up(homed=self._settings.homed)
+        for fault in faults:
+            self.inject(fault)
+
+    @property
+    def truth_range_deg(self) -> tuple[float, float]:
+        """Lowest and highest angle at which the probe has truly been, in degrees."""
+        return self._stage.lowest_deg, self._stage.highest_deg
+
+    @property
+    def moves(self) -> int:
+        """Moves that began at rest."""
+        return self._motion.moves
+
+    @property
+    def largest_lead_deg(self) -> float:
+        """Farthest that a target ever was ahead of the motor when it was given, in degrees."""
+        return self._motion.largest_lead_deg
+
+    @property
+    def moving(self) -> bool:
+        """Whether the motor truly turns."""
+        return self._motion.speed_deg_s != 0
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong, from the step on that the fault names.
+
+        Raises
+        ------
+        ConfigError
+            If an emulated stage has no such fault.
+        """
+        if fault.name not in STAGE_FAULTS or fault.device != "stage":
+            raise ConfigError(
+                f"fault {fault.name!r} of the {fault.device} is none of an emulated stage; it has: "
+                f"{', '.join(STAGE_FAULTS)}"
+            )
+        self._faults[fault.name] = fault
+
+    def heal(self) -> None:
+        """Nothing is wrong any more; what has happened stays."""
+        self._faults.clear()
+        self._power_cycled = False
+
+    def advance(self, now_s: float) -> bytes:
+        """Let time go by until that moment, and return what the controller says by itself."""
+        if self._fault("power cycle") and not self._power_cycled:
+            self._wake_up(homed=False)
+            self._power_cycled = True
+        self._motion.advance(now_s)
+        self._now_s = now_s
+        if self._updates and self._next_update_s <= now_s:
+            self._next_update_s = now_s + _UPDATES_S
+            self._say_status(apt.STATUS)
+        return self._out()
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in bytes, and return what the controller answers at once."""
+        for message in self._framer.feed(self._line.to_device(data, now_s=self._now_s)):
+            handler = self._handlers.get(message.ident)
+            if handler is not None:
+                handler(message)
+        return self._out()
+
+    def _listens_to(self) -> dict[int, Callable[[AptMessage], None]]:
+        parameters = (VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET)
+        return {
+            **dict.fromkeys(parameters, self._set),
+            **dict.fromkeys([ident + 1 for ident in parameters], self._tell),
+            0x0005: self._tell_who,
+            0x0011: self._update,
+            0x0012: self._update,
+            0x0211: self._tell_enabled,
+            0x040A: self._tell_counter,
+            0x0410: self._set_counter,
+            0x0411: self._tell_counter,
+            0x0429: self._tell_bits,
+            0x0443: lambda _message: self._motion.go_home(),
+            0x0448: self._move_by,
+            0x0453: self._move,
+            0x0465: lambda _message: self._motion.stop(),
+            0x046B: self._end_of_moves,
+            0x046C: self._end_of_moves,
+            0x0480: self._tell_status,
+            0x0490: self._tell_status,
+        }
+
+    def _wake_up(self, *, homed: bool) -> None:
+        self._stored = dict(POWER_UP)
+        self._motion.wake_up(homed=homed)
+        self._updates = self._ends = True
+        self._next_update_s = self._now_s
+        self._power_cycled = False
+
+    def _fault(self, name: str) -> Fault | None:
+        fault = self._faults.get(name)
+        return fault if fault is not None and fault.holds_at(self._motion.moves) else None
+
+    def _out(self) -> bytes:
+        for event in self._motion.events:
+            if event == HOMED:
+                self._say(event, first=apt.CHANNEL)
+            elif self._ends:
+                self._say_status(event)
+        self._motion.events.clear()
+        said, self._said = bytes(self._said), bytearray()
+        return self._line.to_host(said, now_s=self._now_s)
+
+    def _set(self, message: AptMessage) -> None:
+        self._stored[message.ident] = message.data
+        self._motion.learn(self._stored)
+
+    def _set_counter(self, message: AptMessage) -> None:
+        self._motion.set_counter(struct.unpack("<Hi", message.data)[1])
+
+    def _move(self, message: AptMessage) -> None:
+        self._motion.go(struct.unpack("<Hi", message.data or self._stored[TARGET])[1])
+
+    def _move_by(self, message: AptMessage) -> None:
+        if message.data:
+            self._motion.go(self._stage.counts + struct.unpack("<Hi", message.data)[1])
+
+    def _update(self, message: AptMessage) -> None:
+        self._updates = message.ident == 0x0011
+
+    def _end_of_moves(self, message: AptMessage) -> None:
+        self._ends = message.ident == 0x046C
+
+    def _tell(self, message: AptMessage) -> None:
+        self._say(message.ident + 1, data=self._stored[message.ident - 1])
+
+    def _tell_who(self, message: AptMessage) -> None:
+        model, number = self._settings.model.encode("ascii"), self._settings.serial_number
+        notes = b"simulated by markerseek"
+        self._say(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
+
+    def _tell_enabled(self, message: AptMessage) -> None:
+        self._say(message.ident + 1, first=apt.CHANNEL, second=1)
+
+    def _tell_counter(self, message: AptMessage) -> None:
+        self._say(message.ident + 1, data=struct.pack("<Hi", apt.CHANNEL, self._motion.position))
+
+    def _tell_bits(self, message: AptMessage) -> None:
+        self._say(message.ident + 1, data=struct.pack("<HI", apt.CHANNEL, self._motion.bits))
+
+    def _tell_status(self, message: AptMessage) -> None:
+        self._say_status(message.ident + 1)
+
+    def _say_status(self, ident: int) -> None:
+        position, bits = self._motion.position, self._motion.bits
+        if ident == 0x0481:
+            data = struct.pack("<HiiI", apt.CHANNEL, position, position, bits)
+        else:
+            data = struct.pack("<HihHI", apt.CHANNEL, position, round(self._motion.speed_deg_s), 0, bits)
+        self._say(ident, data=data)
+
+    def _say(self, ident: int, *, first: int = 0, second: int = 0, data: bytes = b"") -> None:
+        if data:
+            self._said += struct.pack("<HHBB", ident, len(data), HOST | 0x80, CONTROLLER) + data
+        else:
+            self._said += struct.pack("<HBBBB", ident, first, second, HOST, CONTROLLER)

@@ -1,0 +1,73 @@
+"""One vocabulary of faults for every device: what is wrong, with which device, from when on, and how much."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+from markerseek.core import ConfigError
+
+DeviceName = Literal["stage", "laser", "receiver"]
+
+
+class FaultKind(StrEnum):
+    """The seven ways in which a device fails."""
+
+    OFF = "off"
+    STUCK = "stuck"
+    GARBAGE = "garbage"
+    WRONG = "wrong"
+    SLOW = "slow"
+    DELAYED = "delayed"
+    INTERMITTENT = "intermittent"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """Something wrong with a device.
+
+    Attributes
+    ----------
+    device
+        Which device.
+    name
+        Which of that device's faults; the emulators list theirs.
+    kind
+        What sort of fault it is.
+    observable
+        Whether the evidence is in what the devices send. What command and readback share is not observable: another
+        device must cover it, as a hard stop or a second encoder does.
+    meaning
+        What happens, in a sentence.
+    amount
+        How much, in the unit that the meaning names.
+    from_step
+        First step at which it holds; 0 from the start. What a step is, each device says.
+    to_step
+        First step at which it no longer holds; None for never.
+    """
+
+    device: DeviceName
+    name: str
+    kind: FaultKind
+    observable: bool
+    meaning: str
+    amount: float = 0.0
+    from_step: int = 0
+    to_step: int | None = None
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.amount):
+            raise ConfigError(f"fault {self.name!r}: amount is {self.amount}, it must be finite")
+        if not self.from_step >= 0:
+            raise ConfigError(f"fault {self.name!r}: from_step is {self.from_step}, it must be at least 0")
+        if self.to_step is not None and not self.to_step > self.from_step:
+            raise ConfigError(
+                f"fault {self.name!r}: to_step is {self.to_step}, it must be greater than from_step {self.from_step}"
+            )
+
+    def holds_at(self, step: int) -> bool:
+        """Whether the device is at fault in that step."""
+        return self.from_step <= step and (self.to_step is None or step < self.to_step)
