@@ -94,7 +94,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     marker = _draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
     kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-    spot, noise, peak = _scaled(kind.draw(marker, rng), marker, settings, model)
+    spot, noise, peak = scaled_spot(kind.draw(marker, rng), marker, settings, model)
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
@@ -199,13 +199,29 @@ def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absor
     )
 
 
-def _scaled(
+def scaled_spot(
     spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
 ) -> tuple[list[Absorber], Noise, float]:
     """The spot so strong that it fills the converter as set, noise for the peak SNR as set, and the peak, in counts.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
+
+    Parameters
+    ----------
+    spot
+        Absorbers of the marker.
+    marker
+        Its place.
+    settings
+        The simulated rig; of it count the receiver and the noise.
+    model
+        How it is heard.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be heard.
     """
     heard = model.channel_data(spot, angle_deg=marker.angle_deg)
     largest = _loudness(spot, model, marker)

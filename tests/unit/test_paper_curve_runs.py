@@ -13,8 +13,9 @@ from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSetti
 from markerseek.studies.paper import curve_runs
 from markerseek.studies.paper.curve_runs import Condition, Trials, errors_of_trials, study_of
 from markerseek.studies.paper.methods import searched
-from markerseek.studies.study import CurveSettings, cells
-from markerseek.studies.trial import draw_trial, study_rig
+from markerseek.studies.settings import CurveSettings
+from markerseek.studies.study import cells
+from markerseek.studies.worlds import draw_trial, study_rig
 
 
 @pytest.mark.parametrize("present", [True, False])

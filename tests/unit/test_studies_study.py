@@ -29,7 +29,7 @@ from markerseek.studies import (
 from markerseek.studies.chunks import chunk, chunk_count, chunk_rows, run_chunk
 from markerseek.studies.summary import compared
 from markerseek.studies.table import as_csv, columns, values_of
-from markerseek.studies.trial import draw_trial
+from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 

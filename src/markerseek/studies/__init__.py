@@ -1,10 +1,13 @@
 """Many runs, one table: a study is policies × worlds × trials, run on processes or a cluster, and summarised."""
 
 from markerseek.studies.runner import Finish, run_study
-from markerseek.studies.study import Axis, Cell, CurveSettings, PolicySettings, Study, World, cells, read_study
+from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, World
+from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.study_file import read_study
 from markerseek.studies.summary import FAILURE_DEG, Difference, PolicySummary, Summary, summarise
 from markerseek.studies.table import read_rows
-from markerseek.studies.trial import Row, intensity_curve, run_row, run_trial
+from markerseek.studies.trial import Row, run_row, run_trial
+from markerseek.studies.worlds import intensity_curve
 
 __all__ = [
     "FAILURE_DEG",

@@ -8,7 +8,7 @@ from markerseek.studies.study import Study, cells
 from markerseek.studies.table import as_csv, values_of
 from markerseek.studies.trial import run_trial
 
-_ROWS = {"curves": 1000, "frames": 16}
+_ROWS = {"curves": 1000, "readings": 64, "frames": 16}
 """Rows of a chunk, about: some seconds of work, so that little is lost when a study is killed."""
 
 

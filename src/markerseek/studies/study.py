@@ -14,121 +14,22 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
-import math
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.search import method_named
-from markerseek.settings_file import known_keys, read_toml, require_key
+from markerseek.settings_file import require_key
 from markerseek.sim import SimulatedSettings
+from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, Value, World
 
 VERSION = 1
 """Version of the form of a study."""
-
-Value: TypeAlias = str | float | int | bool | None
-"""A setting that can be varied."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolicySettings:
-    """One way to search, as for `markerseek.search.build`.
-
-    Attributes
-    ----------
-    method
-        Name of the method.
-    acquisitions
-        Most acquisitions; None: the method's own.
-    as_published
-        The paper's form, which always answers.
-    early_end
-        Whether a weighted average may end before its last angle.
-    """
-
-    method: str
-    acquisitions: int | None = None
-    as_published: bool = False
-    early_end: bool = True
-
-    def __post_init__(self) -> None:
-        least = method_named(self.method).least
-        if self.acquisitions is not None and not self.acquisitions >= least:
-            raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
-
-    @property
-    def most(self) -> int:
-        """Most acquisitions that it makes."""
-        return self.acquisitions or method_named(self.method).acquisitions
-
-    def __str__(self) -> str:
-        form = " as published" if self.as_published else ""
-        end = "" if self.early_end or self.method != "weighted-average" else ", no early end"
-        return f"{self.method}{form}, {self.most}{end}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CurveSettings:
-    """Where the intensities of the level "curves" come from; at the level "frames" only the acoustics count.
-
-    Attributes
-    ----------
-    family
-        From the acoustics of the rig, or a closed form (`markerseek.sim.curves`).
-    fwhm_deg, power
-        Full width at half maximum in degrees and exponent of the tails, for the closed forms.
-    draws
-        Number of spots of a tissue that are drawn and whose curves are computed; a trial takes one of them.
-    """
-
-    family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
-    fwhm_deg: float = 10.0
-    power: float = 1.0
-    draws: int = 4
-
-    def __post_init__(self) -> None:
-        for name in ("fwhm_deg", "power"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"curve: {name} is {getattr(self, name)}, it must be positive and finite")
-        if not 1 <= self.draws <= 1000:
-            raise ConfigError(f"curve: draws is {self.draws}, it must lie between 1 and 1000")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
-    """A setting that takes several values.
-
-    Attributes
-    ----------
-    key
-        Its name with the parts in front, as in ``rig.noise.peak_snr_db`` or ``curve.fwhm_deg``.
-    values
-        The values.
-    """
-
-    key: str
-    values: tuple[Value, ...]
-
-    def __post_init__(self) -> None:
-        if not self.values:
-            raise ConfigError(f"vary: {self.key} has no values; give at least one, or leave it out")
-        if len(set(self.values)) < len(self.values):
-            raise ConfigError(f"vary: {self.key} names a value twice: {list(self.values)}; the cells would be the same")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class World:
-    """Everything that one cell's searches have in common."""
-
-    curve: CurveSettings
-    rig: SimulatedSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +47,13 @@ class Study:
     trials
         Searches of each policy in each cell.
     level
-        From intensity curves, or from simulated channel data (hundreds of times slower).
+        From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
+        that are cut to where the marker is (`markerseek.studies.window_world`).
+    drawn
+        What chance decides anew in each trial, besides noise: the marker's angle and place, or everything that the
+        physics table calls unknown (`markerseek.studies.unknowns`), which needs readings or frames.
+    marks
+        Numbers of acquisitions, rising, after which is kept what the search would have answered.
     stay
         Whether the move to the answer and the confirmation there are left out.
     curve, rig
@@ -161,7 +68,9 @@ class Study:
     policies: tuple[PolicySettings, ...]
     seed: int = 1
     trials: int = 100
-    level: Literal["curves", "frames"] = "curves"
+    level: Literal["curves", "readings", "frames"] = "curves"
+    drawn: Literal["marker", "everything"] = "marker"
+    marks: tuple[int, ...] = ()
     stay: bool = False
     curve: CurveSettings = field(default_factory=CurveSettings)
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
@@ -182,8 +91,15 @@ class Study:
         keys = [axis.key for axis in self.vary]
         if len(set(keys)) < len(keys):
             raise ConfigError(f"vary: a key is named twice in {', '.join(keys)}")
-        if self.level == "frames" and any(key.startswith("curve.") for key in keys):
-            raise ConfigError("study: curve settings do nothing at the level of frames; leave them out of vary")
+        if any(later <= earlier for earlier, later in itertools.pairwise((0, *self.marks))):
+            raise ConfigError(f"study: marks are {list(self.marks)}, they must be positive and rise")
+        if (self.level == "curves") != (self.drawn == "marker") and self.level != "frames":
+            raise ConfigError(
+                f'study: level "{self.level}" cannot have drawn = "{self.drawn}"; curves need "marker", readings need '
+                '"everything", frames can have both'
+            )
+        if self.level != "curves" and any(key.startswith("curve.") for key in keys):
+            raise ConfigError(f"study: curve settings do nothing at the level of {self.level}; leave them out of vary")
         cells(self)
 
     @property
@@ -239,66 +155,30 @@ def cells(study: Study) -> tuple[Cell, ...]:
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key.split("."), value, whole=key)
-        if world.rig.noise.bursts is not None and study.level == "curves":
+        if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
+        if study.drawn == "everything":
+            _require_default(world.rig)
         digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
 
 
-def read_study(path: Path) -> Study:
-    """Study of a TOML file.
-
-    Its keys are the fields of `Study`. In ``[vary]`` stand lists, by dotted keys; ``acquisitions`` of a policy may be a
-    list, which stands for as many policies; the word ``"none"`` stands for a value left out on purpose.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a key is unknown, or a value does not fit; the message names file, key and cure.
-    """
-    table = read_toml(path, what="study file")
-    try:
-        # lists of tables are not dataclasses to the check of keys: each is checked on its own
-        policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
-        vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
-        settings = known_keys(table, Study)
-        return msgspec.convert({"name": path.stem, **settings, "policies": policies, "vary": vary}, Study)
-    except (ConfigError, msgspec.ValidationError) as problem:
-        raise ConfigError(f"{path}: {problem}") from problem
-
-
-def _tables(entries: object) -> list[dict[str, object]]:
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise ConfigError("policies must be tables, each headed [[policies]]")
-    return entries
-
-
-def _policies(entry: dict[str, object]) -> list[dict[str, object]]:
-    """One table of a policy for each number of acquisitions."""
-    known = known_keys(entry, PolicySettings, prefix="policies.")
-    numbers = known.get("acquisitions")
-    return [{**known, "acquisitions": number} for number in (numbers if isinstance(numbers, list) else [numbers])]
-
-
-def _flat(table: object, prefix: str = "") -> list[tuple[str, list[object]]]:
-    """Dotted keys of nested tables, with their lists."""
-    if not isinstance(table, Mapping):
-        raise ConfigError("vary must be a table of lists, headed [vary]")
-    found: list[tuple[str, list[object]]] = []
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            found += _flat(value, f"{prefix}{key}.")
-        elif isinstance(value, list):
-            found.append((f"{prefix}{key}", [None if entry == "none" else entry for entry in value]))
-        else:
-            raise ConfigError(f"vary: {prefix}{key} is {value!r}, a list of values is needed")
-    return found
+def _require_default(rig: SimulatedSettings) -> None:
+    """Refuse settings that would do nothing because they are drawn."""
+    usual = SimulatedSettings()
+    given = {
+        "rig.tissue": (rig.tissue, usual.tissue),
+        "rig.probe": (rig.probe, usual.probe),
+        "rig.laser.pulse_s": (rig.laser.pulse_s, usual.laser.pulse_s),
+        "rig.laser.pulses": (rig.laser.pulses, usual.laser.pulses),
+        "rig.marker.radius_m": (rig.marker.radius_m, usual.marker.radius_m),
+        "rig.marker.source_radius_m": (rig.marker.source_radius_m, usual.marker.source_radius_m),
+        "rig.receiver.trigger_offset_s": (rig.receiver.trigger_offset_s, usual.receiver.trigger_offset_s),
+    }
+    for key, (value, default) in given.items():
+        if value != default:
+            raise ConfigError(f'{key} is drawn anew in each trial where drawn = "everything"; leave it out')
 
 
 T = typing.TypeVar("T")

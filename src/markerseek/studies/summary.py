@@ -1,23 +1,30 @@
 """What a study's table says: per cell and policy errors, failures, answers, cost; and policies against one another.
 
-An error counts where a search says `Found` and the truth is known. It fails where that error exceeds `FAILURE_DEG`, or
-where it found something and there is no marker; failure rates are shares of the searches that found. A method that
-says "not found" is therefore judged by its answers' shares as well. Memory does not grow with the table.
+Two sets of figures stand beside one another. Of the searches that say `Found`: error, and failures, errors beyond
+`FAILURE_DEG` or something found where there is no marker. Of every search with a marker, whatever it answers: error of
+``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed ("not found" of a marker that is there), and
+found and off by more than `CLAIM_DEG` (promise P10); and how often a 95 % interval covers (P11). Memory does not grow
+with the table.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from itertools import combinations, groupby
 
 import msgspec
 
+from markerseek.studies.settings import PolicySettings, Value
 from markerseek.studies.statistics import Mean, Moments, Share
-from markerseek.studies.study import PolicySettings, Study, Value, cells
+from markerseek.studies.study import Study, cells
 from markerseek.studies.trial import ANSWERS, Row
 
 FAILURE_DEG = 4.33
 """Error beyond which a search failed: the half range within which a tool tip is seen (paper, section 2.5 D)."""
+
+CLAIM_DEG = 1.0
+"""Error beyond which a search that says `Found` claimed what is wrong (promise P10)."""
 
 ALL_PAIRS = 6
 """Most policies of which every pair is compared; of more, those with the same number of acquisitions."""
@@ -27,7 +34,13 @@ _BLOCK = 4096
 
 
 class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One policy in one cell: of `trials` searches, the answers' shares; of those found, errors and failures."""
+    """One policy in one cell.
+
+    ``error_deg``, ``failures`` are of the searches that found. The rest is of all with a marker, whatever the answer:
+    ``any_error_deg`` with its root mean square ``rmse_deg``, ``off``, ``not_found``, ``missed``, ``wrong_claims``;
+    ``covered`` is of those that gave an interval, ``false_found`` of those without a marker. ``marks_deg`` holds the
+    mean errors after so many acquisitions as the study's marks say.
+    """
 
     cell: int
     settings: dict[str, Value]
@@ -40,6 +53,15 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     trials: int
     error_deg: Mean
     failures: Share
+    any_error_deg: Mean
+    rmse_deg: float | None
+    off: Share
+    not_found: Share
+    missed: Share
+    wrong_claims: Share
+    covered: Share
+    false_found: Share
+    marks_deg: list[Mean]
     answers: dict[str, Share]
     acquisitions: Mean
     travel_deg: Mean
@@ -84,7 +106,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     differences: list[Difference] = []
     count = 0
     for index, of_cell in groupby(rows, key=lambda row: row.cell):
-        tallies = [_Tally() for _ in study.policies]
+        tallies = [_Tally(len(study.marks)) for _ in study.policies]
         apart = [Moments() for _ in pairs]
         for block in _blocks(of_cell, len(study.policies)):
             for policy, tally in enumerate(tallies):
@@ -136,10 +158,14 @@ def failed(row: Row) -> bool:
 class _Tally:
     """What is kept of one policy in one cell."""
 
-    def __init__(self) -> None:
+    def __init__(self, marks: int) -> None:
         self._trials = self._failures = self._refused = 0
         self._answers = dict.fromkeys(ANSWERS, 0)
         self._error, self._acquisitions, self._travel, self._elapsed = Moments(), Moments(), Moments(), Moments()
+        self._any_error, self._any_square = Moments(), Moments()
+        self._marks = [Moments()] * marks
+        self._with_marker = self._off = self._found = self._missed = self._wrong = 0
+        self._intervals = self._covered = self._without = self._false = 0
 
     def add(self, rows: list[Row]) -> None:
         self._trials += len(rows)
@@ -147,14 +173,40 @@ class _Tally:
             self._answers[row.answer] += 1
             self._failures += failed(row)
             self._refused += row.refused
+            self._count(row)
         self._error = self._error.merged(Moments.of([e for row in rows if (e := _error(row)) is not None]))
+        known = [row.error_deg for row in rows if row.error_deg is not None]
+        self._any_error = self._any_error.merged(Moments.of(known))
+        self._any_square = self._any_square.merged(Moments.of([error**2 for error in known]))
+        for mark, moments in enumerate(self._marks):
+            here = [
+                abs(row.marks_deg[mark] - row.truth_deg) for row in rows if row.truth_deg is not None and row.marks_deg
+            ]
+            self._marks[mark] = moments.merged(Moments.of(here))
         self._acquisitions = self._acquisitions.merged(
             Moments.of([float(row.acquisitions) for row in rows if row.acquisitions is not None])
         )
         self._travel = self._travel.merged(Moments.of([row.travel_deg for row in rows if row.travel_deg is not None]))
         self._elapsed = self._elapsed.merged(Moments.of([row.elapsed_s for row in rows if row.elapsed_s is not None]))
 
+    def _count(self, row: Row) -> None:
+        if row.truth_deg is None:
+            self._without += 1
+            self._false += row.answer == "found"
+            return
+        self._with_marker += 1
+        error_deg = row.error_deg
+        self._off += error_deg is None or not error_deg <= FAILURE_DEG
+        self._found += row.answer == "found"
+        self._missed += row.answer == "not found"
+        self._wrong += row.answer == "found" and (error_deg is None or not error_deg <= CLAIM_DEG)
+        if row.low_deg is not None and row.high_deg is not None:
+            self._intervals += 1
+            self._covered += row.low_deg <= row.truth_deg <= row.high_deg
+
     def summary(self, *, cell: int, settings: dict[str, Value], policy: int, said: PolicySettings) -> PolicySummary:
+        there = self._with_marker
+        mean_square = self._any_square.mean if self._any_square.count else None
         return PolicySummary(
             cell=cell,
             settings=settings,
@@ -167,6 +219,15 @@ class _Tally:
             trials=self._trials,
             error_deg=Mean.of(self._error),
             failures=Share.of(self._failures, self._answers["found"]),
+            any_error_deg=Mean.of(self._any_error),
+            rmse_deg=None if mean_square is None else math.sqrt(mean_square),
+            off=Share.of(self._off, there),
+            not_found=Share.of(there - self._found, there),
+            missed=Share.of(self._missed, there),
+            wrong_claims=Share.of(self._wrong, there),
+            covered=Share.of(self._covered, self._intervals),
+            false_found=Share.of(self._false, self._without),
+            marks_deg=[Mean.of(moments) for moments in self._marks],
             answers={answer: Share.of(hits, self._trials) for answer, hits in self._answers.items()},
             acquisitions=Mean.of(self._acquisitions),
             travel_deg=Mean.of(self._travel),

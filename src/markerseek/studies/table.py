@@ -17,7 +17,8 @@ from typing import BinaryIO
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.studies.study import Study, Value, cells
+from markerseek.studies.settings import Value
+from markerseek.studies.study import Study, cells
 from markerseek.studies.trial import Row
 
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
@@ -108,6 +109,8 @@ def committed(path: Path) -> Iterator[BinaryIO]:
 
 
 def _field(value: object) -> object:
+    if isinstance(value, tuple):
+        return " ".join(repr(part) for part in value)
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value) if isinstance(value, float) else value
@@ -117,4 +120,6 @@ def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
     named: dict[str, object] = {
         name: None if text == "" else text for name, text in zip(COLUMNS, line[: len(COLUMNS)], strict=True)
     }
+    marks = line[COLUMNS.index("marks_deg")]
+    named["marks_deg"] = [float(part) for part in marks.split()]
     return msgspec.convert({**named, "settings": by_cell[int(line[2])]}, Row, strict=False)

@@ -32,8 +32,9 @@ from markerseek.studies.paper.methods import (
     shorter,
 )
 from markerseek.studies.paper.positions import PEAK_COUNTS
-from markerseek.studies.study import Cell, CurveSettings, PolicySettings, Study, cells
-from markerseek.studies.trial import Draw, draw_trial, intensity_curve, study_rig
+from markerseek.studies.settings import CurveSettings, PolicySettings
+from markerseek.studies.study import Cell, Study, cells
+from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,8 +23,8 @@ from markerseek.studies.paper.bare_rules import bare_answer, bare_listener
 from markerseek.studies.paper.curve_runs import Condition
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import BUILT, NAMES, Name, searched
-from markerseek.studies.study import CurveSettings
-from markerseek.studies.trial import intensity_curve
+from markerseek.studies.settings import CurveSettings
+from markerseek.studies.worlds import intensity_curve
 
 WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
 """Curve and noise of all faults but one: without a fault, neither set of rules fails on it."""

@@ -1,0 +1,128 @@
+"""Everything that nobody knows of a rig, drawn anew: each row of the physics table over the range that stands there.
+
+Policies are told none of it. Beside the table's rows the medium's attenuation is drawn, from that of a gel pad to that
+of soft tissue. The receiver's settings (sampling, samples, noise) stay those of the study.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.acoustics import (
+    Absorber,
+    AcousticModel,
+    Band,
+    GaussianAbsorber,
+    GaussianPulse,
+    LaserPulse,
+    Medium,
+    Probe,
+    RectanglePulse,
+)
+
+ELEMENT_HEIGHT_M = (3e-3, 6e-3)
+"""Element height in metres."""
+
+FOCUS_M = (20e-3, 40e-3)
+"""Elevation focus in metres."""
+
+NO_LENS = 0.2
+"""Share of probes without a lens."""
+
+FACE_RADIUS_M = (8e-3, 12e-3)
+"""Distance of the face from the axis in metres."""
+
+MARKER_RADIUS_M = (35e-3, 70e-3)
+"""Distance of the marker from the axis in metres."""
+
+SOURCE_RADIUS_M = (0.05e-3, 0.4e-3)
+"""Radius of the Gaussian absorber in metres, evenly spread in its logarithm."""
+
+PULSE_S = (5e-9, 600e-9)
+"""Length of the laser pulse in seconds: of a rectangle, or (as often) the full width at half maximum of a Gaussian."""
+
+TRIGGER_OFFSET_S = (-1e-6, 1e-6)
+"""Trigger offset in seconds."""
+
+SOUND_SPEED_M_S = (1450.0, 1600.0)
+"""Speed of sound in m/s."""
+
+CENTRE_HZ = (4e6, 7e6)
+"""Frequency of the band's largest gain in Hz; the band reaches 1.5 MHz below and 2.5 MHz above it, as usual."""
+
+ATTENUATION_DB_CM_MHZ = (0.05, 0.5)
+"""Attenuation in dB/(cm MHz)."""
+
+PULSES = (1, 128)
+"""Pulses averaged, evenly spread in their logarithm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknowns:
+    """One rig and one marker.
+
+    Attributes
+    ----------
+    model
+        How the marker is heard.
+    marker
+        The marker, of strength 1.
+    pulses
+        Pulses averaged in one acquisition.
+    """
+
+    model: AcousticModel
+    marker: Absorber
+    pulses: int
+
+
+def draw_unknowns(
+    rng: np.random.Generator, *, marker_deg: float, lateral_m: float, sampling_hz: float, samples: int
+) -> Unknowns:
+    """Draw a rig and a marker.
+
+    Parameters
+    ----------
+    rng
+        Source of randomness.
+    marker_deg, lateral_m
+        Place of the marker, in degrees and metres.
+    sampling_hz, samples
+        Of the receiver.
+    """
+    focus_m = None if rng.random() < NO_LENS else float(rng.uniform(*FOCUS_M))
+    probe = Probe(
+        element_height_m=float(rng.uniform(*ELEMENT_HEIGHT_M)),
+        elevation_focus_m=focus_m,
+        face_radius_m=float(rng.uniform(*FACE_RADIUS_M)),
+    )
+    pulse_s = float(rng.uniform(*PULSE_S))
+    laser: LaserPulse = RectanglePulse(duration_s=pulse_s) if rng.random() < 0.5 else GaussianPulse(fwhm_s=pulse_s)
+    centre_hz = float(rng.uniform(*CENTRE_HZ))
+    medium = Medium(
+        sound_speed_m_s=float(rng.uniform(*SOUND_SPEED_M_S)),
+        attenuation_db_cm_mhz=float(rng.uniform(*ATTENUATION_DB_CM_MHZ)),
+    )
+    model = AcousticModel(
+        probe=probe,
+        medium=medium,
+        laser=laser,
+        band=Band(centre_hz=centre_hz, low_hz=centre_hz - 1.5e6, high_hz=centre_hz + 2.5e6),
+        sampling_hz=sampling_hz,
+        samples=samples,
+        trigger_offset_s=float(rng.uniform(*TRIGGER_OFFSET_S)),
+    )
+    marker = Absorber(
+        radius_m=float(rng.uniform(*MARKER_RADIUS_M)),
+        angle_deg=marker_deg,
+        lateral_m=lateral_m,
+        source=GaussianAbsorber(radius_m=_log_uniform(rng, *SOURCE_RADIUS_M)),
+    )
+    return Unknowns(model=model, marker=marker, pulses=round(_log_uniform(rng, *PULSES)))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return math.exp(rng.uniform(math.log(low), math.log(high)))

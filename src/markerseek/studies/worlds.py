@@ -1,0 +1,206 @@
+"""The worlds of a study: what chance decides in a trial, and the rig on which it searches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from markerseek import rigs
+from markerseek.acoustics import Absorber, Digitiser, Noise
+from markerseek.core import Reader
+from markerseek.rigs.simulation import _in_world
+from markerseek.scene import draw_scene, image_reader, scaled_spot, scene_curve
+from markerseek.sim import (
+    GaussianCurve,
+    IntensityCurve,
+    LaserSettings,
+    PowerCurve,
+    RecordedCurve,
+    SechCurve,
+    SimulatedSettings,
+    Surroundings,
+    VirtualClock,
+    World,
+    tissue_named,
+)
+from markerseek.studies.settings import CurveSettings
+from markerseek.studies.study import Cell, Study
+from markerseek.studies.unknowns import Unknowns, draw_unknowns
+from markerseek.studies.window_world import HeardReader, Window, WindowWorld, window_of
+
+_LOUDEST_COUNTS = 1800.0
+"""Largest count of a marker in a channel, noise apart, that the converter's full scale of 2047 allows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Draw:
+    """What chance decides in a trial, the same for every policy.
+
+    Attributes
+    ----------
+    marker_deg, lateral_m
+        Place of the marker.
+    curve
+        Which of the drawn spots it is, at the level of curves.
+    noise_seed
+        Seed of all noise; at the level of frames also of the spot.
+    unknowns
+        The rig and the marker, where a study draws them anew for each trial; else None.
+    """
+
+    marker_deg: float
+    lateral_m: float
+    curve: int
+    noise_seed: int
+    unknowns: Unknowns | None = None
+
+
+def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
+    """Draw what chance decides in a trial.
+
+    Parameters
+    ----------
+    study, cell, trial
+        Whose; of the study only the seed counts, and of the cell only its settings.
+    """
+    world = cell.world
+    rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))  # noqa: TID251  a study names its seeds
+    search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
+    angle_deg, place_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
+    lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
+    curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
+    unknowns = None
+    if study.drawn == "everything":
+        unknowns = draw_unknowns(
+            rng,
+            marker_deg=marker_deg,
+            lateral_m=lateral_m,
+            sampling_hz=receiver.sampling_hz,
+            samples=receiver.samples,
+        )
+    return Draw(marker_deg=marker_deg, lateral_m=lateral_m, curve=curve, noise_seed=noise_seed, unknowns=unknowns)
+
+
+def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
+    """The rig on which a trial searches, at rest at its start.
+
+    Parameters
+    ----------
+    study, cell, draw
+        Whose, and what chance decided.
+    """
+    settings = cell.world.rig
+    if draw.unknowns is not None:
+        return _drawn_rig(study, settings, draw.unknowns, noise_seed=draw.noise_seed)
+    if study.level == "frames":
+        marker = replace(settings.marker, angle_deg=draw.marker_deg, lateral_m=draw.lateral_m)
+        return rigs.simulated(seed=draw.noise_seed, settings=replace(settings, marker=marker))
+    curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
+    return rigs.of_intensities(
+        seed=draw.noise_seed, curve=curve, marker_deg=draw.marker_deg, cells=images_cells, settings=settings
+    )
+
+
+def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *, noise_seed: int) -> rigs.Rig:
+    """A rig of which everything was drawn, of frames or of readings."""
+    model, rng = unknowns.model, np.random.default_rng(noise_seed)  # noqa: TID251  a study names its seeds
+    settings = replace(settings, probe=model.probe, laser=replace(settings.laser, pulses=unknowns.pulses))
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    reader: Reader
+    if study.level == "frames":
+        spot, noise = _audible(unknowns, settings)
+        reader = imaging
+        world: Surroundings = World(
+            model=model,
+            absorbers=spot if settings.marker.present else (),
+            noise=noise,
+            digitiser=Digitiser(),
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+        )
+    else:
+        reader = HeardReader()
+        world = WindowWorld(
+            _window(unknowns, settings),
+            present=settings.marker.present,
+            peak_snr_db=settings.noise.peak_snr_db,
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+        )
+    return _in_world(
+        world,
+        settings,
+        clock=VirtualClock(),
+        reader=reader,
+        imaging=imaging if study.level == "frames" else None,
+        description=f"simulated {study.level}, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
+        truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
+    )
+
+
+def _audible(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
+    """Marker and noise in counts, the gain turned up until the noise is a count or the marker nearly at full scale."""
+    marker, model = unknowns.marker, unknowns.model
+    spot, noise, _ = scaled_spot([marker], marker, settings, model)
+    gain = max(1.0, min(1.0 / noise.white_sigma, _LOUDEST_COUNTS / settings.receiver.peak_counts))
+    return [replace(each, strength=each.strength * gain) for each in spot], replace(
+        noise, white_sigma=noise.white_sigma * gain
+    )
+
+
+@lru_cache(maxsize=4)
+def _window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
+    """The policies of one trial share it."""
+    model = unknowns.model
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    return window_of(unknowns, imaging=imaging, travel=settings.limits.travel)
+
+
+def intensity_curve(
+    curve: CurveSettings, rig: SimulatedSettings, *, seed: int, draw: int = 0
+) -> tuple[IntensityCurve | None, int]:
+    """Noise-free curve of a world over the angle off the marker, and the independent cells of its images.
+
+    An acoustic curve is computed once for settings that sound alike and kept in memory; the marker lies in the middle
+    of the array. None is a closed form without a marker.
+
+    Parameters
+    ----------
+    curve, rig
+        Settings of the world.
+    seed, draw
+        Seed of the study, and the number of the spot that is drawn from it.
+    """
+    if curve.family == "acoustic":
+        tissue = tissue_named(rig.tissue)
+        drawn = tissue.clutter is not None or (tissue.spot.count > 1 and rig.marker.source_radius_m is None)
+        return _acoustic_curve(_as_heard(rig), seed, draw if drawn else 0)
+    if not rig.marker.present:
+        return None, rigs.USUAL_CELLS
+    if curve.family == "gaussian":
+        return GaussianCurve(fwhm_deg=curve.fwhm_deg), rigs.USUAL_CELLS
+    if curve.family == "sech":
+        return SechCurve(fwhm_deg=curve.fwhm_deg), rigs.USUAL_CELLS
+    return PowerCurve(fwhm_deg=curve.fwhm_deg, power=curve.power), rigs.USUAL_CELLS
+
+
+def _as_heard(rig: SimulatedSettings) -> SimulatedSettings:
+    """The settings with all that does not change the curve at its default, so that equal curves are made once."""
+    return SimulatedSettings(
+        tissue=rig.tissue,
+        marker=replace(rig.marker, angle_deg=0.0, lateral_m=0.0),
+        probe=rig.probe,
+        laser=LaserSettings(pulse_s=rig.laser.pulse_s),
+        receiver=replace(rig.receiver, readout_s=0.0),
+    )
+
+
+@lru_cache(maxsize=256)
+def _acoustic_curve(rig: SimulatedSettings, seed: int, draw: int) -> tuple[RecordedCurve, int]:
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))  # noqa: TID251  a study names its seeds
+    return scene_curve(draw_scene(rig, rng), peak_counts=rig.receiver.peak_counts)
