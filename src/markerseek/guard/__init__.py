@@ -1,7 +1,7 @@
 """What stands between a search and the devices: limits, leave to fire, admission of frames, and the state of a rig."""
 
 from markerseek.guard.admission import Admission
-from markerseek.guard.exposure import SkinExposure, correction_c_a, skin_limit_j_m2
+from markerseek.guard.exposure import SkinExposure, skin_limit_j_m2
 from markerseek.guard.lease import Lease
 from markerseek.guard.limits import Limits
 from markerseek.guard.machine import Guard, State
@@ -16,6 +16,5 @@ __all__ = [
     "Permits",
     "SkinExposure",
     "State",
-    "correction_c_a",
     "skin_limit_j_m2",
 ]

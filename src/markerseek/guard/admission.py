@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from markerseek.core import (
-    AcquisitionError,
-    ChannelFrame,
-    ConfigError,
-    Frame,
-    Permit,
-    Reading,
-    ReadingFrame,
-    SaturationError,
-)
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading, SaturationError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,22 +48,9 @@ class Admission:
     ) -> None:
         """Refuse a frame that is not the answer to this permit.
 
-        Parameters
-        ----------
-        frame
-            The frame, its header completed with the readback before and after.
-        permit
-            The permit under which it was asked for.
-        issued_s, now_s
-            When the permit was issued, and now, on the rig's clock in seconds.
-        previous
-            The frame before in this run, None for the first.
-
-        Raises
-        ------
-        AcquisitionError
-            If it carries another token, comes out of order, was not fired as permitted, was taken while moving, at
-            another time, is of another shape, or holds old data.
+        Its header must carry the readback before and after. Times are on the rig's clock in seconds, `previous` is the
+        frame before in this run. `AcquisitionError` if it carries another token, comes out of order, was not fired as
+        permitted, was taken while moving or at another time, is of another shape, or holds old data.
         """
         header = frame.header
         if header.token != permit.token:
@@ -106,26 +84,21 @@ class Admission:
             raise AcquisitionError(
                 f"the frame is {_shape(frame)}, the one before was {_shape(previous)}; was a setting changed in a run?"
             )
-        if not self.repeats and _unchanged(frame, previous):
+        if not self.repeats and _is_old(frame, previous):
             raise AcquisitionError("stale frame: its data are constant, or those of the frame before; take it again")
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
         """Refuse a reading that cannot be a measurement.
 
-        Raises
-        ------
-        AcquisitionError
-            If the intensity is not a finite number of at least 0, another feature is not finite, or too many channels
-            are dead.
-        SaturationError
-            If too many channels are saturated.
+        `AcquisitionError` if the intensity is not a finite number of at least 0, another feature is not finite, or too
+        many channels are dead; `SaturationError` if too many are saturated.
         """
         if not 0 <= reading.intensity < math.inf:
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
-        for name in ("lateral_m", "depth_m", "arrival_s", "noise_sigma", "coherence"):
-            value = getattr(reading, name)
-            if value is not None and not math.isfinite(value):
-                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
+        for feature in fields(reading):
+            value = getattr(reading, feature.name)
+            if isinstance(value, float | np.floating) and not math.isfinite(value):
+                raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
         saturated = reading.saturated_fraction
         if saturated is not None and not saturated <= self.saturated_limit:
             raise SaturationError(
@@ -133,25 +106,26 @@ class Admission:
                 f"{self.saturated_limit:.0%}; reduce the gain or the laser's energy"
             )
         if isinstance(frame, ChannelFrame):
-            dead = len(reading.dead_channels) / frame.samples.shape[0]
-            if not dead <= self.dead_limit:
+            dead, channels = len(reading.dead_channels), frame.samples.shape[0]
+            if not dead <= self.dead_limit * channels:
                 raise AcquisitionError(
-                    f"{len(reading.dead_channels)} of {frame.samples.shape[0]} channels are dead, the limit is "
-                    f"{self.dead_limit:.0%}; check the probe's connector"
+                    f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}; "
+                    "check the probe's connector"
                 )
+
+
+def _data(frame: Frame) -> np.ndarray:
+    return frame.samples if isinstance(frame, ChannelFrame) else np.array(frame.intensity)
 
 
 def _shape(frame: Frame) -> str:
     """What must stay the same within a run, in words."""
-    if isinstance(frame, ReadingFrame):
-        return "an intensity"
-    return f"{frame.samples.shape[0]} channels of {frame.samples.shape[1]} samples at {frame.sampling_hz:g} Hz"
+    rate = f" at {frame.sampling_hz:g} Hz" if isinstance(frame, ChannelFrame) else ""
+    return f"of shape {_data(frame).shape}{rate}"
 
 
-def _unchanged(frame: Frame, previous: Frame | None) -> bool:
+def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether no new data can have come."""
-    if isinstance(frame, ChannelFrame):
-        if np.all(frame.samples == frame.samples[0, 0]):
-            return True
-        return isinstance(previous, ChannelFrame) and np.array_equal(frame.samples, previous.samples)
-    return isinstance(previous, ReadingFrame) and frame.intensity == previous.intensity
+    data = _data(frame)
+    constant = data.ndim > 0 and not np.any(data.ravel() != data.ravel()[:1])
+    return constant or (previous is not None and np.array_equal(data, _data(previous)))

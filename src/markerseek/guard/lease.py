@@ -11,19 +11,14 @@ class Lease:
     Parameters
     ----------
     period_s
-        Longest silence between two steps in seconds, above 0 and at most 1: a lease without a period never ends.
-
-    Raises
-    ------
-    ConfigError
-        If the period is NaN or out of its range.
+        Longest silence between two steps, in (0, 1] s: a lease without a period would never end.
     """
 
     def __init__(self, *, period_s: float) -> None:
         if not 0 < period_s <= 1:
             raise ConfigError(f"lease: period_s is {period_s} s, it must lie in (0, 1] s")
         self._period_s = period_s
-        self._step = -1
+        self._step = 0
         self._ends_s: float | None = None
 
     @property
@@ -37,10 +32,11 @@ class Lease:
             self._ends_s = now_s + self._period_s
 
     def beat(self, step: int, *, now_s: float) -> None:
-        """Renew it if the step is a new one and comes in time; a lease that has lapsed stays so until `release`."""
-        if step > self._step and self._ends_s is not None and not self.lapsed(now_s=now_s):
-            self._ends_s = now_s + self._period_s
-        self._step = max(self._step, step)
+        """Renew it by a step above all before, from 1 on; one that has lapsed stays so until `release`."""
+        if step > self._step:
+            self._step = step
+            if self._ends_s is not None and not self.lapsed(now_s=now_s):
+                self._ends_s = now_s + self._period_s
 
     def lapsed(self, *, now_s: float) -> bool:
         """Whether it is held and no step came in time."""

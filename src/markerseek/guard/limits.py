@@ -16,12 +16,7 @@ class Limits:
     search
         Angles at which a policy may ask for an acquisition.
     travel
-        Angles at which the probe may be at all; wider, so that a target can be approached from one side.
-
-    Raises
-    ------
-    ConfigError
-        If the search range is not inside the travel range.
+        Angles at which the probe may be at all; it holds the search range, and room to approach from one side.
     """
 
     search: Interval = PAPER_RANGE
@@ -35,13 +30,7 @@ class Limits:
             )
 
     def require_search(self, angle_deg: float) -> None:
-        """Refuse an angle outside the search range.
-
-        Raises
-        ------
-        LimitError
-            If the angle is NaN or outside; nothing has moved.
-        """
+        """Refuse an angle that is NaN or outside the search range by a `LimitError`, before anything moves."""
         if angle_deg not in self.search:
             raise LimitError(
                 f"angle {angle_deg:g} deg is outside the search range {self.search}; nothing was moved; "
@@ -49,13 +38,7 @@ class Limits:
             )
 
     def require_travel(self, readback_deg: float) -> None:
-        """Refuse to go on from a readback outside the travel range.
-
-        Raises
-        ------
-        LimitError
-            If the readback is NaN or outside.
-        """
+        """Refuse a readback that is NaN or outside the travel range by a `LimitError`."""
         if readback_deg not in self.travel:
             raise LimitError(
                 f"the stage says that it stands at {readback_deg:g} deg, outside its travel range {self.travel}; "

@@ -38,14 +38,7 @@ class Guard:
         Most that the readback may differ from the angle asked for, in degrees.
     """
 
-    def __init__(
-        self,
-        *,
-        limits: Limits,
-        firing: FiringLimits,
-        admission: Admission,
-        arrival_deg: float = 0.1,
-    ) -> None:
+    def __init__(self, *, limits: Limits, firing: FiringLimits, admission: Admission, arrival_deg: float = 0.1) -> None:
         if not 0 < arrival_deg < limits.travel.width_deg:
             raise ConfigError(f"guard: arrival_deg is {arrival_deg} deg, it must be positive and less than the travel")
         self.limits = limits
@@ -120,12 +113,11 @@ class Guard:
         """MOVING -> ARMED, when the readback says that the probe has arrived."""
         self._require("end a move", State.MOVING)
         if not abs(self.readback(reached_deg) - self._target_deg) <= self._arrival_deg:
-            raise self._failed(
-                MoveError(
-                    f"the stage was sent to {self._target_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
-                    f"{self._arrival_deg} deg away; check for an obstacle"
-                )
+            error = MoveError(
+                f"the stage was sent to {self._target_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
+                f"{self._arrival_deg} deg away; check for an obstacle"
             )
+            raise self._failed(error)
         self._state = State.ARMED
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
@@ -142,12 +134,11 @@ class Guard:
         except LaserError as error:
             raise self._failed(error) from None
         if not abs(self.readback(angle_deg) - permit.angle_deg) <= self._arrival_deg:
-            raise self._failed(
-                MoveError(
-                    f"the permit holds at {permit.angle_deg:.3f} deg and the probe stands at {angle_deg:.3f} deg, more "
-                    f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
-                )
+            moved = MoveError(
+                f"the permit holds at {permit.angle_deg:.3f} deg and the probe stands at {angle_deg:.3f} deg, more "
+                f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
             )
+            raise self._failed(moved)
         self._firing = permit.pulses
         self._state = State.FIRING
 
@@ -155,11 +146,10 @@ class Guard:
         """FIRING -> ARMED, when as many pulses were fired as were permitted."""
         self._require("end a firing", State.FIRING)
         if fired != self._firing:
-            raise self._failed(
-                LaserError(
-                    f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
-                )
+            error = LaserError(
+                f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
             )
+            raise self._failed(error)
         self._state = State.ARMED
 
     def admit_frame(self, frame: Frame, *, permit: Permit, now_s: float) -> None:
@@ -178,11 +168,8 @@ class Guard:
     def _require(self, step: str, *states: State) -> None:
         if self._state in states:
             return
-        cure = {
-            State.DISARMED: "a person must arm it",
-            State.FAULT: f"a person must look at the rig and reset it ({self._fault})",
-        }.get(self._state, "wait for the step before to end")
-        raise LimitError(f"guard: it is {self._state.value}, which does not let anybody {step}; {cure}")
+        cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
+        raise LimitError(f"guard: {self._state.value}, no leave to {step}; {cure}")
 
     @staticmethod
     def _require_name(by: str) -> None:

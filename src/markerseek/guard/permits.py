@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from markerseek.core import ConfigError, LaserError, LimitError, Permit
 
-_WINDOW_S = 1.0
-"""The second over which pulses are counted, wherever it begins."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FiringLimits:
@@ -65,21 +62,9 @@ class Permits:
         return self._pulses
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Leave for one acquisition at one angle.
+        """Leave for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 
-        Parameters
-        ----------
-        angle_deg
-            Angle at which it holds, in degrees.
-        pulses
-            Most pulses; 0 for a dark frame.
-        now_s
-            The rig's time, in seconds.
-
-        Raises
-        ------
-        LimitError
-            If one acquisition or the session would exceed its pulses; nothing was permitted.
+        `LimitError` if one acquisition or the session would exceed its pulses; nothing was permitted then.
         """
         if not 0 <= pulses <= self._limits.pulses_per_permit:
             raise LimitError(
@@ -92,23 +77,15 @@ class Permits:
             )
         self._issued += 1
         self._pulses += pulses
-        self._open = Permit(
-            token=f"permit-{self._issued}",
-            angle_deg=angle_deg,
-            pulses=pulses,
-            expires_s=now_s + self._limits.lifetime_s,
-        )
+        expires_s = now_s + self._limits.lifetime_s
+        self._open = Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
         return self._open
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:
         """Use up a permit, at the moment at which the laser is told to fire.
 
-        Raises
-        ------
-        LaserError
-            If it is not the open one (used, voided, altered or foreign), or has expired; nothing may be fired.
-        LimitError
-            If too many pulses would be fired within a second; nothing may be fired.
+        `LaserError` if it is not the open one (used, voided, altered or foreign) or has expired, `LimitError` if too
+        many pulses would be fired within a second; nothing may be fired then.
         """
         if permit != self._open:
             raise LaserError(
@@ -117,7 +94,7 @@ class Permits:
         self._open = None
         if not now_s <= permit.expires_s:
             raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
-        while self._used and not now_s - self._used[0][0] < _WINDOW_S:
+        while self._used and not now_s - self._used[0][0] < 1:
             self._used.popleft()
         recent = sum(pulses for _, pulses in self._used)
         if not recent + permit.pulses <= self._limits.pulses_per_second:

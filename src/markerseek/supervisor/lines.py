@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Protocol
 
 from markerseek.core import ConfigError, MissingExtraError, NotConnectedError
 
-if TYPE_CHECKING:
-    import serial
+
+class OpenLine(Protocol):
+    """What the supervisor's loop needs of an open line."""
+
+    def fileno(self) -> int:
+        """Number of its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +45,7 @@ class Line:
             raise ConfigError(f"line {self.name!r}: baud is {self.baud}, it must lie in [1200, 4000000]")
 
 
-def open_line(line: Line) -> serial.Serial:
+def open_line(line: Line) -> OpenLine:
     """The line, opened for this process alone, whose reads and writes never block.
 
     Raises
@@ -52,11 +56,11 @@ def open_line(line: Line) -> serial.Serial:
         If it cannot be opened, or another program has it.
     """
     try:
-        import serial
+        import serial  # type: ignore[import-untyped, unused-ignore]
     except ImportError:
         raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial line") from None
     try:
-        return serial.Serial(
+        opened: OpenLine = serial.Serial(
             port=line.path,
             baudrate=line.baud,
             parity=line.parity,
@@ -70,3 +74,4 @@ def open_line(line: Line) -> serial.Serial:
             f"line {line.name!r}: {line.path} cannot be opened: {error}; "
             "is it plugged in, and used by no other program?"
         ) from None
+    return opened

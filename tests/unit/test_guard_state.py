@@ -1,0 +1,311 @@
+"""The guard's state machine: each step from each state, and what a step that is refused leaves behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    FrameHeader,
+    Interval,
+    LaserError,
+    LimitError,
+    MoveError,
+    Permit,
+    Reading,
+    ReadingFrame,
+)
+from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+
+FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
+
+
+def guard(state: State = State.ARMED) -> Guard:
+    """A guard that was led to a state by the steps allowed."""
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
+    if state is State.DISARMED:
+        return made
+    if state is State.FAULT:
+        made.fail("the stage is on fire")
+        return made
+    made.arm(by="a test")
+    if state is State.MOVING:
+        made.begin_move(5.0)
+    if state is State.FIRING:
+        made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
+    return made
+
+
+STEPS: dict[str, tuple[Callable[[Guard], object], set[State], str]] = {
+    "arm": (lambda it: it.arm(by="a test"), {State.DISARMED, State.ARMED}, "arm"),
+    "reset": (lambda it: it.reset(by="a test"), {State.FAULT}, "reset"),
+    "begin_move": (lambda it: it.begin_move(1.0), {State.ARMED}, "move"),
+    "end_move": (lambda it: it.end_move(5.0), {State.MOVING}, "end a move"),
+    "issue": (lambda it: it.issue(angle_deg=0.0, pulses=1, now_s=0.0), {State.ARMED}, "permit pulses"),
+    "redeem": (lambda it: it.redeem(FOREIGN, angle_deg=0.0, now_s=0.0), {State.ARMED}, "fire"),
+    "end_fire": (lambda it: it.end_fire(16), {State.FIRING}, "end a firing"),
+}
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_out_of_its_state_is_refused_and_changes_nothing(name: str, state: State) -> None:
+    step, allowed, words = STEPS[name]
+    made = guard(state)
+    if state in allowed:
+        if name == "redeem":
+            with pytest.raises(LaserError):
+                step(made)
+        else:
+            step(made)
+        return
+    with pytest.raises(LimitError) as refusal:
+        step(made)
+    cure = (
+        "a person must reset it after: the stage is on fire"
+        if state is State.FAULT
+        else "arm it, and end each step first"
+    )
+    assert str(refusal.value) == f"guard: {state.value}, no leave to {words}; {cure}"
+    assert made.state is state
+    assert made.fault == ("the stage is on fire" if state is State.FAULT else None)
+    assert made.pulses_permitted == (16 if state is State.FIRING else 0)
+
+
+def test_a_measurement_goes_through_the_states() -> None:
+    made = guard(State.DISARMED)
+    seen = [made.state]
+    made.arm(by="a test")
+    seen.append(made.state)
+    made.begin_move(5.0)
+    seen.append(made.state)
+    made.end_move(5.0)
+    seen.append(made.state)
+    permit = made.issue(angle_deg=5.0, pulses=16, now_s=0.0)
+    seen.append(made.state)
+    made.redeem(permit, angle_deg=5.0, now_s=0.0)
+    seen.append(made.state)
+    made.end_fire(16)
+    seen.append(made.state)
+    assert [state.value for state in seen] == ["disarmed", "armed", "moving", "armed", "armed", "firing", "armed"]
+    assert made.pulses_permitted == 16
+
+
+@pytest.mark.parametrize("state", State)
+def test_disarming_ends_every_state_but_fault(state: State) -> None:
+    made = guard(state)
+    made.disarm()
+    made.disarm()
+    assert made.state is (State.FAULT if state is State.FAULT else State.DISARMED)
+
+
+@pytest.mark.parametrize("state", State)
+def test_every_state_can_fail_and_the_first_reason_stays(state: State) -> None:
+    made = guard(state)
+    made.fail("the stage is on fire")
+    made.fail("the laser too")
+    assert made.state is State.FAULT
+    assert made.fault == "the stage is on fire"
+
+
+def test_a_person_leaves_fault_for_disarmed_and_forgets_the_reason() -> None:
+    made = guard(State.FAULT)
+    made.reset(by="a test")
+    assert made.state is State.DISARMED
+    assert made.fault is None
+    made.fail("again")
+    assert made.fault == "again"
+
+
+@pytest.mark.parametrize("by", ["", "  "])
+def test_nobody_may_neither_arm_nor_reset(by: str) -> None:
+    for made, step in ((guard(State.DISARMED), Guard.arm), (guard(State.FAULT), Guard.reset)):
+        before = made.state
+        with pytest.raises(ConfigError) as refusal:
+            step(made, by=by)
+        assert str(refusal.value) == "guard: by is empty; name the person who arms or resets it"
+        assert made.state is before
+
+
+@pytest.mark.parametrize("end", [Guard.disarm, lambda it: it.fail("why"), lambda it: it.begin_move(0.0)])
+def test_an_open_permit_does_not_outlive_the_state(end: Callable[[Guard], None]) -> None:
+    made = guard()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
+    end(made)
+    if made.state is State.FAULT:
+        made.reset(by="a test")
+    if made.state is State.MOVING:
+        made.end_move(0.0)
+    made.arm(by="a test")
+    with pytest.raises(LaserError, match="is not open"):
+        made.redeem(permit, angle_deg=0.0, now_s=0.0)
+    assert made.state is State.FAULT
+
+
+@pytest.mark.parametrize("angle_deg", [35.1, -35.1, math.nan, math.inf])
+def test_an_angle_outside_the_search_moves_nothing(angle_deg: float) -> None:
+    made = guard()
+    with pytest.raises(LimitError, match="outside the search range"):
+        made.begin_move(angle_deg)
+    assert made.state is State.ARMED
+
+
+@pytest.mark.parametrize("readback_deg", [36.6, -36.6, math.nan])
+@pytest.mark.parametrize("read", [Guard.readback, Guard.end_move])
+def test_a_readback_outside_the_travel_is_a_fault(read: Callable[[Guard, float], object], readback_deg: float) -> None:
+    made = guard(State.MOVING)
+    with pytest.raises(LimitError, match="outside its travel range") as refusal:
+        read(made, readback_deg)
+    assert made.state is State.FAULT
+    assert made.fault == str(refusal.value)
+
+
+def test_a_readback_inside_the_travel_is_handed_on() -> None:
+    assert guard().readback(36.5) == 36.5
+
+
+@pytest.mark.parametrize("reached_deg", [4.875, 5.125])
+def test_the_probe_may_stop_beside_its_target_by_the_limit(reached_deg: float) -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=0.125)
+    made.arm(by="a test")
+    made.begin_move(5.0)
+    made.end_move(reached_deg)
+    assert made.state is State.ARMED
+
+
+@pytest.mark.parametrize("reached_deg", [4.8, 5.2, -5.0])
+def test_a_probe_that_did_not_arrive_is_a_fault(reached_deg: float) -> None:
+    made = guard(State.MOVING)
+    with pytest.raises(MoveError) as refusal:
+        made.end_move(reached_deg)
+    assert str(refusal.value) == (
+        f"the stage was sent to 5.000 deg and stands at {reached_deg:.3f} deg, more than 0.1 deg away; "
+        "check for an obstacle"
+    )
+    assert made.state is State.FAULT
+    assert made.fault == str(refusal.value)
+
+
+@pytest.mark.parametrize(("angle_deg", "allowed"), [(3.125, True), (2.875, True), (3.2, False), (2.8, False)])
+def test_a_permit_is_good_at_its_angle_only(angle_deg: float, allowed: bool) -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=0.125)
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=3.0, pulses=16, now_s=0.0)
+    if allowed:
+        made.redeem(permit, angle_deg=angle_deg, now_s=0.0)
+        assert made.state is State.FIRING
+        return
+    with pytest.raises(MoveError) as refusal:
+        made.redeem(permit, angle_deg=angle_deg, now_s=0.0)
+    assert str(refusal.value) == (
+        f"the permit holds at 3.000 deg and the probe stands at {angle_deg:.3f} deg, more than 0.125 deg away; "
+        "nothing was fired; check what moved it"
+    )
+    assert made.state is State.FAULT
+    assert made.fault == str(refusal.value)
+
+
+def test_a_permit_at_a_readback_that_is_no_number_is_a_fault() -> None:
+    made = guard()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
+    with pytest.raises(LimitError):
+        made.redeem(permit, angle_deg=math.nan, now_s=0.0)
+    assert made.state is State.FAULT
+
+
+def test_a_permit_expires_by_the_rigs_clock() -> None:
+    made = guard()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=7.0)
+    assert permit == Permit(token="permit-1", angle_deg=0.0, pulses=16, expires_s=37.0)
+    with pytest.raises(LaserError, match="has expired") as refusal:
+        made.redeem(permit, angle_deg=0.0, now_s=37.5)
+    assert made.state is State.FAULT
+    assert made.fault == str(refusal.value)
+
+
+def test_a_dose_that_is_exceeded_is_refused_and_no_fault() -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(pulses_per_second=20), admission=Admission())
+    made.arm(by="a test")
+    with pytest.raises(LimitError, match="129 pulses in one acquisition"):
+        made.issue(angle_deg=0.0, pulses=129, now_s=0.0)
+    made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
+    made.end_fire(16)
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.5)
+    with pytest.raises(LimitError, match="16 pulses within a second"):
+        made.redeem(permit, angle_deg=0.0, now_s=0.5)
+    assert made.state is State.ARMED
+
+
+@pytest.mark.parametrize("fired", [0, 15, 17])
+def test_other_pulses_than_permitted_are_a_fault(fired: int) -> None:
+    made = guard(State.FIRING)
+    with pytest.raises(LaserError) as refusal:
+        made.end_fire(fired)
+    assert str(refusal.value) == (f"the laser fired {fired} pulses, 16 were permitted; check the laser and its trigger")
+    assert made.state is State.FAULT
+    assert made.fault == str(refusal.value)
+
+
+def frame(made: Guard, permit: Permit, *, sequence: int, intensity: float, started_s: float) -> ReadingFrame:
+    header = FrameHeader(
+        sequence=sequence,
+        token=permit.token,
+        pulses=permit.pulses,
+        commanded_deg=permit.angle_deg,
+        started_s=started_s,
+        ended_s=started_s,
+        angle_before_deg=0.0,
+        angle_after_deg=0.0,
+    )
+    answer = ReadingFrame(header=header, intensity=intensity)
+    made.admit_frame(answer, permit=permit, now_s=started_s)
+    return answer
+
+
+def test_frames_are_admitted_in_order_and_a_new_run_begins_anew() -> None:
+    made = guard()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    frame(made, permit, sequence=8, intensity=1.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="sequence number 8 after 8"):
+        frame(made, permit, sequence=8, intensity=2.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="those of the frame before"):
+        frame(made, permit, sequence=9, intensity=1.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match=r"permitted at 5\.000 s"):
+        frame(made, permit, sequence=9, intensity=2.0, started_s=4.0)
+    assert made.state is State.ARMED
+    made.disarm()
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    frame(made, permit, sequence=1, intensity=1.0, started_s=5.0)
+
+
+def test_a_reading_is_admitted_by_the_rules_given() -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(saturated_limit=0.5))
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
+    answer = frame(made, permit, sequence=1, intensity=1.0, started_s=0.0)
+    made.admit_reading(Reading(intensity=1.0, saturated_fraction=0.5), frame=answer)
+    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), Reading(intensity=math.nan)):
+        with pytest.raises(AcquisitionError):
+            made.admit_reading(bad, frame=answer)
+    with pytest.raises(AttributeError):
+        made.admit_reading(None, frame=answer)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("arrival_deg", [0.0, -0.1, 73.0, math.nan])
+def test_an_arrival_that_could_be_anywhere_is_refused(arrival_deg: float) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=arrival_deg)
+    assert str(refusal.value) == (
+        f"guard: arrival_deg is {arrival_deg} deg, it must be positive and less than the travel"
+    )
+
+
+def test_the_limits_are_those_given() -> None:
+    limits = Limits(search=Interval(low_deg=-1, high_deg=1))
+    assert Guard(limits=limits, firing=FiringLimits(), admission=Admission()).limits is limits
