@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markerseek import rigs
+from markerseek.core import ChannelFrame
 from markerseek.records.banks import IntensityBank, read_bank
 from markerseek.records.intensity_table import write_bank
+from markerseek.wire.sonixdaq import element_of_file, encode_file
 
 pytest.importorskip("matplotlib")
 
@@ -79,6 +82,47 @@ def test_table_1_of_a_users_bank_without_a_reference_counts_from_its_maximum(she
         assert row["mean_error_deg"] == row["mean_from_maximum_deg"]
 
 
+def test_a_folder_of_channel_data_is_imaged_once_by_the_probe_that_is_named(shell: Shell, tmp_path: Path) -> None:
+    """The errors of table1 are those on the same intensities as a CSV; another preset gives other intensities."""
+    rig = rigs.simulated(seed=11, marker_deg=1.3)
+    heard = {}
+    for angle_deg in range(-6, 9, 2):
+        sample = rig.scanner.measure(angle_deg)
+        assert isinstance(sample.frame, ChannelFrame)
+        folder = tmp_path / "scan" / f"angle_{angle_deg}deg"
+        folder.mkdir(parents=True)
+        for number in range(128):
+            line = sample.frame.samples[element_of_file(number)]
+            (folder / f"CH{number:03d}.daq").write_bytes(encode_file(line[None], number=number))
+        heard[float(angle_deg)] = sample.reading.intensity
+    words = ("--reference-deg", 1.3, "--workers", 1)
+    code, _, _ = shell("reproduce", "table1", "--bank", tmp_path / "scan", *words, "--out", tmp_path / "frames")
+    assert code == 0
+    imaged = read_bank(tmp_path / "frames" / "banks" / "scan-intensities.csv")
+    assert isinstance(imaged, IntensityBank)
+    assert dict(zip(imaged.angles_deg, imaged.intensities, strict=True)) == pytest.approx(heard, rel=1e-6)
+    write_bank(imaged, tmp_path / "same.csv")
+    shell("reproduce", "table1", "--bank", tmp_path / "same.csv", *words, "--out", tmp_path / "curve")
+    from_frames, from_curve = (
+        [row["mean_error_deg"] for row in rows_of(tmp_path / name / "table1.csv")] for name in ("frames", "curve")
+    )
+    assert from_frames == from_curve
+    code, _, _ = shell(
+        "reproduce", "fig6", "--bank", tmp_path / "scan", *words, "--probe", "L3-8", "--out", tmp_path / "other"
+    )
+    assert code == 0
+    other = read_bank(tmp_path / "other" / "banks" / "scan-intensities.csv")
+    assert isinstance(other, IntensityBank)
+    assert other.intensities != imaged.intensities
+
+
+def test_each_section_says_how_long_it_took(shell: Shell, tmp_path: Path) -> None:
+    _, out, _ = shell("reproduce", "travel", "--markers", 20, "--workers", 1, "--out", tmp_path, "--json")
+    (section,) = json.loads(out)["sections"]
+    assert 0 < section["stages_s"]["travel"] <= section["seconds"]
+    assert "Made in " in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
@@ -119,6 +163,7 @@ def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> No
         (("fig7", "--bank", "x.csv"), "searches on no bank"),
         (("fig6", "--reference-deg", 3), "give --bank too"),
         (("fig6", "--bank", "missing.csv"), "there is no such file"),
+        (("fig6", "--probe", "L3-8"), "--probe L3-8 belongs to a bank"),
     ],
 )
 def test_wrong_usage_is_met_with_a_sentence(shell: Shell, tmp_path: Path, words: tuple[object, ...], said: str) -> None:

@@ -9,14 +9,15 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Section
+    from markerseek.studies.paper import Section, Took
 
 NAME = "reproduce"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"
     "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
-    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg 12.5 --out mine"
+    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg 12.5 --out mine\n\n"
+    "  markerseek reproduce table1 --bank /data/scan-2024-05-03 --probe BPL9-5/55 --out mine"
 )
 
 
@@ -45,6 +46,8 @@ class Made(msgspec.Struct, frozen=True, kw_only=True):
     numbers: list[Compared]
     remarks: list[str]
     files: list[str]
+    seconds: float
+    stages_s: dict[str, float]
 
 
 def command(
@@ -55,45 +58,61 @@ def command(
     ] = 1000,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
     seed: Annotated[int, typer.Option(help="Seed: the same seed gives the same numbers.")] = 1,
-    bank: Annotated[Path | None, typer.Option(help="Your own bank for fig6 and table1: a CSV or a folder.")] = None,
+    bank: Annotated[
+        Path | None, typer.Option(help="Your own bank for fig6 and table1: HDF5, a folder of frames, or a CSV.")
+    ] = None,
+    probe: Annotated[str | None, typer.Option(help="Preset of the imaging chain, for a bank of channel data.")] = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Angle of the marker in your bank, in degrees; else the bank's maximum.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
-    import os
-
     from markerseek.cli.terminal import people, print_json, stages_bar
     from markerseek.core import ConfigError
-    from markerseek.studies.paper import Effort, Recording, Reproduction, write_report, write_section
+    from markerseek.studies.paper import Effort, Recording, Reproduction, Stopwatch, write_report, write_section
+    from markerseek.studies.workers import default_workers
 
     own = None
     if bank is not None:
-        own = Recording(path=bank, material=bank.stem, position=1, peak_snr_db=None, reference_deg=reference_deg)
+        own = Recording(
+            path=bank,
+            material=bank.stem,
+            position=1,
+            peak_snr_db=None,
+            reference_deg=reference_deg,
+            probe=probe,
+        )
     elif reference_deg is not None:
         raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
+    elif probe is not None:
+        raise ConfigError(f"--probe {probe} belongs to a bank of channel data; give --bank too")
     with stages_bar() as advance:
+        watch = Stopwatch(advance)
         effort = Effort(
-            seed=seed, markers=markers, workers=(os.cpu_count() or 1) if workers is None else workers, advance=advance
+            seed=seed,
+            markers=markers,
+            workers=default_workers() if workers is None else workers,
+            advance=watch.advance,
         )
         reproduction = Reproduction(effort=effort, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]
-        sections, files = [], []
+        sections, files, times = [], [], []
         for section in reproduction.sections(names):
             sections.append(section)
             files.append(write_section(section, out))
-        page = write_report(sections, out, effort=effort)
+            times.append(watch.lap())
+        page = write_report(sections, out, effort=effort, times=times)
     if as_json:
-        made = [_made(section, paths) for section, paths in zip(sections, files, strict=True)]
-        print_json({"report": str(page), "seed": seed, "markers": markers, "sections": made})
+        made = [_made(*each) for each in zip(sections, files, times, strict=True)]
+        print_json({"report": str(page), "seed": seed, "markers": markers, "workers": effort.workers, "sections": made})
         return
-    for section in sections:
-        _print(section)
+    for section, took in zip(sections, times, strict=True):
+        _print(section, took)
     people.print(f"[dim]report:[/] {page}")
 
 
-def _made(section: Section, files: list[Path]) -> Made:
+def _made(section: Section, files: list[Path], took: Took) -> Made:
     numbers = [
         Compared(
             number=each.paper.what,
@@ -117,10 +136,12 @@ def _made(section: Section, files: list[Path]) -> Made:
         numbers=numbers,
         remarks=list(section.remarks),
         files=[str(path) for path in files],
+        seconds=took.seconds,
+        stages_s=dict(took.stages_s),
     )
 
 
-def _print(section: Section) -> None:
+def _print(section: Section, took: Took) -> None:
     from rich.markup import escape
     from rich.table import Table
 
@@ -144,4 +165,4 @@ def _print(section: Section) -> None:
         people.print(table)
     for remark in section.remarks:
         people.print(f"  {escape(remark)}")
-    people.print()
+    people.print(f"[dim]took {escape(str(took))}[/]\n")

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek import rigs
-from markerseek.records.banks import IntensityBank, read_bank, write_bank
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.intensity_table import write_bank
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.methods import (
@@ -57,6 +58,8 @@ class Recording:
         Noise under which it was recorded; None for a user's own.
     reference_deg
         Angle that counts as true, in degrees; None: the recording's own maximum.
+    probe
+        Preset of the imaging chain for a bank of channel data; None: the bank's own, or the first of all.
     """
 
     path: Path
@@ -64,6 +67,7 @@ class Recording:
     position: int
     peak_snr_db: float | None
     reference_deg: float | None
+    probe: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,6 +173,42 @@ def _scan(scan: _Scan) -> None:
         intensities=tuple(sample.reading.intensity for sample in heard),
     )
     write_bank(bank, recording.path)
+
+
+def as_intensities(recording: Recording, folder: Path, effort: Effort) -> Recording:
+    """A bank of one intensity for each angle: itself, or that of its channel data, each frame imaged once.
+
+    Channel data is not interpolated between two angles, intensities are, as in section 2.5.
+
+    Parameters
+    ----------
+    recording
+        Any bank.
+    folder
+        Where the CSV of the intensities goes.
+    effort
+        What may be used.
+
+    Raises
+    ------
+    RecordError
+        If the bank cannot be read, or the CSV not be written.
+    ConfigError
+        If the preset is unknown.
+    """
+    bank = read_bank(recording.path)
+    if not isinstance(bank, FrameBank):
+        return recording
+    rig = rigs.replayed(recording.path, probe=recording.probe)
+    heard = []
+    for number, angle_deg in enumerate(bank.angles_deg):
+        effort.advance("frames of the bank", number, len(bank.angles_deg))
+        heard.append(rig.scanner.measure(angle_deg).reading.intensity)
+    effort.advance("frames of the bank", len(heard), len(heard))
+    path = folder / f"{recording.path.stem}-intensities.csv"
+    write_bank(IntensityBank(angles_deg=bank.angles_deg, intensities=tuple(heard)), path)
+    known_deg = bank.facts.reference_angle_deg if recording.reference_deg is None else recording.reference_deg
+    return replace(recording, path=path, reference_deg=known_deg)
 
 
 def answers(recordings: Sequence[Recording], effort: Effort) -> list[Answer]:

@@ -13,7 +13,7 @@ from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig6 import fig6, table1
 from markerseek.studies.paper.fig8 import fig8
-from markerseek.studies.paper.offline import Answer, Recording, answers, simulated_banks
+from markerseek.studies.paper.offline import Answer, Recording, answers, as_intensities, simulated_banks
 from markerseek.studies.paper.online import fig7, table2
 from markerseek.studies.paper.online_runs import OnlineRun, online_runs
 from markerseek.studies.paper.section import Section
@@ -43,9 +43,9 @@ class Reproduction:
 
     @cached_property
     def _answers(self) -> list[Answer]:
-        own = self._own_bank
-        banks = simulated_banks(self._folder / "banks", self._effort) if own is None else [own]
-        return answers(banks, self._effort)
+        own, folder, effort = self._own_bank, self._folder / "banks", self._effort
+        banks = simulated_banks(folder, effort) if own is None else [as_intensities(own, folder, effort)]
+        return answers(banks, effort)
 
     @cached_property
     def _runs(self) -> list[OnlineRun]:
