@@ -32,7 +32,7 @@ NEAREST_M = 1e-3
 """Distance in front of the face's plane within which, as behind it, nothing is heard, in metres."""
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.ndarray, "rules points"]]:
     """Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row; the weights of a rule sum to 1."""
     nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
