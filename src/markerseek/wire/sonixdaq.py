@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Int16
@@ -37,11 +37,14 @@ class DaqHeader:
         Repeated pulses in the file.
     samples
         Samples of each.
+    channel
+        Number of the file, where the header holds it; it differs from file to file and is not compared.
     """
 
     length: int
     frames: int
     samples: int
+    channel: int | None = field(default=None, compare=False)
 
     @property
     def file_bytes(self) -> int:
@@ -55,6 +58,11 @@ def file_number(name: str) -> int | None:
     if match is None or int(match[1]) >= CHANNELS:
         return None
     return int(match[1])
+
+
+def file_name(number: int, *, numbered: bool) -> str:
+    """Name of the channel file k as SDK 6 and later give it, with numbered headers, or as earlier ones do."""
+    return f"CH{number:03d}.daq" if numbered else f"CH{number:03d}-0000.daq"
 
 
 def element_of_file(number: int) -> int:
@@ -82,7 +90,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
     if len(head) < HEADER_BYTES:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; acquire it again")
     first, second, third = struct.unpack("<3i", head[:HEADER_BYTES])
-    new = DaqHeader(length=12, frames=second, samples=third)
+    new = DaqHeader(length=12, frames=second, samples=third, channel=first)
     old = DaqHeader(length=8, frames=first, samples=second)
     number_fits = 0 <= first < CHANNELS
     fitting = [

@@ -1,0 +1,157 @@
+"""A folder of channel files, as it is and as it changes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Int16
+
+from markerseek.core import AcquisitionError, NotConnectedError, RecordError
+from markerseek.wire import sonixdaq as wire
+
+_LARGEST_BYTES = 1 << 26
+"""Largest channel file that is read: 800 pulses of 40,000 samples."""
+
+FolderState: TypeAlias = dict[str, tuple[int, int, int]]
+"""Channel files by name: time of the last change in ns, size in bytes, inode."""
+
+
+class DaqFolder:
+    """Channel files in a folder that another program writes.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def state(self) -> FolderState:
+        """State of the channel files that are there now.
+
+        Raises
+        ------
+        NotConnectedError
+            If the folder cannot be read.
+        """
+        state: FolderState = {}
+        try:
+            with os.scandir(self._path) as entries:
+                for entry in entries:
+                    if wire.file_number(entry.name) is None:
+                        continue
+                    try:
+                        status = entry.stat()
+                    except FileNotFoundError:  # replaced in this very moment
+                        continue
+                    if entry.is_file():
+                        state[entry.name] = (status.st_mtime_ns, status.st_size, status.st_ino)
+        except OSError as error:
+            raise self._unreadable(error) from error
+        return state
+
+    def is_complete(self, name: str) -> bool:
+        """Whether a file has the size that its header says."""
+        path = self._path / name
+        try:
+            with path.open("rb") as file:
+                wire.decode_header(file.read(wire.HEADER_BYTES), size=os.fstat(file.fileno()).st_size, name=name)
+        except (RecordError, FileNotFoundError):
+            return False
+        except OSError as error:
+            raise self._unreadable(error) from error
+        return True
+
+    def read(self, names: dict[int, str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
+        """Samples of all channels by element, averaged over the pulses.
+
+        Parameters
+        ----------
+        names
+            Files by number, all of them.
+        pulses
+            How many each must hold.
+
+        Raises
+        ------
+        AcquisitionError
+            If the files are not one acquisition of so many pulses.
+        """
+        averaged: list[Int16[np.ndarray, " samples"]] = [np.empty(0, np.int16)] * wire.CHANNELS
+        first: wire.DaqHeader | None = None
+        for number, name in sorted(names.items()):
+            header, body = self._read_file(name)
+            first = first or header
+            _require_sound(name, header, number=number, first=first, pulses=pulses)
+            every_pulse = wire.decode_samples(body, header)
+            averaged[wire.element_of_file(number)] = np.rint(every_pulse.mean(axis=0, dtype=np.float64)).astype(
+                np.int16
+            )
+        return np.stack(averaged)
+
+    def _read_file(self, name: str) -> tuple[wire.DaqHeader, bytes]:
+        try:
+            with (self._path / name).open("rb") as file:
+                data = file.read(_LARGEST_BYTES + 1)
+        except FileNotFoundError:
+            raise AcquisitionError(f"sonixdaq: {name} was taken away while it was read; take the frame again") from None
+        except OSError as error:
+            raise self._unreadable(error) from error
+        if len(data) > _LARGEST_BYTES:
+            raise AcquisitionError(f"sonixdaq: {name} has more than {_LARGEST_BYTES} bytes; record fewer pulses")
+        try:
+            header = wire.decode_header(data[: wire.HEADER_BYTES], size=len(data), name=name)
+        except RecordError as error:
+            raise AcquisitionError(f"sonixdaq: {error}") from error
+        return header, data[header.length :]
+
+    def _unreadable(self, error: OSError) -> NotConnectedError:
+        return NotConnectedError(
+            f"sonixdaq: the folder {self._path} cannot be read ({error.strerror or error}); "
+            "check its name, the rights, and the network drive"
+        )
+
+
+def numbered(names: list[str]) -> dict[int, str]:
+    """Channel files by number.
+
+    Raises
+    ------
+    AcquisitionError
+        If two are of one channel.
+    """
+    by_number: dict[int, str] = {}
+    for name in names:
+        number = wire.file_number(name)
+        if number is None:
+            continue
+        if number in by_number:
+            raise AcquisitionError(
+                f"sonixdaq: {by_number[number]} and {name} are both new and both channel {number}; "
+                "let one program of one SDK write there"
+            )
+        by_number[number] = name
+    return by_number
+
+
+def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wire.DaqHeader, pulses: int) -> None:
+    """Refuse a file that does not belong to one acquisition of so many pulses."""
+    if header != first:
+        raise AcquisitionError(
+            f"sonixdaq: {name} holds {header.frames} pulses of {header.samples} samples, the files before it "
+            f"{first.frames} of {first.samples}; they are not of one acquisition: take it again"
+        )
+    if header.channel is not None and header.channel != number:
+        raise AcquisitionError(
+            f"sonixdaq: {name} says that it is channel {header.channel}; the files are out of order: take it again"
+        )
+    if header.frames != pulses:
+        raise AcquisitionError(
+            f"sonixdaq: {name} holds {header.frames} pulses, {pulses} were triggered; set the device to as many, "
+            "or take it again"
+        )

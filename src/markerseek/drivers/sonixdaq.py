@@ -1,0 +1,173 @@
+"""A SonixDAQ as a folder that is watched: its software writes one file per channel, and nothing else tells of a frame.
+
+An acquisition counts when all 128 files are new since `arm`, have the size that their headers say, and are left alone
+for a while. Who overwrites them is not known: a file is new when its time, size or inode has changed, by which no two
+computers' clocks are compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    ConfigError,
+    DeviceTimeoutError,
+    FrameHeader,
+    Permit,
+)
+from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
+from markerseek.drivers.program import run_to_its_end
+from markerseek.wire import sonixdaq as wire
+
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonixDaqSettings:
+    """How a SonixDAQ's folder is watched.
+
+    Attributes
+    ----------
+    folder
+        Where its software writes the channel files, over those of the acquisition before.
+    sampling_hz
+        Sampling frequency in Hz; the files do not hold it.
+    dark_triggers
+        Pulses that a dark acquisition averages: how often the laser box triggers it.
+    timeout_s
+        Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
+    stable_s
+        Time for which complete files must be left alone to be believed, in seconds.
+    start_command
+        Program and arguments that get the device ready for a trigger; no shell reads them. None: it is always ready.
+    start_timeout_s
+        Longest time that the command may take, in seconds.
+    """
+
+    folder: Path
+    sampling_hz: float = 40e6
+    dark_triggers: int = 16
+    timeout_s: float = 60.0
+    stable_s: float = 0.2
+    start_command: tuple[str, ...] | None = None
+    start_timeout_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("sampling_hz", 1e9), ("timeout_s", 600.0), ("start_timeout_s", 600.0)):
+            if not 0 < getattr(self, name) <= most:
+                raise ConfigError(f"sonixdaq: {name} is {getattr(self, name)}, it must lie in (0, {most:g}]")
+        if not 0 <= self.stable_s < self.timeout_s:
+            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
+        if self.dark_triggers < 1:
+            raise ConfigError(f"sonixdaq: dark_triggers is {self.dark_triggers}, at least 1 is needed")
+        if self.start_command is not None and not (self.start_command and self.start_command[0]):
+            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
+
+
+class SonixDaqReceiver:
+    """Hears what a SonixDAQ writes.
+
+    Parameters
+    ----------
+    settings
+        Which folder, and how it is watched.
+    clock
+        The rig's time.
+
+    Raises
+    ------
+    NotConnectedError
+        If the folder cannot be read.
+    """
+
+    def __init__(self, *, settings: SonixDaqSettings, clock: Clock) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._folder = DaqFolder(settings.folder)
+        self._sequence = 0
+        self._armed: tuple[Permit, FolderState, float] | None = None
+        self._folder.state()
+
+    def arm(self, permit: Permit) -> None:
+        """Get ready for a trigger: see that nobody writes, run the start command, and remember the files as they are.
+
+        Raises
+        ------
+        AcquisitionError
+            If files change although nothing was triggered.
+        NotConnectedError
+            If the folder cannot be read, or the start command cannot be run or fails.
+        DeviceTimeoutError
+            If the start command takes too long.
+        """
+        self._armed = None
+        before = self._folder.state()
+        self._clock.wait(self._settings.stable_s)
+        if self._folder.state() != before:
+            raise AcquisitionError(
+                f"sonixdaq: files in {self._settings.folder} change although nothing was triggered; is a frame of "
+                "before still being written, or does another program write there?"
+            )
+        if self._settings.start_command is not None:
+            run_to_its_end(
+                self._settings.start_command,
+                timeout_s=self._settings.start_timeout_s,
+                clock=self._clock,
+                what="sonixdaq",
+            )
+        self._armed = (permit, self._folder.state(), self._clock.now_s())
+
+    def acquire(self, permit: Permit) -> ChannelFrame:
+        """Frame of the files written since `arm`, their pulses averaged.
+
+        Raises
+        ------
+        AcquisitionError
+            If it was not armed for this permit, or the files are not one acquisition of the permitted pulses.
+        DeviceTimeoutError
+            If the files are not complete in time.
+        NotConnectedError
+            If the folder cannot be read.
+        """
+        if self._armed is None or self._armed[0] != permit:
+            raise AcquisitionError(f"sonixdaq: it was not armed for the permit {permit.token!r}; arm it before firing")
+        _, before, started_s = self._armed
+        self._armed = None
+        names, state = self._await_files(before)
+        samples = self._folder.read(names, pulses=permit.pulses or self._settings.dark_triggers)
+        if self._folder.state() != state:
+            raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+        self._sequence += 1
+        header = FrameHeader(
+            sequence=self._sequence,
+            token=permit.token,
+            pulses=permit.pulses,
+            commanded_deg=permit.angle_deg,
+            started_s=started_s,
+            ended_s=self._clock.now_s(),
+        )
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
+
+    def _await_files(self, before: FolderState) -> tuple[dict[int, str], FolderState]:
+        """Names of the new files by number, once they are complete and left alone, and the folder's state then."""
+        ends_s = self._clock.now_s() + self._settings.timeout_s
+        seen, since_s = before, self._clock.now_s()
+        while True:
+            state, now_s = self._folder.state(), self._clock.now_s()
+            if state != seen:
+                seen, since_s = state, now_s
+            names = numbered([name for name, file in state.items() if before.get(name) != file])
+            complete = len(names) == wire.CHANNELS and all(self._folder.is_complete(name) for name in names.values())
+            if complete and now_s - since_s >= self._settings.stable_s:
+                return names, state
+            if not now_s <= ends_s:
+                raise DeviceTimeoutError(
+                    f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
+                    f"{self._settings.folder} are new{'' if complete else ' and not all are complete'}; check trigger, "
+                    "folder and free space, or raise timeout_s"
+                )
+            self._clock.wait(_POLL_S)

@@ -1,0 +1,196 @@
+"""A whole rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
+
+In one process, `BenchClock` lets virtual time go by for all of them. Behind pseudo-terminals, `serve` runs them in real
+time; only the turning and the writing of files can be paced, for leases are kept in real time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from markerseek.acoustics import Digitiser
+from markerseek.core import Clock, ConfigError
+from markerseek.emulators.byte_device import ByteDevice
+from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.emulators.pty_line import PtyLine
+from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.scene import draw_scene
+from markerseek.sim import SimulatedSettings, VirtualClock, World
+
+_TICK_S = 2e-3
+
+_HELD_UP_S = 0.02
+"""A longer time between two ticks is the computer's doing, and does not count as the devices' time, in seconds."""
+
+
+class EmulatedBench:
+    """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
+
+    Parameters
+    ----------
+    settings
+        The world, and how fast its data acquisition is.
+    rng
+        Source of all that is drawn.
+    folder
+        Where the channel files go.
+    stage
+        How the stage stands there; its play is that of the settings.
+    sdk
+        Layout of the channel files.
+    """
+
+    def __init__(
+        self,
+        *,
+        settings: SimulatedSettings,
+        rng: np.random.Generator,
+        folder: Path,
+        stage: Kdc101Settings | None = None,
+        sdk: Literal[5, 6] = 6,
+    ) -> None:
+        scene = draw_scene(settings, rng)
+        self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
+        self.world = World(
+            model=scene.model,
+            absorbers=scene.absorbers,
+            noise=scene.noise,
+            digitiser=Digitiser(),
+            energy_jitter=settings.laser.energy_jitter,
+            start_deg=settings.start_deg,
+            rng=rng,
+        )
+        # children of the generator: what differs from pulse to pulse must not change what the world draws next
+        apart, noise = rng.spawn(2)
+        self.stage = Kdc101Emulator(
+            probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise
+        )
+        self.daq = EmulatedSonixDaq(
+            world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
+        )
+        self.laser_box = EmulatedLaserBox(world=self.world, on_triggers=self.daq.trigger)
+
+
+class BenchClock(VirtualClock):
+    """Virtual time that goes by for emulated devices too, tick by tick, while somebody waits.
+
+    Parameters
+    ----------
+    tick_s
+        Time between two ticks, in seconds.
+    """
+
+    def __init__(self, *, tick_s: float = 0.01) -> None:
+        super().__init__()
+        self._tick_s = tick_s
+        self._followers: list[Callable[[float], object]] = []
+
+    def lead(self, *followers: Callable[[float], object]) -> None:
+        """Tell these the time at each tick, in this order."""
+        self._followers += followers
+
+    def wait(self, duration_s: float) -> None:
+        """Jump ahead in ticks."""
+        if not 0 <= duration_s < math.inf:
+            raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
+        ends_s = self.now_s() + duration_s
+        while (left_s := ends_s - self.now_s()) > 0:
+            super().wait(min(self._tick_s, left_s))
+            for follower in self._followers:
+                follower(self.now_s())
+
+
+class Paced:
+    """A device whose time goes faster or slower than the line's.
+
+    Parameters
+    ----------
+    device
+        The device.
+    pace
+        Seconds of the line for one of the device.
+    """
+
+    def __init__(self, device: ByteDevice, *, pace: float) -> None:
+        self._device = device
+        self._pace = require_pace(pace)
+
+    def advance(self, now_s: float) -> bytes:
+        """Let the device's time go by."""
+        return self._device.advance(now_s / self._pace)
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in bytes, now."""
+        return self._device.feed(data)
+
+
+class ServingClock:
+    """Real time as far as the serving process was running: what the computer held up is left out.
+
+    Parameters
+    ----------
+    clock
+        Real time.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._last_s = clock.now_s()
+        self._now_s = 0.0
+
+    def now_s(self) -> float:
+        """Seconds since the clock was made, without those that were held up."""
+        now_s = self._clock.now_s()
+        self._now_s += min(now_s - self._last_s, _HELD_UP_S)
+        self._last_s = now_s
+        return self._now_s
+
+    def wait(self, duration_s: float) -> None:
+        """Wait on the real clock."""
+        self._clock.wait(duration_s)
+
+
+def serve(
+    *, lines: Sequence[PtyLine], clock: Clock, pace: float, daq: EmulatedSonixDaq | None, until: Callable[[], bool]
+) -> None:
+    """Serve emulated devices until told to end.
+
+    Parameters
+    ----------
+    lines
+        Their pseudo-terminals, which live on the same clock.
+    clock
+        The devices' time.
+    pace
+        Seconds of that clock for one of the acquisition's.
+    daq
+        A folder that fills with files.
+    until
+        Asked at every tick.
+    """
+    while not until():
+        for line in lines:
+            line.serve_once(wait_s=_TICK_S / len(lines))
+        if not lines:
+            clock.wait(_TICK_S)
+        if daq is not None:
+            daq.advance(clock.now_s() / pace)
+
+
+def require_pace(pace: float) -> float:
+    """The pace, if it can be kept.
+
+    Raises
+    ------
+    ConfigError
+        If it is no positive number of at most 1.
+    """
+    if not 0.01 <= pace <= 1:
+        raise ConfigError(f"pace is {pace}, it must lie between 0.01 (a hundred times as fast) and 1 (as fast as real)")
+    return pace
