@@ -1,6 +1,6 @@
 """The paper, reproduced: each figure and table is one function in a file of its own.
 
-The paper's numbers are data in `reported`; what cannot be had is said there, and never tuned into place.
+The paper's numbers are data in `printed`; what cannot be had is said there, and never tuned into place.
 """
 
 from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
