@@ -206,11 +206,11 @@ class Supervisor:
 
     def _hear(self, timeout_s: float) -> None:
         """Take in what has come, waiting at most so long for the first of it."""
+        ended = False
         try:
-            while select.select([self._socket], [], [], timeout_s)[0]:
+            while not ended and select.select([self._socket], [], [], timeout_s)[0]:
                 data = self._socket.recv(_CHUNK)
-                if not data:
-                    raise _gone("its socket is closed")
+                ended = not data
                 self._heard += data
                 timeout_s = 0.0
         except (OSError, ValueError) as error:
@@ -225,6 +225,8 @@ class Supervisor:
                 raise NotConnectedError(content.decode(errors="replace"))
             else:
                 self._lapsed = content.decode(errors="replace")
+        if ended:
+            raise _gone("its socket is closed")
 
 
 class SupervisedPort:

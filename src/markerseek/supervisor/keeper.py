@@ -22,6 +22,8 @@ _MOST_UNSENT = 4096
 """Most bytes that may wait for a line; a control loop that sends more has gone wild."""
 _MOST_UNREAD = 1 << 18
 """Most bytes that may wait for the control process; what a line says beyond is lost."""
+_PARENT_S = 0.5
+"""How often to see whether the control process lives, lest a child of it keeps the socket open."""
 _LAST_S = 0.5
 """Longest time for the last farewells to leave."""
 
@@ -110,6 +112,7 @@ class Keeper:
         self._unread = bytearray()
         self._lapsed = False
         self._over = False
+        self._parent = os.getppid()
         for line in self._lines:
             line.let_go()
 
@@ -137,11 +140,13 @@ class Keeper:
             if not line.gone:
                 poller.register(line.fd, _wanted(writing=line.unsent_bytes > 0))
         ends_s = self._lease.ends_s
-        ready = dict(poller.poll(None if ends_s is None else max(ends_s - time.monotonic(), 0.0) * 1e3))
+        left_s = _PARENT_S if ends_s is None else max(ends_s - time.monotonic(), 0.0)
+        ready = dict(poller.poll(min(left_s, _PARENT_S) * 1e3))
         if self._lease.lapsed(now_s=time.monotonic()):
             self._let_go("the control loop was silent for longer than the lease")
         # Whatever a dead process has said before is not read any more.
-        self._over = self._over or bool(ready.get(self._control.fileno(), 0) & (select.POLLHUP | select.POLLERR))
+        dead = ready.get(self._control.fileno(), 0) & (select.POLLHUP | select.POLLERR)
+        self._over = self._over or bool(dead) or os.getppid() != self._parent
         for line in self._lines:
             self._relay(line, reading=bool(ready.get(line.fd, 0) & ~select.POLLOUT))
         if not self._over and ready.get(self._control.fileno(), 0):
