@@ -1,0 +1,97 @@
+"""The angles that would tell most of a marker if it were known where it is: what no search can beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import PAPER_RANGE, ConfigError, Interval
+from markerseek.search.bounds.curves import SlopedCurve
+from markerseek.search.bounds.information import (
+    NUISANCES,
+    Listening,
+    Nuisance,
+    Prior,
+    angle_bound_deg,
+    sample_information,
+)
+
+STEP_DEG = 0.25
+"""Step of the angles among which the best are sought, in degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BestAngles:
+    """The best places, and what they allow.
+
+    Attributes
+    ----------
+    angles_deg
+        Angles, rising, in degrees; one may stand there several times.
+    bound_deg
+        Least standard deviation of the marker's angle, in degrees.
+    """
+
+    angles_deg: tuple[float, ...]
+    bound_deg: float
+
+
+def best_angles(
+    curve: SlopedCurve,
+    *,
+    marker_deg: float,
+    listening: Listening,
+    acquisitions: int,
+    limits: Interval = PAPER_RANGE,
+    unknown: tuple[Nuisance, ...] = NUISANCES,
+    prior: Prior | None = None,
+    step_deg: float = STEP_DEG,
+) -> BestAngles:
+    """Return the best angles for a marker, by exchange: each in turn moves to where the bound is least, until none does.
+
+    Parameters
+    ----------
+    curve, marker_deg, listening
+        The marker, and how it is heard.
+    acquisitions
+        Number of angles.
+    limits
+        Range in which they lie.
+    unknown, prior
+        As for `angle_bound_deg`.
+    step_deg
+        Step of the angles among which they are sought, in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If ``acquisitions`` is less than 1 or the step is not positive.
+    """
+    if acquisitions < 1:
+        raise ConfigError(f"best angles: acquisitions is {acquisitions}, at least 1 is needed")
+    if not 0 < step_deg <= limits.width_deg:
+        raise ConfigError(f"best angles: step_deg is {step_deg} deg, it must lie in (0, {limits.width_deg:g}] deg")
+    angle_deg = np.linspace(limits.low_deg, limits.high_deg, round(limits.width_deg / step_deg) + 1)
+    each = sample_information(curve, angle_deg, marker_deg=marker_deg, listening=listening)
+    # A little of every angle makes the first choices possible while the samples settle nothing yet.
+    hint = 1e-6 * each.mean(axis=0)
+    chosen = _spread(angle_deg, marker_deg, acquisitions)
+    best = np.inf
+    for _ in range(50):
+        for place in range(acquisitions):
+            others = each[np.delete(chosen, place)].sum(axis=0) + hint
+            chosen[place] = int(np.argmin(angle_bound_deg(others + each, unknown=unknown, prior=prior)))
+        now = float(angle_bound_deg(each[chosen].sum(axis=0) + hint, unknown=unknown, prior=prior))
+        if not now < best * (1 - 1e-9):
+            break
+        best = now
+    bound_deg = float(angle_bound_deg(each[chosen].sum(axis=0), unknown=unknown, prior=prior))
+    return BestAngles(angles_deg=tuple(sorted(angle_deg[chosen].tolist())), bound_deg=bound_deg)
+
+
+def _spread(angle_deg: Float64[np.ndarray, " angles"], marker_deg: float, count: int) -> np.ndarray:
+    """Numbers of angles about the marker, to begin with."""
+    offsets = np.linspace(-6.0, 6.0, count) if count > 1 else np.array([2.0])
+    return np.abs(angle_deg[:, None] - marker_deg - offsets).argmin(axis=0)

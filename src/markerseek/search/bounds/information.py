@@ -1,0 +1,168 @@
+"""Cramér and Rao's bound on the marker's angle, from intensities of which only the angles are chosen.
+
+A sample at θ is normal with mean μ = A·S(t) + b, t = θ − θp, and variance v = σ² + (jμ)²: noise of the receiver and
+jitter of the laser. (A peak-picked envelope says less: near the noise its largest peak is somewhere else. The bound is
+therefore one for it, too.) Unknown beside θp are nuisances (Van Trees, Detection, Estimation, and Modulation Theory I,
+section 2.4), which change μ by
+
+    amplitude   ∂μ/∂ln A = A·S          width   ∂μ/∂ln F = −A·t·S'(t)
+    tail        ∂μ/∂ε    = A·S·ln S, of S^(1+ε)        floor   ∂μ/∂b = 1
+
+The information of one sample is ∇μ∇μᵀ/v + ∇v∇vᵀ/2v². A prior adds its own: 1/variance of each. The bound is the root of
+the angle's element of the inverse.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import ConfigError
+from markerseek.search.bounds.curves import SlopedCurve
+
+Nuisance: TypeAlias = Literal["amplitude", "width", "tail", "floor"]
+"""What may be unknown beside the angle."""
+
+NUISANCES: tuple[Nuisance, ...] = ("amplitude", "width", "tail", "floor")
+"""All nuisances, in the order of the information matrix behind the angle."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listening:
+    """How well intensities are heard.
+
+    Attributes
+    ----------
+    snr
+        Amplitude A over σ, the noise of one quadrature: 100 is a peak SNR of 40 dB.
+    jitter
+        Relative standard deviation j of the light from one acquisition to the next.
+    """
+
+    snr: float
+    jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.snr < math.inf:
+            raise ConfigError(f"listening: snr is {self.snr}, it must be positive and finite")
+        if not 0 <= self.jitter < 1:
+            raise ConfigError(f"listening: jitter is {self.jitter}, it is a share between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """Standard deviations of what is known before the first sample; infinite is nothing.
+
+    Attributes
+    ----------
+    angle_deg
+        Of the angle in degrees.
+    log_amplitude, log_width
+        Of the natural logarithms of amplitude and width.
+    tail
+        Of the exponent's relative change ε.
+    floor
+        Of the floor, over σ.
+    """
+
+    angle_deg: float = math.inf
+    log_amplitude: float = math.inf
+    log_width: float = math.inf
+    tail: float = math.inf
+    floor: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("angle_deg", "log_amplitude", "log_width", "tail", "floor"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"prior: {name} is {getattr(self, name)}, a standard deviation is positive")
+
+    def information(self) -> Float64[np.ndarray, "5 5"]:
+        """Information of the prior."""
+        deviations = [self.angle_deg, self.log_amplitude, self.log_width, self.tail, self.floor]
+        return np.diag([deviation**-2 for deviation in deviations])
+
+
+TABLE_PRIOR = Prior(
+    angle_deg=70 / math.sqrt(12),
+    log_amplitude=math.log(100) / math.sqrt(12),
+    log_width=math.log(17 / 3) / math.sqrt(12),
+    tail=math.log(0.39 / 0.04) / math.sqrt(12) / -math.log(math.sqrt(0.39 * 0.04)),
+    floor=5.0,
+)
+"""Spread of the physics table's ranges, each that of an even distribution: angles in ±35°, peak SNR from 20 to 60 dB,
+widths from 3 to 17°. The tail's is that of ln S(10°) from 4 to 39 % of the peak, over its middle; the floor's the height
+of the largest noise in an image."""
+
+
+def sample_information(
+    curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, listening: Listening
+) -> Float64[np.ndarray, "angles 5 5"]:
+    """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`.
+
+    Parameters
+    ----------
+    curve
+        The marker's curve.
+    angle_deg
+        Where is listened, in degrees.
+    marker_deg
+        Where the marker is, in degrees.
+    listening
+        Noise and jitter.
+    """
+    off_deg = angle_deg - marker_deg
+    snr = listening.snr
+    height, slope = curve.value(off_deg), curve.slope(off_deg)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tail = np.where(height > 0, height * np.log(height), 0.0)
+    mean_change = np.stack(
+        [-snr * slope, snr * height, -snr * off_deg * slope, snr * tail, np.ones_like(height)], axis=-1
+    )
+    mean = snr * height
+    variance = 1 + (listening.jitter * mean) ** 2
+    variance_change = 2 * listening.jitter**2 * mean[..., None] * mean_change
+    return np.asarray(
+        np.einsum("...i,...j,...->...ij", mean_change, mean_change, 1 / variance)
+        + np.einsum("...i,...j,...->...ij", variance_change, variance_change, 1 / (2 * variance**2))
+    )
+
+
+def angle_bound_deg(
+    information: Float64[np.ndarray, "*batch 5 5"],
+    *,
+    unknown: tuple[Nuisance, ...] = NUISANCES,
+    prior: Prior | None = None,
+) -> Float64[np.ndarray, "*batch"]:
+    """Return the least standard deviation of the angle that such information allows, in degrees.
+
+    Parameters
+    ----------
+    information
+        Sum over the samples taken (`sample_information`).
+    unknown
+        Nuisances that are not known.
+    prior
+        What was known before (Van Trees' Bayesian bound); None: nothing, and the bound is infinite where the samples
+        do not settle all that is unknown.
+    """
+    total = information if prior is None else information + prior.information()
+    kept = [0] + [1 + NUISANCES.index(name) for name in unknown]
+    part = total[..., kept, :][..., kept]
+    # Each row and column by its own scale: the parameters have units of their own.
+    scale = np.sqrt(np.einsum("...ii->...i", part))
+    known = scale > 0
+    scale = np.where(known, scale, 1.0)
+    relative = part / scale[..., :, None] / scale[..., None, :]
+    relative = relative + np.einsum("...i,ij->...ij", (~known).astype(np.float64), np.eye(len(kept)))
+    singular = np.linalg.cond(relative) > _SINGULAR
+    safe = np.where(singular[..., None, None], np.eye(len(kept)), relative)
+    variance = np.linalg.inv(safe)[..., 0, 0] / scale[..., 0] ** 2
+    return np.asarray(np.where(singular | ~known[..., 0], math.inf, np.sqrt(np.abs(variance))))
+
+
+_SINGULAR = 1e12
+"""Condition number from which an information matrix settles nothing."""
