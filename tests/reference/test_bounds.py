@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -125,7 +126,7 @@ def test_what_is_unknown_costs_and_what_is_known_helps() -> None:
         CURVES["heavy tails"], angles, marker_deg=0.3, listening=Listening(snr=100.0, jitter=0.01)
     ).sum(axis=0)
     bounds = [angle_bound_deg(information, unknown=NUISANCES[:count]) for count in range(5)]
-    assert all(fewer <= more * (1 + 1e-9) for fewer, more in zip(bounds, bounds[1:], strict=False))
+    assert all(fewer <= more * (1 + 1e-9) for fewer, more in pairwise(bounds))
     assert angle_bound_deg(information, prior=TABLE_PRIOR) < bounds[-1]
     assert np.isinf(angle_bound_deg(np.zeros((5, 5))))
     assert angle_bound_deg(np.zeros((5, 5)), prior=TABLE_PRIOR) == pytest.approx(70 / math.sqrt(12))
@@ -174,7 +175,7 @@ def test_ziv_zakai_between_the_prior_and_cramer_and_rao() -> None:
         math.sqrt(np.mean(np.square(asymptotic))), rel=0.05
     )
     few = [ziv_zakai_deg(GAUSSIAN, np.linspace(-35, 35, count), snr=30.0) for count in (2, 3, 4, 6, 8)]
-    assert all(later < earlier for earlier, later in zip(few, few[1:], strict=False))
+    assert all(later < earlier for earlier, later in pairwise(few))
 
 
 @pytest.mark.parametrize(("count", "snr"), [(2, 10.0), (4, 10.0), (6, 30.0)])

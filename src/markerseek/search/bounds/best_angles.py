@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from markerseek.core import PAPER_RANGE, ConfigError, Interval
 from markerseek.search.bounds.curves import SlopedCurve
@@ -49,7 +49,7 @@ def best_angles(
     prior: Prior | None = None,
     step_deg: float = STEP_DEG,
 ) -> BestAngles:
-    """Return the best angles for a marker, by exchange: each in turn moves to where the bound is least, until none does.
+    """Return the best angles for a marker, by exchange: each in turn moves to where the bound is least, and again.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def best_angles(
     return BestAngles(angles_deg=tuple(sorted(angle_deg[chosen].tolist())), bound_deg=bound_deg)
 
 
-def _spread(angle_deg: Float64[np.ndarray, " angles"], marker_deg: float, count: int) -> np.ndarray:
+def _spread(angle_deg: Float64[np.ndarray, " angles"], marker_deg: float, count: int) -> Int64[np.ndarray, " count"]:
     """Numbers of angles about the marker, to begin with."""
     offsets = np.linspace(-6.0, 6.0, count) if count > 1 else np.array([2.0])
-    return np.abs(angle_deg[:, None] - marker_deg - offsets).argmin(axis=0)
+    return np.asarray(np.abs(angle_deg[:, None] - marker_deg - offsets).argmin(axis=0), dtype=np.int64)

@@ -94,8 +94,8 @@ TABLE_PRIOR = Prior(
     floor=5.0,
 )
 """Spread of the physics table's ranges, each that of an even distribution: angles in ±35°, peak SNR from 20 to 60 dB,
-widths from 3 to 17°. The tail's is that of ln S(10°) from 4 to 39 % of the peak, over its middle; the floor's the height
-of the largest noise in an image."""
+widths from 3 to 17°. The tail's is that of ln S(10°) from 4 to 39 % of the peak, over its middle; the floor's the
+height of the largest noise in an image."""
 
 
 def sample_information(
