@@ -32,7 +32,8 @@ _CELLS_AT = 1e-3
 
 _SEEN = 0.55
 """Share of the noise peaks that a reader sees at their height: it refines the largest pixel only, and midway between
-two columns a peak stands up to 4 dB too low in the pixels. From 400 dark frames of the simulated rig."""
+two columns a peak stands up to 4 dB too low in the pixels. Set from about a hundred dark frames of the simulated rig;
+400 of another four seeds give 0.50 ± 0.025 by maximum likelihood, which is 0.02 σ in the mean of the largest noise."""
 
 
 class CurveWorld:
