@@ -1,5 +1,6 @@
 """Pictures of searches and frames, as files. Matplotlib is imported when the first one is drawn."""
 
+from markerseek.pictures.bank_picture import bank_figure
 from markerseek.pictures.canvas import png_data_uri, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.heat_map import HeatMap, heat_maps_figure
@@ -11,6 +12,7 @@ __all__ = [
     "HeatMap",
     "Line",
     "Panel",
+    "bank_figure",
     "frame_figure",
     "heat_maps_figure",
     "panels_figure",

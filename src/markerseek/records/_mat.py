@@ -1,6 +1,6 @@
-"""Frames in the ``.mat`` layout of Allman, Reiter and Bell's photoacoustic data set (IEEE TMI 2018).
+"""Numbers in ``.mat`` files, and frames in the layout of Allman, Reiter and Bell's data set (IEEE TMI 2018).
 
-Written out for the few fields that a frame needs ("MAT-File Level 5 File Format", The MathWorks), because SciPy's
+Written out for the few fields that are needed ("MAT-File Level 5 File Format", The MathWorks), because SciPy's
 reader can be made to crash the interpreter by damaged bytes, and to ask for gigabytes by a file of some kilobytes. The
 tests hold it against SciPy's on whole files.
 """
@@ -32,12 +32,7 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
 
     ``AdcData_frame000`` is (32, AlignedSampleNum, 4): channel c stands in row c mod 32 of bank c div 32.
     """
-    data = path.read_bytes()
-    try:
-        arrays = dict(_arrays(data))
-    # Lengths that lead out of the data, numbers that are no text, streams that are not compressed.
-    except (ValueError, struct.error, zlib.error) as error:
-        raise RecordError(f"{path}: {len(data)} bytes, cut off or damaged: {error}; fetch or save it again") from error
+    arrays = mat_arrays(path)
     frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
         found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
@@ -53,6 +48,22 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
         )
     channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
     return np.ascontiguousarray(channels, dtype=np.int16)
+
+
+def mat_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Real numeric variables of a ``.mat`` of version 6 or 7, by name.
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, of another version, or unpacks to far more than it holds.
+    """
+    data = path.read_bytes()
+    try:
+        return dict(_arrays(data))
+    # Lengths that lead out of the data, numbers that are no text, streams that are not compressed.
+    except (ValueError, struct.error, zlib.error) as error:
+        raise RecordError(f"{path}: {len(data)} bytes, cut off or damaged: {error}; fetch or save it again") from error
 
 
 def _arrays(data: bytes) -> Iterator[tuple[str, np.ndarray]]:

@@ -36,7 +36,9 @@ def vet(path: Path) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired as problem:
-        raise RecordError(f"{path}: reading it takes more than {LIMIT_S:g} s; it is damaged, or on a disk that does not answer") from problem
+        raise RecordError(
+            f"{path}: reading it takes more than {LIMIT_S:g} s; it is damaged, or on a disk that does not answer"
+        ) from problem
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be vetted, no process can be started: {problem.strerror}") from problem
     if ended.returncode != 0:

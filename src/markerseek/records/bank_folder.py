@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, RecordError
+from markerseek.records.bank_arrays import USUAL_SAMPLING_HZ
 from markerseek.records.banks import FrameBank, require_angles
 from markerseek.records.frame_files import load_frame
 
@@ -34,7 +35,8 @@ class FolderBank(FrameBank):
         RecordError
             If they cannot be read.
         """
-        return load_frame(self.places[index], angle_deg=self.angles_deg[index])
+        sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
+        return load_frame(self.places[index], sampling_hz=sampling_hz, angle_deg=self.angles_deg[index])
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """Such a folder holds no frames without laser."""

@@ -98,6 +98,11 @@ class FrameBank(Bank, ABC):
     intensities: tuple[float, ...] = field(repr=False, default=())
     dark_frames: int = 0
 
+    @property
+    def planned(self) -> int:
+        """Angles that the scan was to have: more than there are where it was cut short."""
+        return len(self.angles_deg)
+
     @abstractmethod
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, counted from 0 at the lowest; `RecordError` where they cannot be read."""

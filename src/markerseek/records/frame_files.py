@@ -13,11 +13,11 @@ from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.records._mat import load_mat
+from markerseek.records._npy import read_npy
 from markerseek.records._ordinary import ordinary_size
 from markerseek.wire import sonixdaq
 
 _LARGEST_BYTES = 1 << 30
-_HEADER_BYTES = 10_000
 
 
 def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0) -> ChannelFrame:
@@ -68,27 +68,21 @@ def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
 
 
 def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
-    size = path.stat().st_size
     with path.open("rb") as file:
         try:
-            version = np.lib.format.read_magic(file)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, fortran, dtype = read(file, max_header_size=_HEADER_BYTES)
-        # The header is a Python literal, and a hostile one upsets NumPy's parser, and Python's, in many ways.
-        except Exception as error:
-            raise RecordError(f"{path}: no valid .npy header; save it again with numpy.save") from error
-        if dtype.newbyteorder("=") != np.int16 or len(shape) != 2 or min(shape) < 1 or shape[0] > shape[1]:
-            raise RecordError(
-                f"{path}: {dtype} of shape {shape} found, int16 of shape (channels, samples) expected; "
-                "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
-            )
-        expected = file.tell() + 2 * shape[0] * shape[1]
-        if size != expected:
-            raise RecordError(
-                f"{path}: {size} bytes found, {expected} bytes expected; the file is cut off or damaged: save it again"
-            )
-        flat = np.frombuffer(file.read(), dtype=dtype)
-    return np.ascontiguousarray(flat.reshape(shape, order="F" if fortran else "C"), dtype=np.int16)
+            samples = read_npy(file, size=path.stat().st_size)
+        except ValueError as problem:
+            raise RecordError(f"{path}: {problem}") from problem
+    if (
+        samples.dtype.newbyteorder("=") != np.int16
+        or samples.ndim != 2
+        or not 1 <= samples.shape[0] <= samples.shape[1]
+    ):
+        raise RecordError(
+            f"{path}: {samples.dtype} of shape {samples.shape} found, int16 of shape (channels, samples) expected; "
+            "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
+        )
+    return np.ascontiguousarray(samples, dtype=np.int16)
 
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:

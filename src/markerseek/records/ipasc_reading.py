@@ -30,13 +30,18 @@ class IpascBank(FrameBank):
         The file.
     rows
         Number of the measurement in the file for each angle.
-    planned
-        Measurements that the file has room for; more than there are angles where a scan was cut short.
+    room
+        Measurements that the file has room for.
     """
 
     path: Path
     rows: tuple[int, ...] = field(repr=False)
-    planned: int
+    room: int
+
+    @property
+    def planned(self) -> int:
+        """Angles that the scan was to have: more than there are where its process was killed."""
+        return self.room
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -120,7 +125,7 @@ def read_unvetted(path: Path) -> IntensityBank | IpascBank:
             dark_frames=_dark_frames(file, frames),
             path=path,
             rows=tuple(rows.tolist()),
-            planned=angles.size,
+            room=angles.size,
         )
 
 

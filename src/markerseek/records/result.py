@@ -69,7 +69,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     reason: str | None
     method: str
     as_published: bool
-    rig: Literal["simulated", "replayed"]
+    rig: Literal["simulated", "replayed", "bench"]
     angle_deg: float
     sigma_deg: float | None
     interval95_deg: tuple[float, float] | None
@@ -122,7 +122,7 @@ class Recorder:
         *,
         method: str,
         as_published: bool,
-        rig: Literal["simulated", "replayed"],
+        rig: Literal["simulated", "replayed", "bench"],
         face_radius_m: float | None,
         truth_deg: float | None,
         reference_deg: float | None,
@@ -173,7 +173,7 @@ class Recorder:
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
-            elapsed_s=finished.elapsed_s if rig == "simulated" else None,
+            elapsed_s=None if rig == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
             confirmed=self._confirmed(estimate.floor),
             floor=estimate.floor,

@@ -1,0 +1,18 @@
+"""``markerseek bank``: make, describe and convert banks, the scans of many angles that `replay` searches."""
+
+from __future__ import annotations
+
+import typer
+
+from markerseek.cli import bank_export, bank_import, bank_info, bank_scan
+
+NAME = "bank"
+
+app = typer.Typer(
+    name=NAME,
+    help="Make, look at and convert banks: scans of many angles.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+for command in (bank_scan, bank_info, bank_import, bank_export):
+    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)

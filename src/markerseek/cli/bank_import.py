@@ -1,0 +1,124 @@
+"""``markerseek bank import``: other people's recordings as a bank in IPASC HDF5."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import typer
+from rich.markup import escape
+
+from markerseek import __version__
+from markerseek.cli.terminal import announce_compilation, people, print_json, progress_bar
+from markerseek.core import ConfigError
+
+if TYPE_CHECKING:
+    from markerseek.records.banks import FrameBank, IntensityBank
+
+NAME = "import"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5\n\n"
+    "  markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40\n\n"
+    "  markerseek bank import examples/simulated_scan.csv scan.hdf5"
+)
+
+
+class ImportReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What an import wrote."""
+
+    path: str
+    content: str
+    angles: int
+    version: str = __version__
+
+
+def command(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat; IPASC HDF5.",
+            metavar="FROM",
+        ),
+    ],
+    to: Annotated[Path, typer.Argument(help="File to be written, .hdf5; it must not exist.", metavar="TO")],
+    probe: Annotated[
+        str | None, typer.Option(help="Preset of the imaging chain that computes the intensities of frames.")
+    ] = None,
+    first_deg: Annotated[float | None, typer.Option(help="First angle of an .npy of frames.")] = None,
+    step_deg: Annotated[float | None, typer.Option(help="Step from one frame of an .npy to the next.")] = None,
+    sampling_mhz: Annotated[
+        float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
+    ] = None,
+    reference_deg: Annotated[float | None, typer.Option(help="Angle of the marker that is known otherwise.")] = None,
+    face_radius_mm: Annotated[
+        float | None, typer.Option(help="Distance of the array's face from the axis of rotation.")
+    ] = None,
+    wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser.")] = None,
+    pulse_energy_mj: Annotated[float | None, typer.Option(help="Energy of one laser pulse.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Convert a recording into a bank, with the intensity of each frame."""
+    from markerseek.records.banks import FrameBank
+    from markerseek.records.ipasc import BankWriter
+    from markerseek.rigs.bank_images import bank_samples, described
+
+    given: dict[str, Any] = {
+        "sampling_hz": _scaled("--sampling-mhz", sampling_mhz, 1e6),
+        "face_radius_m": _scaled("--face-radius-mm", face_radius_mm, 1e-3),
+        "wavelength_m": _scaled("--wavelength-nm", wavelength_nm, 1e-9),
+        "pulse_energy_j": _scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
+        "reference_angle_deg": reference_deg,
+    }
+    if reference_deg is not None and not -360 <= reference_deg <= 360:
+        raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
+    bank = _read(source, first_deg=first_deg, step_deg=step_deg)
+    bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
+    announce_compilation()
+    frames = isinstance(bank, FrameBank)
+    dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
+    count = len(bank.angles_deg)
+    facts = described(bank, probe=probe)
+    with (
+        BankWriter(to, angles=count, dark_frames=dark, facts=facts) as writer,
+        progress_bar(count, what="importing") as progress,
+    ):
+        for sample in bank_samples(bank, probe=probe):
+            writer.add(sample)
+            progress.update(progress.task_ids[0], completed=writer.taken)
+    content = "frames of channel data" if frames else "intensities"
+    if as_json:
+        print_json(ImportReport(path=str(to), content=content, angles=count))
+    else:
+        people.print(f"{count} angles of {content} in {escape(str(to))}")
+
+
+def _scaled(option: str, value: float | None, unit: float) -> float | None:
+    if value is None:
+        return None
+    if not 0 < value < math.inf:
+        raise ConfigError(f"{option} is {value:g}, it must be positive and finite")
+    return value * unit
+
+
+def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
+    from markerseek.records.bank_arrays import ARRAY_SUFFIXES, read_arrays
+    from markerseek.records.banks import read_bank
+
+    given = (first_deg is not None, step_deg is not None)
+    if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
+        if any(given):
+            raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
+        return read_bank(source)
+    if first_deg is None or step_deg is None:
+        if any(given):
+            raise ConfigError("--first-deg and --step-deg go together; give both")
+        return read_arrays(source)
+    if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
+        raise ConfigError(
+            f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
+        )
+    return read_arrays(source, first_and_step_deg=(first_deg, step_deg))

@@ -1,0 +1,178 @@
+"""``markerseek bank info``: what is in a bank, its curve, and the statistics of its peak."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek import __version__
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json
+
+if TYPE_CHECKING:
+    from markerseek.records.banks import FrameBank, IntensityBank
+    from markerseek.search.peak import Peak
+
+NAME = "info"
+EXAMPLES = (
+    "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
+)
+
+
+class BankReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What is in a bank; the statistics of the peak are those of bluesky: com, cen, fwhm, max."""
+
+    path: str
+    content: str
+    description: str
+    angles: int
+    planned: int
+    first_deg: float
+    last_deg: float
+    largest_step_deg: float
+    dark_frames: int
+    dark_intensity: float | None
+    max_deg: float
+    max_intensity: float
+    com_deg: float
+    cen_deg: float | None
+    fwhm_deg: float | None
+    reference_deg: float | None
+    probe: str | None
+    sampling_hz: float | None
+    sound_speed_m_s: float | None
+    pitch_m: float | None
+    wavelength_m: float | None
+    pulse_energy_j: float | None
+    face_radius_m: float | None
+    version: str = __version__
+
+
+def command(
+    bank: Annotated[
+        Path, typer.Argument(help="IPASC HDF5, CSV of angle_deg,intensity, or folder with one frame per angle.")
+    ],
+    probe: Annotated[
+        str | None, typer.Option(help="Compute the intensities anew with this preset of the imaging chain.")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
+    from markerseek.records.banks import read_bank
+    from markerseek.rigs.bank_images import bank_curve, dark_intensity
+    from markerseek.search.peak import peak_of
+
+    held = read_bank(bank)
+    announce_compilation()
+    curve = bank_curve(held, probe=probe)
+    peak = peak_of(curve)
+    dark = dark_intensity(held, probe=probe)
+    report = _report(bank, held, peak, dark=dark)
+    if as_json:
+        print_json(report)
+    else:
+        _print(report)
+    if plot:
+        path = out / f"{bank.stem if bank.is_file() else bank.name}.png"
+        _draw(held, curve.intensity.tolist(), report, path, probe=probe)
+        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
+
+
+def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> BankReport:
+    from markerseek.records.banks import FrameBank
+
+    facts = bank.facts
+    frames = isinstance(bank, FrameBank)
+    angles = bank.angles_deg
+    return BankReport(
+        path=str(path),
+        content="frames of channel data" if frames else "intensities",
+        description=facts.description,
+        angles=len(angles),
+        planned=bank.planned if isinstance(bank, FrameBank) else len(angles),
+        first_deg=angles[0],
+        last_deg=angles[-1],
+        largest_step_deg=max(high - low for low, high in pairwise(angles)),
+        dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
+        dark_intensity=dark,
+        max_deg=peak.max_deg,
+        max_intensity=peak.max_intensity,
+        com_deg=peak.com_deg,
+        cen_deg=peak.cen_deg,
+        fwhm_deg=peak.fwhm_deg,
+        reference_deg=facts.reference_angle_deg,
+        probe=facts.probe,
+        sampling_hz=facts.sampling_hz,
+        sound_speed_m_s=facts.sound_speed_m_s,
+        pitch_m=facts.pitch_m,
+        wavelength_m=facts.wavelength_m,
+        pulse_energy_j=facts.pulse_energy_j,
+        face_radius_m=facts.face_radius_m,
+    )
+
+
+def _print(report: BankReport) -> None:
+    people.print(f"[bold]{escape(report.path)}[/]: {report.content}")
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    cut = "" if report.planned == report.angles else f" of {report.planned} planned: the scan was cut short"
+    rows: list[tuple[str, str | None]] = [
+        ("scanned", report.description or None),
+        ("angles", f"{report.angles}{cut}"),
+        ("range", f"{report.first_deg:g}° to {report.last_deg:g}°, steps of at most {report.largest_step_deg:.3g}°"),
+        ("dark frames", None if report.dark_frames == 0 else _dark(report)),
+        ("max", f"{report.max_intensity:.4g} at {report.max_deg:.3f}°"),
+        ("com", f"{report.com_deg:.3f}°"),
+        ("cen", _number(report.cen_deg, "{:.3f}°")),
+        ("fwhm", _number(report.fwhm_deg, "{:.3f}°")),
+        ("reference", _number(report.reference_deg, "{:.3f}°")),
+        ("probe", report.probe),
+        ("sampling", _number(report.sampling_hz, "{:g} MHz", 1e-6)),
+        ("speed of sound", _number(report.sound_speed_m_s, "{:g} m/s")),
+        ("pitch", _number(report.pitch_m, "{:.4g} mm", 1e3)),
+        ("face radius", _number(report.face_radius_m, "{:.4g} mm", 1e3)),
+        ("wavelength", _number(report.wavelength_m, "{:.4g} nm", 1e9)),
+        ("pulse energy", _number(report.pulse_energy_j, "{:.4g} mJ", 1e3)),
+    ]
+    for name, value in rows:
+        if value is not None:
+            table.add_row(f"[dim]{name}[/]", escape(value))
+    people.print(table)
+
+
+def _dark(report: BankReport) -> str:
+    return f"{report.dark_frames}, the largest intensity is {report.dark_intensity or math.nan:.4g}"
+
+
+def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:
+    return None if value is None else form.format(value * scale)
+
+
+def _draw(
+    bank: IntensityBank | FrameBank, intensities: list[float], report: BankReport, path: Path, *, probe: str | None
+) -> None:
+    from markerseek.pictures import bank_figure, save_png
+    from markerseek.records.banks import FrameBank
+    from markerseek.rigs.bank_images import bank_image
+
+    strongest = intensities.index(max(intensities))
+    figure = bank_figure(
+        bank.angles_deg,
+        intensities,
+        title=f"{Path(report.path).name}{': ' if report.description else ''}{report.description}",
+        max_deg=report.max_deg,
+        com_deg=report.com_deg,
+        cen_deg=report.cen_deg,
+        fwhm_deg=report.fwhm_deg,
+        reference_deg=report.reference_deg,
+        dark_level=report.dark_intensity,
+        image=bank_image(bank, strongest, probe=probe) if isinstance(bank, FrameBank) else None,
+    )
+    save_png(figure, path)

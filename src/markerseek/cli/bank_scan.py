@@ -1,0 +1,103 @@
+"""``markerseek bank scan``: a bank from a rig."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+
+from markerseek import __version__
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
+from markerseek.core import Measured, Refused
+
+NAME = "scan"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek bank scan scan.hdf5 --seed 1\n\n"
+    "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760"
+)
+
+
+class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What a scan wrote."""
+
+    path: str
+    rig: str
+    angles: int
+    dark_frames: int
+    refused: int
+    simulated: bool
+    seed: int | None
+    configuration: str
+    version: str = __version__
+
+
+def command(
+    out: Annotated[Path, typer.Argument(help="File to be written, .hdf5; it must not exist.")],
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
+    ] = None,
+    step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.")] = 1,
+    wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, to be written down.")] = None,
+    pulse_energy_mj: Annotated[
+        float | None, typer.Option(help="Energy of one laser pulse, to be written down.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
+
+    Stopped at any moment, the file holds what was taken.
+    """
+    from markerseek import rigs
+    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.bank_scan import scan_angles, scan_bank
+    from markerseek.sim import SimulatedSettings
+
+    settings = SimulatedSettings() if rig is None else read_rig_file(rig)
+    announce_compilation()
+    assembled = rigs.simulated(seed=seed, settings=settings)
+    angles = scan_angles(assembled, step_deg=step_deg)
+    taken, dark, refused = 0, 0, 0
+    events = scan_bank(
+        assembled,
+        out,
+        step_deg=step_deg,
+        wavelength_m=None if wavelength_nm is None else wavelength_nm * 1e-9,
+        pulse_energy_j=None if pulse_energy_mj is None else pulse_energy_mj * 1e-3,
+    )
+    try:
+        with progress_bar(angles, what="scanning") as progress, closing(events):
+            task = progress.task_ids[0]
+            for event in events:
+                if isinstance(event, Measured) and event.role == "search":
+                    taken = event.index
+                    heard = event.sample
+                    said = f"{heard.angle_deg:+7.2f}°  intensity {heard.reading.intensity:.4g}"
+                    progress.update(task, completed=taken, description=said)
+                elif isinstance(event, Measured):
+                    dark += 1
+                elif isinstance(event, Refused):
+                    refused += 1
+                    progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+    finally:
+        if 0 < taken < angles:
+            aside.print(f"[yellow]{escape(str(out))} holds {taken} of {angles} angles; they can be read[/]")
+    if as_json:
+        report = ScanReport(
+            path=str(out),
+            rig=assembled.description,
+            angles=taken,
+            dark_frames=dark,
+            refused=refused,
+            simulated=assembled.simulated,
+            seed=seed if assembled.simulated else None,
+            configuration=assembled.configuration,
+        )
+        print_json(report)
+    else:
+        people.print(f"{taken} angles and {dark} dark frames of a {assembled.kind} rig in {escape(str(out))}")

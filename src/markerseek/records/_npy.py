@@ -1,0 +1,70 @@
+"""NumPy's own files, read without its trust in them: nothing is unpickled, and no size is believed unseen."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from markerseek.core import RecordError
+from markerseek.records._hdf5 import MOST_PER_BYTE
+
+_HEADER_BYTES = 10_000
+
+
+def read_npy(file: IO[bytes], *, size: int) -> np.ndarray:
+    """Array in the ``.npy`` format, from a stream of so many bytes.
+
+    Raises
+    ------
+    ValueError
+        If it is none, holds anything but numbers, or is not as long as it says.
+    """
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read(file, max_header_size=_HEADER_BYTES)
+    # The header is a Python literal, and a hostile one upsets NumPy's parser, and Python's, in many ways.
+    except Exception as problem:
+        raise ValueError("no valid .npy header; save it again with numpy.save") from problem
+    if dtype.kind not in "biuf" or dtype.subdtype is not None or min(shape, default=1) < 0:
+        raise ValueError(f"{dtype} of shape {shape} found, plain numbers expected; convert it")
+    expected = file.tell() + dtype.itemsize * math.prod(shape)
+    if size != expected:
+        raise ValueError(
+            f"{size} bytes found, {expected} bytes expected; the file is cut off or damaged: save it again"
+        )
+    flat = np.frombuffer(file.read(size - file.tell()), dtype=dtype)
+    return flat.reshape(shape, order="F" if fortran else "C")
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of an ``.npz`` by name.
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, or unpacks to far more than it holds.
+    """
+    most = MOST_PER_BYTE * path.stat().st_size
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = [each for each in archive.infolist() if each.filename.endswith(".npy")]
+            _require_room(members, most)
+            arrays = {}
+            for each in members:
+                with archive.open(each) as stream:
+                    arrays[each.filename.removesuffix(".npy")] = read_npy(stream, size=each.file_size)
+            return arrays
+    # Damaged archives raise errors of many kinds.
+    except Exception as problem:
+        raise RecordError(f"{path}: no .npz that can be read: {problem}; save it again with numpy.savez") from problem
+
+
+def _require_room(members: list[zipfile.ZipInfo], most: int) -> None:
+    unpacked = sum(each.file_size for each in members)
+    if unpacked > most:
+        raise ValueError(f"it unpacks to {unpacked} bytes, more than {MOST_PER_BYTE} times the file")

@@ -1,0 +1,7 @@
+"""Banks for other people's programs: a sequence for 3D Slicer and PLUS, a log for ROS 2, a table."""
+
+from markerseek.records.exports.mcap_log import write_mcap
+from markerseek.records.exports.sequence import write_sequence
+from markerseek.records.exports.table import write_intensities
+
+__all__ = ["write_intensities", "write_mcap", "write_sequence"]

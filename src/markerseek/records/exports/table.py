@@ -1,0 +1,16 @@
+"""A bank as the CSV that `read_bank` reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from markerseek.records.banks import IntensityBank
+from markerseek.records.exports._new_file import require_new
+from markerseek.records.intensity_table import write_bank
+
+
+def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
+    """Write intensities over angles in degrees as a new CSV; `RecordError` if it cannot be written."""
+    require_new(path)
+    write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), path)
