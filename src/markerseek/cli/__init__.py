@@ -1,7 +1,7 @@
 """The command line: one file a command, and this one, which gathers them and turns errors into exit codes.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 130 stopped by the user.
+read, 4 a run to be resumed that nobody armed, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import warnings
 import typer
 
 from markerseek import __version__
-from markerseek.cli import doctor, frame, replay, reproduce, search, study
+from markerseek.cli import bank, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import MarkerseekError
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+STOPPED = {129: "SIGHUP", 130: "the user", 143: "SIGTERM"}
+"""Exit codes after a signal, as shells have them, and who sends it."""
 
 app = typer.Typer(
     name="markerseek",
@@ -29,8 +29,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for command in (search, replay, frame, reproduce, study, doctor):
+for command in (search, replay, resume, frame, reproduce, study, emulate, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+app.add_typer(bank.app)
+app.add_typer(journal.app, name=journal.NAME)
 
 
 def _print_version(asked: bool) -> None:
@@ -58,8 +60,8 @@ def main() -> None:
     try:
         app()
     except SystemExit as ended:
-        if ended.code == INTERRUPTED:
-            print_warning("stopped by the user: the laser is disarmed, and the probe stays where it was")
+        if ended.code in STOPPED:
+            print_warning(f"stopped by {STOPPED[ended.code]}: the laser is disarmed, and the probe stays where it was")
         raise
     except OSError as problem:
         print_error(MarkerseekError(f"the output cannot be written: {problem.strerror}"), as_json=False)

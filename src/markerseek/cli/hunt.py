@@ -2,82 +2,99 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterable
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
+import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek.cli.terminal import aside, people, print_json, progress_bar
-from markerseek.core import Measured, PaImage, Policy, Refused, Sample
+from markerseek.cli.stopping import StoppedBySignal, stopped_by_signals
+from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar
+from markerseek.core import Event, Measured, PaImage, RecordError, Refused, Sample
+from markerseek.records.journal import Configuration, Journal, result_with
 from markerseek.records.result import Recorder, SearchResult
-from markerseek.rigs import Rig
-from markerseek.scan import run
+from markerseek.signals import ImageReader
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
 
 
 def hunt(
-    policy: Policy,
-    rig: Rig,
-    *,
-    method: str,
-    as_published: bool,
-    most: int,
-    stay: bool,
-    seed: int | None,
+    events: Generator[Event, None, None], begun_with: Configuration, *, most: int, journal: Journal | None
 ) -> tuple[Recorder, SearchResult]:
-    """Run a search with a progress bar.
+    """Live through a search with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end it.
 
     Parameters
     ----------
-    policy, rig
-        What searches, on what.
-    method, as_published
-        Name and form of the policy.
+    events
+        The search.
+    begun_with
+        What it is begun with.
     most
         Most acquisitions, for the bar.
-    stay
-        Whether the last move and the confirmation are left out.
-    seed
-        Seed of a simulation.
+    journal
+        Where the events are kept, which also hears of an interruption; None without one.
     """
     recorder = Recorder()
+    with stopped_by_signals():
+        try:
+            # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
+            with closing(events):
+                _watch(events, recorder, most)
+        except StoppedBySignal as stop:
+            _note_interruption(stop, journal)
+            raise typer.Exit(stop.exit_code) from None
+    return recorder, result_with(recorder, begun_with)
+
+
+def _watch(events: Iterable[Event], recorder: Recorder, most: int) -> None:
     with progress_bar(most, what="searching") as progress:
         task = progress.task_ids[0]
-        dark_frames = 0 if as_published else rig.dark_frames
-        # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
-        with closing(run(policy, rig.scanner, dark_frames=dark_frames, stay=stay)) as events:
-            for event in events:
-                recorder.hear(event)
-                if isinstance(event, Measured) and event.role == "search":
-                    sample = event.sample
-                    said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
-                    progress.update(task, completed=event.index, description=said)
-                elif isinstance(event, Refused):
-                    progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
-    result = recorder.result(
-        method=method,
-        as_published=as_published,
-        rig=rig.kind,
-        face_radius_m=rig.face_radius_m,
-        truth_deg=rig.truth_deg,
-        reference_deg=rig.reference_deg,
-        seed=seed,
-        configuration=rig.configuration,
-    )
-    return recorder, result
+        for event in events:
+            recorder.hear(event)
+            if isinstance(event, Measured) and event.role == "search":
+                sample = event.sample
+                said = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                progress.update(task, completed=event.index, description=said)
+            elif isinstance(event, Refused):
+                progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
 
 
-def show(recorder: Recorder, result: SearchResult, rig: Rig, *, as_json: bool, plot: bool, out: Path, name: str) -> int:
+def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
+    """Say in the journal what stopped the run, once the rig has been stopped."""
+    if journal is None:
+        return
+    try:
+        journal.interrupt(stop.name)
+    except RecordError as problem:
+        print_warning(str(problem))
+    print_warning(f"go on with: markerseek resume {journal.path}")
+
+
+def show(
+    recorder: Recorder,
+    result: SearchResult,
+    *,
+    description: str,
+    imaging: ImageReader | None,
+    as_json: bool,
+    plot: bool,
+    out: Path,
+    name: str,
+) -> int:
     """Print the result and draw it; the exit code comes back.
 
     Parameters
     ----------
-    recorder, result, rig
-        What `hunt` gave, and on what.
+    recorder, result
+        What `hunt` gave.
+    description
+        The rig in words.
+    imaging
+        Imaging chain of its channel data; None where there are intensities only.
     as_json
         One object for programs instead of a table for people.
     plot
@@ -89,9 +106,9 @@ def show(recorder: Recorder, result: SearchResult, rig: Rig, *, as_json: bool, p
     if as_json:
         print_json(result)
     else:
-        _print_table(result, rig)
+        _print_table(result, description)
     if plot:
-        for path in _draw(recorder, result, rig, out / f"{name}.png", out / f"{name}.html"):
+        for path in _draw(recorder, result, description, imaging, out / f"{name}.png", out / f"{name}.html"):
             (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     return FOUND if result.found else OTHER_ANSWER
 
@@ -138,22 +155,24 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
     return [1e3 * value for value in point_m]
 
 
-def _print_table(result: SearchResult, rig: Rig) -> None:
+def _print_table(result: SearchResult, description: str) -> None:
     form = " as published" if result.as_published else ""
-    people.print(f"[bold]{result.method}{form}[/] on a {rig.kind} rig: {escape(rig.description)}")
+    people.print(f"[bold]{result.method}{form}[/] on a {result.rig} rig: {escape(description)}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
         table.add_row(f"[dim]{name}[/]", escape(value))
     people.print(table)
 
 
-def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: Path) -> tuple[Path, ...]:
+def _draw(
+    recorder: Recorder, result: SearchResult, description: str, imaging: ImageReader | None, png: Path, page: Path
+) -> tuple[Path, ...]:
     from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
 
     finished = recorder.finished
     if finished is None or not recorder.samples:
         return ()
-    title = f"{result.method} on a {rig.kind} rig: {rig.description}"
+    title = f"{result.method} on a {result.rig} rig: {description}"
     figure = search_figure(
         recorder.samples,
         finished.estimate,
@@ -162,13 +181,13 @@ def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: P
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
-        image=_image(rig, recorder.confirmation or recorder.samples[-1]),
+        image=_image(imaging, recorder.confirmation or recorder.samples[-1]),
     )
     save_png(figure, png)
     write_page(
         page,
         title=title,
-        note="Simulated rig: no hardware was involved." if rig.kind == "simulated" else None,
+        note="Simulated rig: no hardware was involved." if result.rig == "simulated" else None,
         facts=facts(result),
         picture_uri=png_data_uri(figure),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
@@ -188,11 +207,11 @@ def _draw(recorder: Recorder, result: SearchResult, rig: Rig, png: Path, page: P
     return png, page
 
 
-def _image(rig: Rig, sample: Sample) -> PaImage | None:
+def _image(imaging: ImageReader | None, sample: Sample) -> PaImage | None:
     """Image of the frame of a sample, where there is one."""
-    if rig.imaging is None or sample.frame is None:
+    if imaging is None or sample.frame is None:
         return None
-    return rig.imaging.picture(sample.frame)
+    return imaging.picture(sample.frame)
 
 
 def _optional_mm(value_m: float | None) -> str:

@@ -18,7 +18,9 @@ EXAMPLES = (
 def command(
     bank: Annotated[
         Path,
-        typer.Argument(help="CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."),
+        typer.Argument(
+            help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
+        ),
     ],
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "weighted-average",
     acquisitions: Annotated[
@@ -27,11 +29,19 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
-    probe: Annotated[str, typer.Option(help="Preset of the imaging chain, for channel data.")] = "BPL9-5/55",
+    probe: Annotated[
+        str | None,
+        typer.Option(
+            help="Preset of the imaging chain, for channel data.", show_default="that of the bank, else BPL9-5/55"
+        ),
+    ] = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker, to be compared with, in degrees.")
     ] = None,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    journal: Annotated[
+        Path | None, typer.Option(help="Journal of the run, a new SQLite file; without it, none is kept.")
+    ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
@@ -41,10 +51,14 @@ def command(
     What was not recorded is not made up: a search gets the nearest recorded angle. With --as-published intensities are
     interpolated between recorded angles, as in the paper's offline analysis.
     """
+    from contextlib import nullcontext
+
     from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
+    from markerseek.cli.keeping import new_journal, tell_where
     from markerseek.cli.terminal import announce_compilation
     from markerseek.core import ConfigError
+    from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
     announce_compilation()
@@ -65,7 +79,29 @@ def command(
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
     )
-    recorder, result = hunt(
-        policy, assembled, method=method, as_published=as_published, most=acquisitions, stay=stay, seed=None
+    configuration = configuration_of(
+        assembled,
+        method=method,
+        acquisitions=acquisitions,
+        as_published=as_published,
+        start_deg=assembled.stage.angle_deg,
+        dark_frames=0 if as_published else assembled.dark_frames,
+        stay=stay,
+        seed=None,
     )
-    raise typer.Exit(show(recorder, result, assembled, as_json=as_json, plot=plot, out=out, name="replay"))
+    with new_journal(journal, configuration, wanted=journal is not None) or nullcontext() as kept:
+        events = search_events(policy, assembled, configuration, kept)
+        recorder, result = hunt(events, configuration, most=acquisitions, journal=kept)
+    code = show(
+        recorder,
+        result,
+        description=assembled.description,
+        imaging=assembled.imaging,
+        as_json=as_json,
+        plot=plot,
+        out=out,
+        name="replay",
+    )
+    if not as_json:
+        tell_where(kept)
+    raise typer.Exit(code)

@@ -33,17 +33,25 @@ def command(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.")] = 1,
     pace: Annotated[float, typer.Option(help="Real seconds for a virtual one; 0 does not wait, 1 is real speed.")] = 0,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    journal: Annotated[
+        Path | None,
+        typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
+    ] = None,
+    no_journal: Annotated[bool, typer.Option("--no-journal", help="Keep no journal: it cannot be resumed.")] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
+    from contextlib import nullcontext
     from dataclasses import replace
 
     from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
+    from markerseek.cli.keeping import new_journal, tell_where
     from markerseek.cli.terminal import announce_compilation
     from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
     from markerseek.sim import SimulatedSettings
 
@@ -59,8 +67,30 @@ def command(
     )
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, pace=pace)
-    most = acquisitions or method_named(method).acquisitions
-    recorder, result = hunt(
-        policy, assembled, method=method, as_published=as_published, most=most, stay=stay, seed=seed
+    configuration = configuration_of(
+        assembled,
+        method=method,
+        acquisitions=acquisitions,
+        as_published=as_published,
+        start_deg=settings.start_deg,
+        dark_frames=0 if as_published else assembled.dark_frames,
+        stay=stay,
+        seed=seed,
     )
-    raise typer.Exit(show(recorder, result, assembled, as_json=as_json, plot=plot, out=out, name="search"))
+    most = acquisitions or method_named(method).acquisitions
+    with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
+        events = search_events(policy, assembled, configuration, kept)
+        recorder, result = hunt(events, configuration, most=most, journal=kept)
+    code = show(
+        recorder,
+        result,
+        description=assembled.description,
+        imaging=assembled.imaging,
+        as_json=as_json,
+        plot=plot,
+        out=out,
+        name="search",
+    )
+    if not as_json:
+        tell_where(kept)
+    raise typer.Exit(code)

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, LinearArray
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
-from markerseek.records.banks import FrameBank, read_bank
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
+from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
+from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
 from markerseek.sim import VirtualClock
 
 
 def replayed(
     path: Path,
     *,
-    probe: str = PRESET_NAMES[0],
+    probe: str | None = None,
     reference_deg: float | None = None,
     between: Literal["nearest", "interpolated"] = "nearest",
 ) -> Rig:
@@ -30,11 +32,11 @@ def replayed(
     Parameters
     ----------
     path
-        CSV of ``angle_deg,intensity``, or a folder with one sub-folder of SonixDAQ files per angle.
+        A bank: IPASC HDF5, a folder of frames, or a CSV (`markerseek.records.banks.read_bank`).
     probe
-        Preset of the imaging chain, for channel data.
+        Preset of the imaging chain, for channel data; None: the one that the bank names, else the first of all.
     reference_deg
-        Angle of the marker that was found otherwise, in degrees, to be compared with.
+        Angle of the marker that was found otherwise, in degrees, to be compared with; None: the one in the bank.
     between
         What a search gets between two recorded angles: the nearest recorded one, or an intensity interpolated from both
         neighbours, as in the paper. Frames are never interpolated.
@@ -48,12 +50,14 @@ def replayed(
     """
     if reference_deg is not None and not math.isfinite(reference_deg):
         raise ConfigError(f"reference_deg is {reference_deg} deg, it must be a finite number")
-    preset = probe_preset(probe)
     bank = read_bank(path)
+    preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)
     laser = ReplayLaser()
     receiver = ReplayReceiver(stage=stage, bank=bank)
     frames = isinstance(bank, FrameBank)
+    if reference_deg is None:
+        reference_deg = bank.facts.reference_angle_deg
     imaging = ImageReader(preset) if frames else None
     interpolated = between == "interpolated" and not frames
     guard = Guard(
@@ -81,10 +85,42 @@ def replayed(
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
-        dark_frames=0,
-        face_radius_m=None,
+        dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
+        face_radius_m=bank.facts.face_radius_m,
         truth_deg=None,
         configuration=fingerprint(bank),
         reference_deg=reference_deg,
         distinct_angles=None if interpolated else len(bank.angles_deg),
+        recipe=ReplayedRecipe(
+            path=str(path.absolute()), probe=preset.name, reference_deg=reference_deg, between=between
+        ),
     )
+
+
+def preset_of(bank: IntensityBank | FrameBank, probe: str | None) -> ProbePreset:
+    """Preset by which a bank's frames are imaged; what the bank says of array, sampling and sound speed goes first.
+
+    Parameters
+    ----------
+    bank
+        The bank.
+    probe
+        Name of the preset; None: the one that the bank names, else the first of all.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown, or does not go with what the bank says.
+    RecordError
+        If a frame is needed to know the array, and cannot be read.
+    """
+    facts = bank.facts
+    preset = probe_preset(probe or facts.probe or PRESET_NAMES[0])
+    if facts.sampling_hz is not None:
+        preset = replace(preset, sampling_hz=facts.sampling_hz)
+    if facts.sound_speed_m_s is not None:
+        preset = replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
+    if facts.pitch_m is not None and isinstance(bank, FrameBank):
+        elements = bank.frame(0).samples.shape[0]
+        preset = replace(preset, array=LinearArray(elements=elements, pitch_m=facts.pitch_m))
+    return preset

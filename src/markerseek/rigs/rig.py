@@ -4,16 +4,39 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Literal
+from types import TracebackType
+from typing import Literal, Protocol, Self
 
 import msgspec
 
 from markerseek.core import Laser, Receiver, Stage
+from markerseek.drivers.settings import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader
 from markerseek.sim import SimulatedSettings
+
+
+class Checkpointed(Protocol):
+    """A world that can be kept and put back."""
+
+    def checkpoint(self) -> bytes:
+        """State now, as JSON."""
+
+    def restore(self, checkpoint: bytes) -> None:
+        """Go back to a state."""
+
+
+class Devices(Protocol):
+    """The lines to real devices."""
+
+    def arm(self) -> None:
+        """Let commands through."""
+
+    def close(self) -> None:
+        """Let go of them; allowed twice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +46,7 @@ class Rig:
     Attributes
     ----------
     kind
-        Whether it is simulated or replays a recording.
+        Whether it is simulated, replays a recording, or is one of devices.
     description
         What it is, in words.
     stage, laser, receiver
@@ -44,9 +67,15 @@ class Rig:
         Angle that was found otherwise, in degrees, to be compared with; None without one.
     distinct_angles
         Number of angles at which anything can be measured; None where it is any.
+    recipe
+        How to put the same rig together again; None where that cannot be said.
+    world
+        The simulated world, which a journal keeps with each commit; None where the world is real or a recording.
+    devices
+        The lines to real devices; None where no hardware is involved.
     """
 
-    kind: Literal["simulated", "replayed"]
+    kind: Literal["simulated", "replayed", "bench"]
     description: str
     stage: Stage
     laser: Laser
@@ -59,6 +88,26 @@ class Rig:
     configuration: str
     reference_deg: float | None = None
     distinct_angles: int | None = None
+    recipe: Recipe | None = None
+    world: Checkpointed | None = None
+    devices: Devices | None = None
+
+    def arm(self, *, by: str) -> None:
+        """Allow it to move and fire, in the name of a person who stands beside it; a fault must be reset first."""
+        self.scanner.guard.arm(by=by)
+        if self.devices is not None:
+            self.devices.arm()
+
+    def close(self) -> None:
+        """Let go of its devices; allowed twice."""
+        if self.devices is not None:
+            self.devices.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
 
     @property
     def limits(self) -> Limits:
@@ -71,7 +120,7 @@ class Rig:
         return self.kind == "simulated"
 
 
-def fingerprint(of: SimulatedSettings | IntensityBank | FrameBank) -> str:
+def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:
     """First half of the SHA-256 of the settings or the recording, as JSON."""
     plain = msgspec.json.encode(of, enc_hook=str)
     return hashlib.sha256(plain).hexdigest()[:32]

@@ -11,6 +11,7 @@ from markerseek.acoustics import Digitiser
 from markerseek.core import ConfigError, Reader
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.replay import IntensityReader
+from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.scan import Scanner
 from markerseek.scene import draw_scene, image_reader
@@ -22,6 +23,7 @@ from markerseek.sim import (
     SimulatedReceiver,
     SimulatedSettings,
     SimulatedStage,
+    SimulatedState,
     Surroundings,
     VirtualClock,
     World,
@@ -96,6 +98,8 @@ def simulated(
         imaging=imaging,
         description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
+        rng=rng,
+        recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
     )
 
 
@@ -132,9 +136,8 @@ def of_intensities(
         If a setting cannot be used; bursts of noise need frames.
     """
     settings = settings or SimulatedSettings()
-    world = CurveWorld.of_settings(
-        settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=np.random.default_rng(seed)
-    )
+    rng = np.random.default_rng(seed)
+    world = CurveWorld.of_settings(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng)
     return _in_world(
         world,
         settings,
@@ -143,6 +146,7 @@ def of_intensities(
         imaging=None,
         description=f"simulated intensities, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
+        rng=rng,
     )
 
 
@@ -155,8 +159,10 @@ def _in_world(
     imaging: ImageReader | None,
     description: str,
     truth_deg: float | None,
+    rng: np.random.Generator | None = None,
+    recipe: SimulatedRecipe | None = None,
 ) -> Rig:
-    """Simulated devices in a world, put together."""
+    """Simulated devices in a world, put together; with the source of its randomness it can be kept and put back."""
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
     receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s)
@@ -182,4 +188,8 @@ def _in_world(
         face_radius_m=settings.probe.face_radius_m,
         truth_deg=truth_deg,
         configuration=fingerprint(settings),
+        recipe=recipe,
+        world=None
+        if rng is None
+        else SimulatedState(world=world, clock=clock, stage=stage, receiver=receiver, rng=rng),
     )

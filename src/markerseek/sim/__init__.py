@@ -3,6 +3,7 @@
 It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
 """
 
+from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve
@@ -36,6 +37,7 @@ __all__ = [
     "SimulatedReceiver",
     "SimulatedSettings",
     "SimulatedStage",
+    "SimulatedState",
     "Spot",
     "StageMotion",
     "Surroundings",

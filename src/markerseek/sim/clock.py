@@ -27,6 +27,10 @@ class VirtualClock:
         """Virtual seconds since the clock was made."""
         return self._now_s
 
+    def put_back(self, now_s: float) -> None:
+        """Show another time: that of a world that goes on where it was left."""
+        self._now_s = now_s
+
     def wait(self, duration_s: float) -> None:
         """Jump that many virtual seconds ahead."""
         if not 0 <= duration_s < math.inf:

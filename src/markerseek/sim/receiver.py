@@ -27,7 +27,7 @@ class SimulatedReceiver:
         self._world = world
         self._clock = clock
         self._readout_s = readout_s
-        self._sequence = 0
+        self.sequence = 0
         self._armed: tuple[Permit, int, float] | None = None
 
     def arm(self, permit: Permit) -> None:
@@ -48,9 +48,9 @@ class SimulatedReceiver:
         self._armed = None
         new = self._world.flashes[flashes_before:]
         self._clock.wait(self._readout_s)
-        self._sequence += 1
+        self.sequence += 1
         header = FrameHeader(
-            sequence=self._sequence,
+            sequence=self.sequence,
             token=permit.token,
             pulses=sum(flash.pulses for flash in new),
             commanded_deg=permit.angle_deg,

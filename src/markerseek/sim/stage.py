@@ -80,12 +80,12 @@ class SimulatedStage:
         self._world = world
         self._clock = clock
         self._motion = motion
-        self._counts = round(world.angle_deg * motion.counts_per_deg)
+        self.counts = round(world.angle_deg * motion.counts_per_deg)
 
     @property
     def angle_deg(self) -> float:
         """Readback: the motor's encoder, in degrees; it does not know of the play."""
-        return self._counts / self._motion.counts_per_deg
+        return self.counts / self._motion.counts_per_deg
 
     def move_to(self, angle_deg: float) -> float:
         """Turn to an angle, from below, and return the readback in degrees.
@@ -110,7 +110,7 @@ class SimulatedStage:
     def _turn(self, angle_deg: float) -> None:
         """Move the motor by whole counts; the probe follows once the play is taken up."""
         start_deg = self.angle_deg
-        self._counts = round(angle_deg * self._motion.counts_per_deg)
+        self.counts = round(angle_deg * self._motion.counts_per_deg)
         self._clock.wait(self._motion.duration_s(self.angle_deg - start_deg))
         # Pushed from below the probe stands at the encoder's angle, pulled from above by the play behind it.
         play_deg = self._motion.backlash_deg

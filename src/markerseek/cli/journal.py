@@ -1,0 +1,159 @@
+"""``markerseek journal``: looks at the journal of a run, checks it, and works its result out anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from markerseek.records.journal import Entry, Recording
+
+NAME = "journal"
+
+app = typer.Typer(help="Look at the journal of a run, check it, or work its result out anew.", no_args_is_help=True)
+
+_File = Annotated[Path, typer.Argument(help="Journal of a run.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]
+
+
+_COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
+    ("", "right"),
+    ("time [s]", "right"),
+    ("what", "left"),
+    ("angle [deg]", "right"),
+    ("intensity", "right"),
+    ("", "left"),
+)
+
+
+@app.command(epilog="Example:\n\n  markerseek journal show run.journal")
+def show(journal: _File, as_json: _Json = False) -> None:
+    """Print what happened, entry by entry; of a damaged journal as much as is whole, then the error."""
+    from markerseek.cli.terminal import print_json
+    from markerseek.records.journal import salvage, standing
+
+    held, damage = salvage(journal)
+    if as_json:
+        print_json(
+            {
+                "configuration": held.configuration,
+                "state": standing(held.entries).state,
+                "entries": [_as_object(entry) for entry in held.entries],
+                "damage": None if damage is None else str(damage),
+            }
+        )
+    else:
+        _print_table(held)
+    if damage is not None:
+        from markerseek.cli.terminal import print_error
+
+        print_error(damage, as_json=False)
+        raise typer.Exit(damage.exit_code)
+
+
+@app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
+def verify(journal: _File, as_json: _Json = False) -> None:
+    """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import people, print_json
+    from markerseek.records.journal import verify as look_over
+
+    finding = look_over(journal)
+    if as_json:
+        print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
+    else:
+        for fault in finding.faults:
+            people.print(f"[red]wrong:[/] {escape(fault)}")
+        people.print(f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"))
+    raise typer.Exit(1 if finding.faults else 0)
+
+
+@app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
+def replay(journal: _File, as_json: _Json = False) -> None:
+    """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import announce_compilation, people, print_json
+    from markerseek.records.journal import read_journal, standing
+    from markerseek.rigs.again import differences, policy_again, reader_again
+
+    held = read_journal(journal)
+    announce_compilation()
+    found = differences(held, policy_again(held.configuration), reader_again(held.configuration))
+    state = standing(held.entries).state
+    if as_json:
+        print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
+    else:
+        for line in found:
+            people.print(f"[red]differs:[/] {escape(line)}")
+        if not found:
+            what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
+            people.print(f"{what} come out equal, bit for bit, from {len(held.entries)} entries")
+    raise typer.Exit(1 if found else 0)
+
+
+def _as_object(entry: Entry) -> dict[str, object]:
+    import msgspec
+
+    from markerseek.records.journal.rows import to_row
+
+    kind, body, _ = to_row(entry.event)
+    return {
+        "number": entry.number,
+        "kind": kind,
+        "written": entry.written,
+        "clock_s": entry.clock_s,
+        "body": msgspec.Raw(body),
+    }
+
+
+def _print_table(held: Recording) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from markerseek.cli.terminal import people
+    from markerseek.records.journal import standing
+
+    begun_with = held.configuration
+    form = " as published" if begun_with.as_published else ""
+    people.print(f"[bold]{begun_with.method}{form}[/] on a {begun_with.rig} rig: {escape(begun_with.description)}")
+    said = ", ".join(f"{name} {version}" for name, version in begun_with.versions.items())
+    people.print(f"[dim]seed {begun_with.seed}, rig {begun_with.fingerprint}, {escape(said)}[/]")
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading, justify in _COLUMNS:
+        table.add_column(heading, justify=justify)
+    for entry in held.entries:
+        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(escape, _line(entry)))
+    people.print(table)
+    stands = standing(held.entries)
+    people.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {escape(stands.fault)}"))
+
+
+def _line(entry: Entry) -> tuple[str, str, str, str]:
+    """What happened, where, how strong, and what else there is to say."""
+    from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
+    from markerseek.records.journal import Checked, Interrupted, Resuming
+    from markerseek.records.result import answer_name
+
+    match entry.event:
+        case Started(start_deg=start_deg, limits=limits):
+            return "started", f"{start_deg:.3f}", "", f"searches {limits}"
+        case Asked(role=role, index=index, angle_deg=angle_deg):
+            return f"asked: {role} {index}", f"{angle_deg:.3f}", "", ""
+        case Measured(role=role, index=index, sample=sample):
+            return f"measured: {role} {index}", f"{sample.angle_deg:.3f}", f"{sample.reading.intensity:.4g}", ""
+        case Refused(angle_deg=angle_deg, reason=reason):
+            return "refused", f"{angle_deg:.3f}", "", reason
+        case Finished(estimate=estimate):
+            return f"finished: {answer_name(estimate)}", f"{estimate.mean_deg:.3f}", "", ""
+        case Failed(error=error):
+            return "failed", "", "", str(error)
+        case Interrupted(reason=reason):
+            return "interrupted", "", "", reason
+        case Resuming(by=by, check_deg=check_deg):
+            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}"
+        case Checked(reading=reading, difference=difference):
+            return "checked", "", f"{reading.intensity:.4g}", difference or "heard as before"

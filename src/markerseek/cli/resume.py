@@ -1,0 +1,124 @@
+"""``markerseek resume``: goes on with a search that was stopped, or that died."""
+
+from __future__ import annotations
+
+import getpass
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from markerseek.records.journal import Recording
+    from markerseek.records.result import Recorder, SearchResult
+    from markerseek.signals import ImageReader
+
+NAME = "resume"
+EXAMPLES = "Examples:\n\n  markerseek resume run.journal\n\n  markerseek resume run.journal --arm --json"
+
+NOT_ARMED = 4
+"""Exit code of a run that can go on and was not armed: nothing moved, nothing was fired."""
+
+
+def command(
+    journal: Annotated[Path, typer.Argument(help="Journal of the run.")],
+    arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and go on, without being asked.")] = False,
+    reset_fault: Annotated[
+        bool, typer.Option("--reset-fault", help="Reset the fault that ended the run; look at the rig before.")
+    ] = False,
+    plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Go on with a search after any end: the same next angle, the same result.
+
+    Nothing moves and nothing is fired until a person arms the rig: by --arm, or by saying so when asked on a terminal.
+    Without either it tells where the run stands, and ends with exit code 4. Armed, it measures the strongest angle so
+    far again, and goes on only if that is heard as before. The result of a run that is over is printed.
+    """
+    from markerseek.cli.hunt import show
+    from markerseek.cli.terminal import announce_compilation
+    from markerseek.records.journal import read_journal, result_of, standing
+    from markerseek.rigs.again import rig_again
+    from markerseek.rigs.journalled import require_reset
+
+    held = read_journal(journal)
+    stands = standing(held.entries)
+    if stands.state == "finished":
+        recorder, result = result_of(held)
+        imaging = rig_again(held.configuration).imaging if plot else None
+    else:
+        require_reset(held.path, stands, reset_fault=reset_fault)
+        announce_compilation()
+        if not arm and not _confirmed(held, as_json=as_json):
+            raise typer.Exit(NOT_ARMED)
+        recorder, result, imaging = _go_on(journal, reset_fault=reset_fault)
+    raise typer.Exit(
+        show(
+            recorder,
+            result,
+            description=held.configuration.description,
+            imaging=imaging,
+            as_json=as_json,
+            plot=plot,
+            out=out,
+            name="resume",
+        )
+    )
+
+
+def _go_on(journal: Path, *, reset_fault: bool) -> tuple[Recorder, SearchResult, ImageReader | None]:
+    """Lock the journal, put rig and policy together again, and let them go on."""
+    from markerseek.cli.hunt import hunt
+    from markerseek.records.journal import Journal
+    from markerseek.rigs.again import policy_again, rig_again
+    from markerseek.rigs.journalled import resumed
+    from markerseek.search import method_named
+
+    kept, held = Journal.reopen(journal)
+    with kept:
+        begun_with = held.configuration
+        rig = rig_again(begun_with)
+        events = resumed(policy_again(begun_with), rig, kept, held, by=_person(), reset_fault=reset_fault)
+        most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
+        recorder, result = hunt(events, begun_with, most=most, journal=kept)
+    return recorder, result, rig.imaging
+
+
+def _confirmed(held: Recording, *, as_json: bool) -> bool:
+    """Say where the run stands, and ask whoever sits at the terminal whether to go on."""
+    from markerseek.cli.terminal import people, print_json
+    from markerseek.records.journal import standing
+    from markerseek.rigs.again import next_angle, policy_again
+
+    stands = standing(held.entries)
+    following_deg = next_angle(held, policy_again(held.configuration))
+    if as_json:
+        print_json(
+            {
+                "state": stands.state,
+                "armed": False,
+                "acquisitions": stands.acquisitions,
+                "next_deg": following_deg,
+                "check_deg": None if stands.strongest is None else stands.strongest.angle_deg,
+                "journal": str(held.path),
+            }
+        )
+        return False
+    people.print(
+        f"{held.configuration.method} on a {held.configuration.rig} rig: {stands.acquisitions} acquisitions are kept; "
+        + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
+    )
+    if not sys.stdin.isatty():
+        people.print("not armed: nothing moved and nothing was fired; add --arm to go on")
+        return False
+    return typer.confirm("Arm the laser and go on?", default=False)
+
+
+def _person() -> str:
+    """Name of the user, for the journal."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "a user without a name"

@@ -1,0 +1,34 @@
+"""One run in one SQLite file: what was asked, measured, refused and answered, committed before the search acts on it.
+
+`Journal` writes, `read_journal` reads and checks as it goes, `verify` looks for every kind of damage. What is written
+is exact: a run can be told again from it bit for bit.
+"""
+
+from markerseek.records.journal.answer import result_of, result_with
+from markerseek.records.journal.configuration import Configuration
+from markerseek.records.journal.entries import Checked, Entry, Interrupted, Resuming
+from markerseek.records.journal.grammar import Standing, standing
+from markerseek.records.journal.place import default_journal
+from markerseek.records.journal.reader import Recording, open_journal, read_journal, salvage
+from markerseek.records.journal.verify import Finding, verify
+from markerseek.records.journal.writer import Journal
+
+__all__ = [
+    "Checked",
+    "Configuration",
+    "Entry",
+    "Finding",
+    "Interrupted",
+    "Journal",
+    "Recording",
+    "Resuming",
+    "Standing",
+    "default_journal",
+    "open_journal",
+    "read_journal",
+    "result_of",
+    "result_with",
+    "salvage",
+    "standing",
+    "verify",
+]

@@ -1,0 +1,73 @@
+"""What a run was begun with: enough to put the same search on the same rig together again."""
+
+from __future__ import annotations
+
+import platform
+from typing import Literal
+
+import msgspec
+import numpy as np
+import scipy
+
+from markerseek._version import __version__
+from markerseek.core import Interval
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on, bit for bit."""
+    return {
+        "markerseek": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "machine": platform.machine(),
+    }
+
+
+class Configuration(msgspec.Struct, frozen=True, kw_only=True):
+    """Search and rig of a run.
+
+    Attributes
+    ----------
+    method, acquisitions, as_published
+        The policy's name and form, and its most acquisitions; None where the method's own number holds.
+    search
+        Range searched.
+    start_deg
+        Where the policy was told that the probe stands, in degrees.
+    dark_frames
+        Acquisitions without laser before the first.
+    stay
+        Whether the last move and the confirmation are left out.
+    rig
+        Kind of the rig.
+    recipe
+        Settings of the rig in full, as JSON; null for a rig that was not put together from settings.
+    fingerprint
+        The same for equal rigs.
+    description
+        The rig in words.
+    face_radius_m, truth_deg, reference_deg
+        As in `markerseek.rigs.Rig`.
+    seed
+        Seed of a simulation.
+    versions
+        See `versions`.
+    """
+
+    method: str
+    acquisitions: int | None
+    as_published: bool
+    search: Interval
+    start_deg: float
+    dark_frames: int
+    stay: bool
+    rig: Literal["simulated", "replayed", "bench"]
+    recipe: msgspec.Raw
+    fingerprint: str
+    description: str
+    face_radius_m: float | None
+    truth_deg: float | None
+    reference_deg: float | None
+    seed: int | None
+    versions: dict[str, str] = msgspec.field(default_factory=versions)

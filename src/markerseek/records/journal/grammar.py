@@ -1,0 +1,124 @@
+"""The order in which things can happen in a run, and where a run stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Sample, Started
+from markerseek.records.journal.entries import Checked, Entry, Happening, Interrupted, Resuming
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """Where a run stands.
+
+    Attributes
+    ----------
+    state
+        Over with an answer, ended by a fault, or open: stopped or dead, and it can go on.
+    acquisitions
+        Acquisitions that the policy was told, or will be.
+    asked_deg
+        Angle in degrees of the acquisition that was asked for and not made; None where there is none.
+    strongest
+        Acquisition with the largest intensity of those with light; None before the first.
+    fault
+        What ended it; None unless it was a fault.
+    """
+
+    state: Literal["finished", "fault", "open"]
+    acquisitions: int
+    asked_deg: float | None
+    strongest: Sample | None
+    fault: str | None
+
+
+def standing(entries: Iterable[Entry]) -> Standing:
+    """Where the run of these entries stands.
+
+    Parameters
+    ----------
+    entries
+        All of them, in order.
+    """
+    state: Literal["finished", "fault", "open"] = "open"
+    acquisitions = 0
+    asked_deg: float | None = None
+    fault: str | None = None
+    strongest: Sample | None = None
+    for entry in entries:
+        match entry.event:
+            case Asked():
+                asked_deg = entry.event.angle_deg
+            case Measured(role=role, sample=sample):
+                asked_deg = None
+                acquisitions += role == "search"
+                if not sample.dark and (strongest is None or sample.reading.intensity > strongest.reading.intensity):
+                    strongest = sample
+            case Finished():
+                state = "finished"
+            case Failed(error=error):
+                state, fault = "fault", str(error)
+            case Resuming(fault_reset=True):
+                state, fault = "open", None
+    return Standing(state=state, acquisitions=acquisitions, asked_deg=asked_deg, strongest=strongest, fault=fault)
+
+
+_STEPS: dict[type, tuple[type, ...]] = {
+    Started: (Asked, Finished),
+    Asked: (Measured, Refused),
+    Refused: (Measured, Refused),
+    Measured: (Asked, Finished),
+    Finished: (),
+}
+"""What may come next in a run, whatever stopped it in between."""
+
+
+def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
+    """Numbers of entries that cannot stand where they do, each with the reason.
+
+    Parameters
+    ----------
+    entries
+        All of a journal, in order.
+    """
+    faults: list[tuple[int, str]] = []
+    step: type | None = None
+    asked: Asked | None = None
+    last: Happening | None = None
+    for entry in entries:
+        event = entry.event
+        fault = _fault_of(event, last=last, step=step, asked=asked)
+        if fault is not None:
+            faults.append((entry.number, fault))
+        if isinstance(event, Asked):
+            asked = event
+        if type(event) in _STEPS:
+            step = type(event)
+        last = event
+    return faults
+
+
+def _fault_of(event: Happening, *, last: Happening | None, step: type | None, asked: Asked | None) -> str | None:
+    """Why an event cannot stand behind the last one and the last step of the run; None if it can."""
+    if isinstance(event, Started) or last is None:
+        return None if isinstance(event, Started) and last is None else "a run begins once, with its first entry"
+    named = f"{type(event).__name__} cannot follow {type(last).__name__}"
+    if isinstance(event, Checked):
+        return None if isinstance(last, Resuming) and last.check_deg is not None else named
+    if isinstance(last, Finished):
+        return named
+    if isinstance(event, Resuming):
+        return named if isinstance(last, Failed) and not event.fault_reset else None
+    if isinstance(last, Interrupted | Failed):
+        return named
+    if isinstance(last, Checked) and last.difference is not None:
+        return "the run went on although the check had found a difference"
+    if type(event) in _STEPS:
+        if step is None or type(event) not in _STEPS[step]:
+            return f"{type(event).__name__} cannot follow {step.__name__ if step else 'nothing'}"
+        if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
+            return f"acquisition {event.index} ({event.role}) was not asked for"
+    return None

@@ -1,0 +1,32 @@
+"""Where journals go that nobody named."""
+
+from __future__ import annotations
+
+import os
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def data_folder() -> Path:
+    """Folder of the user's data of markerseek, as the system has it: ``XDG_DATA_HOME``, or that of macOS or Windows."""
+    named = os.environ.get("XDG_DATA_HOME", "")
+    if Path(named).is_absolute():
+        return Path(named) / "markerseek"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "markerseek"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", str(Path.home()))) / "markerseek"
+    return Path.home() / ".local" / "share" / "markerseek"
+
+
+def default_journal(*, method: str) -> Path:
+    """Name of a new journal in the user's data folder; its name begins with the time, UTC.
+
+    Parameters
+    ----------
+    method
+        What searches.
+    """
+    now = datetime.now(UTC)
+    return data_folder() / "journals" / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"

@@ -1,0 +1,253 @@
+"""Events as rows: a kind, a JSON body, and the samples of a frame as they are."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+
+from markerseek.core import (
+    Ambiguous,
+    Asked,
+    AtBound,
+    ChannelFrame,
+    Estimate,
+    Failed,
+    Finished,
+    Found,
+    Frame,
+    FrameHeader,
+    Interval,
+    Measured,
+    NotFound,
+    Reading,
+    ReadingFrame,
+    RecordError,
+    Refused,
+    Role,
+    Sample,
+    Started,
+    Unsure,
+)
+from markerseek.records.journal.entries import Checked, Happening, Interrupted, RecordedError, Resuming
+from markerseek.records.result import answer_name
+
+Body = TypeVar("Body")
+
+_ANSWERS: dict[str, type[Estimate]] = {
+    "found": Found,
+    "not found": NotFound,
+    "ambiguous": Ambiguous,
+    "at bound": AtBound,
+    "unsure": Unsure,
+}
+
+
+class _StartedBody(msgspec.Struct, frozen=True, kw_only=True):
+    start_deg: float
+    limits: Interval
+
+
+class _AskedBody(msgspec.Struct, frozen=True, kw_only=True):
+    role: Role
+    index: int
+    angle_deg: float
+
+
+class _ChannelFrameBody(msgspec.Struct, frozen=True, kw_only=True, tag="channels"):
+    """The samples themselves are a blob of little-endian int16, channel after channel."""
+
+    header: FrameHeader
+    sampling_hz: float
+    shape: tuple[int, int]
+
+
+class _ReadingFrameBody(msgspec.Struct, frozen=True, kw_only=True, tag="reading"):
+    header: FrameHeader
+    intensity: float
+    noise_sigma: float | None
+    cells: int | None
+
+
+_FrameBody: TypeAlias = _ChannelFrameBody | _ReadingFrameBody
+
+
+class _MeasuredBody(msgspec.Struct, frozen=True, kw_only=True):
+    role: Role
+    index: int
+    angle_deg: float
+    dark: bool
+    reading: Reading
+    frame: _FrameBody | None
+
+
+class _RefusedBody(msgspec.Struct, frozen=True, kw_only=True):
+    angle_deg: float
+    reason: str
+
+
+class _FinishedBody(msgspec.Struct, frozen=True, kw_only=True):
+    answer: Literal["found", "not found", "ambiguous", "at bound", "unsure"]
+    estimate: msgspec.Raw
+    acquisitions: int
+    travel_deg: float
+    elapsed_s: float
+
+
+class _FailedBody(msgspec.Struct, frozen=True, kw_only=True):
+    error: str
+    message: str
+
+
+def to_row(event: Happening) -> tuple[str, bytes, memoryview | None]:
+    """Kind, body and samples of an event.
+
+    Raises
+    ------
+    RecordError
+        If JSON cannot hold the event exactly: a number in it is not finite.
+    """
+    kind, body = _body(event)
+    encoded, samples = msgspec.json.encode(body), _samples(event)
+    # NaN becomes null in JSON, and would make the row unreadable: what is written must read back equal.
+    try:
+        read_back = _body(from_row(kind, encoded, samples, confirmation=None))
+    except RecordError:
+        read_back = kind, None
+    if msgspec.json.encode(read_back[1]) != encoded:
+        raise RecordError(f"journal: {kind} holds a number that is not finite and cannot be recorded: {event!r}")
+    return kind, encoded, samples
+
+
+def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> Happening:
+    """Event of a row.
+
+    Parameters
+    ----------
+    kind, body, samples
+        As `to_row` gave them.
+    confirmation
+        The confirming acquisition that was read before, which the end of a run refers to.
+
+    Raises
+    ------
+    RecordError
+        If the row is none of ours.
+    """
+    match kind:
+        case "started":
+            started = _decode(body, _StartedBody)
+            return Started(start_deg=started.start_deg, limits=started.limits)
+        case "asked":
+            asked = _decode(body, _AskedBody)
+            return Asked(role=asked.role, index=asked.index, angle_deg=asked.angle_deg)
+        case "measured":
+            return _measured(_decode(body, _MeasuredBody), samples)
+        case "refused":
+            refused = _decode(body, _RefusedBody)
+            return Refused(angle_deg=refused.angle_deg, reason=refused.reason)
+        case "finished":
+            return _finished(_decode(body, _FinishedBody), confirmation)
+        case "failed":
+            failed = _decode(body, _FailedBody)
+            return Failed(error=RecordedError(failed.error, failed.message))
+        case "interrupted":
+            return _decode(body, Interrupted)
+        case "resuming":
+            return _decode(body, Resuming)
+        case "checked":
+            return _decode(body, Checked)
+    raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
+
+
+def _body(event: Happening) -> tuple[str, object]:
+    match event:
+        case Started():
+            return "started", _StartedBody(start_deg=event.start_deg, limits=event.limits)
+        case Asked():
+            return "asked", _AskedBody(role=event.role, index=event.index, angle_deg=event.angle_deg)
+        case Measured(sample=sample):
+            body = _MeasuredBody(
+                role=event.role,
+                index=event.index,
+                angle_deg=sample.angle_deg,
+                dark=sample.dark,
+                reading=sample.reading,
+                frame=None if sample.frame is None else _frame_body(sample.frame),
+            )
+            return "measured", body
+        case Refused():
+            return "refused", _RefusedBody(angle_deg=event.angle_deg, reason=event.reason)
+        case Finished(estimate=estimate):
+            return "finished", _FinishedBody(
+                answer=answer_name(estimate),
+                estimate=msgspec.Raw(msgspec.json.encode(estimate)),
+                acquisitions=event.acquisitions,
+                travel_deg=event.travel_deg,
+                elapsed_s=event.elapsed_s,
+            )
+        case Failed(error=error):
+            name = error.kind if isinstance(error, RecordedError) else type(error).__name__
+            return "failed", _FailedBody(error=name, message=str(error))
+        case Interrupted():
+            return "interrupted", event
+        case Resuming():
+            return "resuming", event
+        case Checked():
+            return "checked", event
+
+
+def _frame_body(frame: Frame) -> _FrameBody:
+    if isinstance(frame, ChannelFrame):
+        channels, samples = frame.samples.shape
+        return _ChannelFrameBody(header=frame.header, sampling_hz=frame.sampling_hz, shape=(channels, samples))
+    return _ReadingFrameBody(
+        header=frame.header, intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells
+    )
+
+
+def _samples(event: Happening) -> memoryview | None:
+    if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame):
+        return np.ascontiguousarray(event.sample.frame.samples, dtype="<i2").data.cast("B")
+    return None
+
+
+def _measured(body: _MeasuredBody, samples: bytes | memoryview | None) -> Measured:
+    frame = None if body.frame is None else _frame(body.frame, samples)
+    sample = Sample(angle_deg=body.angle_deg, reading=body.reading, dark=body.dark, frame=frame)
+    return Measured(role=body.role, index=body.index, sample=sample)
+
+
+def _frame(body: _FrameBody, samples: bytes | memoryview | None) -> Frame:
+    if isinstance(body, _ReadingFrameBody):
+        return ReadingFrame(
+            header=body.header, intensity=body.intensity, noise_sigma=body.noise_sigma, cells=body.cells
+        )
+    channels, length = body.shape
+    if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
+        held = 0 if samples is None else len(samples)
+        raise RecordError(f"a frame of {channels} channels and {length} samples with {held} bytes")
+    counts = np.frombuffer(samples, dtype="<i2").reshape(channels, length).astype(np.int16, copy=False)
+    try:
+        return ChannelFrame(header=body.header, samples=counts, sampling_hz=body.sampling_hz)
+    except ValueError as problem:
+        raise RecordError(f"a frame that is none: {problem}") from problem
+
+
+def _finished(body: _FinishedBody, confirmation: Sample | None) -> Finished:
+    estimate = _decode(bytes(body.estimate), _ANSWERS[body.answer])
+    return Finished(
+        estimate=estimate,
+        confirmation=confirmation,
+        acquisitions=body.acquisitions,
+        travel_deg=body.travel_deg,
+        elapsed_s=body.elapsed_s,
+    )
+
+
+def _decode(body: bytes, kind: type[Body]) -> Body:
+    try:
+        return msgspec.json.decode(body, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        raise RecordError(f"an entry that cannot be read: {problem}") from problem

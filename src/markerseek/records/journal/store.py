@@ -1,0 +1,168 @@
+"""The SQLite file: how it is opened, what is in it, and its errors as ours.
+
+The write-ahead log and ``synchronous = FULL`` make a commit survive the death of the process and of the machine. The
+file is locked for whoever has it open, so that two programs cannot drive one run.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from markerseek.core import RecordError
+
+APPLICATION = 0x4D53656B
+"""What SQLite's header calls our files: "MSek"."""
+
+VERSION = 1
+"""Newest version of the format; older ones are read."""
+
+SCHEMA = (
+    "CREATE TABLE run (id INTEGER PRIMARY KEY CHECK (id = 1), configuration TEXT NOT NULL, checksum INTEGER NOT NULL)",
+    """CREATE TABLE events (number INTEGER PRIMARY KEY, kind TEXT NOT NULL, written TEXT NOT NULL,
+    clock_s REAL NOT NULL, body TEXT NOT NULL, checkpoint TEXT, checksum INTEGER NOT NULL, samples BLOB)""",
+)
+"""Tables of version 1: the configuration in one row, then one row an event."""
+
+PAGE_BYTES = 16384
+"""A frame of half a megabyte fills 33 pages of this size, and would fill 130 of SQLite's own."""
+
+
+class Row(msgspec.Struct, frozen=True, array_like=True):
+    """One row of `events`, its columns in order."""
+
+    number: int
+    kind: str
+    written: str
+    clock_s: float
+    body: str
+    checkpoint: str | None
+    checksum: int
+
+
+def checksum(previous: int, *parts: bytes | memoryview) -> int:
+    """CRC-32 over a row and the checksum of the one before it, so that a missing row is noticed as well.
+
+    Parameters
+    ----------
+    previous
+        Checksum of the row before; 0 for the configuration.
+    parts
+        The columns as bytes; each is preceded by its length.
+    """
+    running = zlib.crc32(previous.to_bytes(4, "little"))
+    for part in parts:
+        running = zlib.crc32(len(part).to_bytes(8, "little"), running)
+        running = zlib.crc32(part, running)
+    return running
+
+
+def row_checksum(previous: int, row: Row, samples: bytes | memoryview | None) -> int:
+    """Checksum that a row should have.
+
+    Parameters
+    ----------
+    previous
+        Checksum of the row before.
+    row
+        The row; its own checksum is not looked at.
+    samples
+        Its blob.
+    """
+    text = (str(row.number), row.kind, row.written, row.clock_s.hex(), row.body, row.checkpoint or "")
+    return checksum(previous, *(part.encode() for part in text), samples or b"")
+
+
+@contextmanager
+def speaking_of(path: Path, *, verb: str) -> Iterator[None]:
+    """Turn SQLite's errors into a `RecordError` that names the file and the cure.
+
+    Parameters
+    ----------
+    path
+        The journal.
+    verb
+        What could not be done: "read" or "written".
+    """
+    try:
+        yield
+    except sqlite3.Error as problem:
+        raise RecordError(f"{path}: the journal cannot be {verb}: {problem}; {_cure(problem)}") from problem
+    except (OverflowError, MemoryError, UnicodeDecodeError) as problem:
+        raise RecordError(f"{path}: the journal cannot be {verb}: it is damaged ({problem})") from problem
+    except OSError as problem:
+        raise RecordError(f"{path}: the journal cannot be {verb}: {problem.strerror or problem}") from problem
+
+
+def _cure(problem: sqlite3.Error) -> str:
+    match getattr(problem, "sqlite_errorname", "").split("_")[1:2]:
+        case ["BUSY"] | ["LOCKED"]:
+            return "another markerseek has it open; wait until that is over"
+        case ["FULL"] | ["IOERR"]:
+            return "make room on the disk or name another place; what was committed before stays readable"
+        case ["READONLY"] | ["CANTOPEN"] | ["PERM"]:
+            return "check the folder and the rights, or name another place"
+        case _:
+            return "it is damaged or no journal; 'markerseek journal verify' says how far it can be read"
+
+
+def connect(path: Path, *, mode: str) -> sqlite3.Connection:
+    """Connection that commits only when told to, and locks the file while it is open.
+
+    Parameters
+    ----------
+    path
+        An existing file.
+    mode
+        "rw", or "ro&immutable=1" for a file that nobody writes.
+
+    Raises
+    ------
+    sqlite3.Error
+        If it is locked or no database.
+    """
+    connection = sqlite3.connect(
+        f"file:{_quoted(path)}?mode={mode}", uri=True, isolation_level=None, timeout=0.5, check_same_thread=True
+    )
+    try:
+        connection.execute("PRAGMA trusted_schema = OFF")
+        connection.execute("PRAGMA cell_size_check = ON")
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        connection.execute("PRAGMA synchronous = FULL")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _quoted(path: Path) -> str:
+    from urllib.parse import quote
+
+    return quote(str(path.absolute()))
+
+
+def require_ours(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is no journal, or is newer than we are.
+
+    Raises
+    ------
+    RecordError
+        If it is either; nothing of its contents was used.
+    """
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    if application != APPLICATION:
+        raise RecordError(f"{path}: it is no journal of a run (or its run was never begun); check the name")
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if version > VERSION:
+        raise RecordError(
+            f"{path}: the journal has version {version}, this markerseek reads up to {VERSION}; install a newer one"
+        )
+    # A view or a trigger in a hostile file would run when it is read.
+    tables = connection.execute("SELECT sql FROM sqlite_master ORDER BY rowid LIMIT 3").fetchall()
+    if tables != [(sql,) for sql in SCHEMA] or version != VERSION:
+        raise RecordError(f"{path}: its tables are none of a journal of version {VERSION}; it is damaged or foreign")

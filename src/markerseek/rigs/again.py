@@ -1,0 +1,139 @@
+"""Policy, rig and reader of a journal, put together again; and its result worked out anew from the stored frames."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from markerseek.core import ChannelFrame, Measured, Policy, Reader, RecordError
+from markerseek.guard import Limits
+from markerseek.records.journal import Configuration, Entry, Recording
+from markerseek.records.replay import IntensityReader
+from markerseek.rigs.journalled import TOLD
+from markerseek.rigs.recipe import Recipe, ReplayedRecipe
+from markerseek.rigs.replay import replayed
+from markerseek.rigs.retelling import Retelling
+from markerseek.rigs.rig import Rig
+from markerseek.rigs.simulation import simulated
+from markerseek.scan import run
+from markerseek.search import build
+
+
+def rig_again(configuration: Configuration) -> Rig:
+    """The rig of a journal, as it was before the run.
+
+    Raises
+    ------
+    RecordError
+        If the rig was not put together from settings, or is not the same any more: its recording was changed.
+    """
+    try:
+        recipe = msgspec.json.decode(configuration.recipe, type=Recipe | None)
+    except (msgspec.MsgspecError, RecursionError) as problem:
+        raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    if recipe is None:
+        raise RecordError("the journal does not say how to put its rig together; resume it from Python, with the rig")
+    if isinstance(recipe, ReplayedRecipe):
+        rig = replayed(
+            Path(recipe.path), probe=recipe.probe, reference_deg=recipe.reference_deg, between=recipe.between
+        )
+    else:
+        rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
+    if rig.configuration != configuration.fingerprint:
+        raise RecordError(
+            f"the rig is not the same any more ({configuration.description}): its fingerprint was "
+            f"{configuration.fingerprint} and is {rig.configuration}; was the recording changed?"
+        )
+    return rig
+
+
+def reader_again(configuration: Configuration) -> Reader:
+    """The imaging chain of a journal's rig.
+
+    Raises
+    ------
+    RecordError
+        As `rig_again`.
+    """
+    if configuration.recipe == b"null":
+        return IntensityReader()
+    return rig_again(configuration).imaging or IntensityReader()
+
+
+def policy_again(configuration: Configuration) -> Policy:
+    """The policy of a journal, as it was before the run.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such method any more.
+    """
+    return build(
+        configuration.method,
+        limits=configuration.search,
+        acquisitions=configuration.acquisitions,
+        as_published=configuration.as_published,
+        start_deg=configuration.start_deg,
+    )
+
+
+def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
+    """What comes out otherwise, bit for bit, when a run is worked out again from its frames alone.
+
+    Each stored frame is read anew, the policy is told what came out, and its decisions and its answer are compared
+    with those of the journal.
+
+    Parameters
+    ----------
+    held
+        The journal.
+    policy
+        As it was before the run.
+    reader
+        Imaging chain of the rig.
+    """
+    told = [entry for entry in held.entries if isinstance(entry.event, TOLD)]
+    if not told:
+        return []
+    found: list[str] = []
+    again = [_read_again(entry, reader, found) for entry in told]
+    begun_with = held.configuration
+    scanner = Retelling(again, limits=Limits(search=begun_with.search, travel=begun_with.search))
+    events = run(policy, scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay)
+    with closing(events):
+        for entry, event in zip(again, events, strict=False):
+            if event != entry.event:
+                found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
+                break
+    return found
+
+
+def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
+    """The entry with what its frame says now; a difference is added to those found."""
+    event = entry.event
+    if not isinstance(event, Measured) or event.sample.frame is None:
+        return entry
+    frame = event.sample.frame
+    reading = (reader if isinstance(frame, ChannelFrame) else IntensityReader()).read(frame)
+    if reading != event.sample.reading:
+        found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
+    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))
+
+
+def next_angle(held: Recording, policy: Policy) -> float | None:
+    """Angle in degrees at which a run would measure next; None if the policy wants none.
+
+    Parameters
+    ----------
+    held
+        The journal of a run that is not over.
+    policy
+        As it was before the run; it is told of what was measured.
+    """
+    for entry in held.entries:
+        if isinstance(entry.event, Measured) and entry.event.role != "confirmation":
+            policy.tell(entry.event.sample)
+    return policy.ask()

@@ -1,0 +1,30 @@
+"""What a rig was put together from, so that the same one can be put together again."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from markerseek.sim import SimulatedSettings
+
+
+class SimulatedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="simulated"):
+    """Arguments of `markerseek.rigs.simulated`."""
+
+    seed: int
+    settings: SimulatedSettings
+    pace: float
+
+
+class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
+    """Arguments of `markerseek.rigs.replayed`; the path is absolute."""
+
+    path: str
+    probe: str | None
+    reference_deg: float | None
+    between: Literal["nearest", "interpolated"]
+
+
+Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe
+"""Any of them."""
