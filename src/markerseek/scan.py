@@ -300,6 +300,8 @@ def _admitted(
         except SaturationError:
             raise
         except AcquisitionError as refusal:
+            if scanner.guard.state is State.FAULT:
+                raise
             if attempt == attempts:
                 error = AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)")
                 scanner.guard.fail(str(error))

@@ -237,5 +237,6 @@ def test_rules_that_refuse_nothing_are_refused(name: str, value: float, message:
 
 
 def test_the_ends_of_the_rules_are_allowed() -> None:
+    Admission(age_s=0.5)
     Admission(age_s=60, saturated_limit=1, dead_limit=0)
     Admission(saturated_limit=0, dead_limit=1)

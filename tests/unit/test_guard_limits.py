@@ -156,6 +156,12 @@ def test_the_skin_limits_are_the_published_ones(wavelength_nm: float, duration_s
     assert limit_j_m2 == pytest.approx(limit_mj_cm2 * MJ_CM2, rel=1.2e-3)
 
 
+def test_the_constants_of_the_limits_are_exact() -> None:
+    assert skin_limit_j_m2(wavelength_nm=532, duration_s=1e-8) == 200.0
+    assert skin_limit_j_m2(wavelength_nm=532, duration_s=1.0) == 11_000.0
+    assert skin_limit_j_m2(wavelength_nm=532, duration_s=100.0) == 200_000.0
+
+
 @pytest.mark.parametrize(
     ("wavelength_nm", "c_a"), [(400, 1.0), (700, 1.0), (800, 10**0.2), (1049.9, 10**0.6998), (1050, 5.0), (1400, 5.0)]
 )

@@ -149,3 +149,4 @@ def test_the_limits_unless_told_otherwise() -> None:
     assert (limits.pulses_per_permit, limits.pulses_per_second, limits.pulses_per_session) == (128, 1000, 100_000)
     assert limits.lifetime_s == 30.0
     assert FiringLimits(lifetime_s=600).lifetime_s == 600
+    assert FiringLimits(lifetime_s=0.5).lifetime_s == 0.5

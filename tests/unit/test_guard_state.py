@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from markerseek.core import (
     AcquisitionError,
+    ChannelFrame,
     ConfigError,
     FrameHeader,
     Interval,
@@ -284,6 +286,18 @@ def test_frames_are_admitted_in_order_and_a_new_run_begins_anew() -> None:
     frame(made, permit, sequence=1, intensity=1.0, started_s=5.0)
 
 
+def test_a_frame_without_any_permit_is_refused() -> None:
+    with pytest.raises(AcquisitionError, match="permitted at nan s"):
+        frame(guard(), FOREIGN, sequence=1, intensity=1.0, started_s=0.0)
+
+
+def test_a_reading_of_channels_is_judged_by_its_frame() -> None:
+    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    channels = ChannelFrame(header=header, samples=np.zeros((4, 2), np.int16), sampling_hz=40e6)
+    with pytest.raises(AcquisitionError, match="1 of 4 channels are dead"):
+        guard().admit_reading(Reading(intensity=1.0, dead_channels=(2,)), frame=channels)
+
+
 def test_a_reading_is_admitted_by_the_rules_given() -> None:
     made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(saturated_limit=0.5))
     made.arm(by="a test")
@@ -293,8 +307,6 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
     for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), Reading(intensity=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=answer)
-    with pytest.raises(AttributeError):
-        made.admit_reading(None, frame=answer)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("arrival_deg", [0.0, -0.1, 73.0, math.nan])

@@ -127,5 +127,6 @@ def _shape(frame: Frame) -> str:
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether no new data can have come."""
     data = _data(frame)
-    constant = data.ndim > 0 and not np.any(data.ravel() != data.ravel()[:1])
-    return constant or (previous is not None and np.array_equal(data, _data(previous)))
+    if isinstance(frame, ChannelFrame) and not np.any(data.ravel() != data.ravel()[:1]):
+        return True
+    return previous is not None and np.array_equal(data, _data(previous))

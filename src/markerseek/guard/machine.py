@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 from markerseek.core import ConfigError, DeviceError, Frame, LaserError, LimitError, MoveError, Permit, Reading
@@ -47,9 +48,7 @@ class Guard:
         self._permits = Permits(firing)
         self._state = State.DISARMED
         self._fault: str | None = None
-        self._target_deg = 0.0
-        self._issued_s = 0.0
-        self._firing = 0
+        self._issued_s = math.nan
         self._previous: Frame | None = None
 
     @property

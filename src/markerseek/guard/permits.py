@@ -53,7 +53,7 @@ class Permits:
         self._limits = limits
         self._issued = 0
         self._pulses = 0
-        self._open: Permit | None = None
+        self._open: set[Permit] = set()
         self._used: deque[tuple[float, int]] = deque()
 
     @property
@@ -78,8 +78,9 @@ class Permits:
         self._issued += 1
         self._pulses += pulses
         expires_s = now_s + self._limits.lifetime_s
-        self._open = Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
-        return self._open
+        permit = Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
+        self._open = {permit}
+        return permit
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:
         """Use up a permit, at the moment at which the laser is told to fire.
@@ -87,11 +88,11 @@ class Permits:
         `LaserError` if it is not the open one (used, voided, altered or foreign) or has expired, `LimitError` if too
         many pulses would be fired within a second; nothing may be fired then.
         """
-        if permit != self._open:
+        if permit not in self._open:
             raise LaserError(
                 f"the permit {permit.token!r} is not open: used, voided or never issued; nothing was fired"
             )
-        self._open = None
+        self._open.clear()
         if not now_s <= permit.expires_s:
             raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
         while self._used and not now_s - self._used[0][0] < 1:
@@ -106,4 +107,4 @@ class Permits:
 
     def void(self) -> None:
         """Take back the open permit, if there is one."""
-        self._open = None
+        self._open.clear()

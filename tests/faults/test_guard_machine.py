@@ -1,0 +1,169 @@
+"""Any sequence of steps, sensible or not: what the guard allowed is held against a model that knows only the promises.
+
+``MARKERSEEK_TRACES=100000 pytest tests/faults/test_guard_machine.py`` walks as many traces as P7 asks for.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, multiple, rule
+
+from markerseek.core import ConfigError, DeviceError, Permit
+from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+
+TRACES = int(os.environ.get("MARKERSEEK_TRACES", "200"))
+FIRING = FiringLimits(pulses_per_permit=8, pulses_per_second=20, pulses_per_session=60, lifetime_s=2.0)
+ARRIVAL_DEG = 0.1
+
+ANGLES = st.sampled_from([-36.6, -35.0, 0.0, 0.05, 10.0, 35.0, 35.1, math.nan, math.inf]) | st.floats(-37, 37)
+PULSES = st.integers(-1, 10)
+
+
+class Traces(RuleBasedStateMachine):
+    """The guard, and beside it what devices did by its leave."""
+
+    permits = Bundle("permits")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.guard = Guard(limits=Limits(), firing=FIRING, admission=Admission(), arrival_deg=ARRIVAL_DEG)
+        self.now_s = 0.0
+        self.before = State.DISARMED
+        self.was_reset = False
+        self.issued: dict[str, Permit] = {}
+        self.redeemed: list[tuple[float, Permit]] = []
+        self.target_deg = math.nan
+
+    def tried(self, step: str, *arguments: object, **named: object) -> bool:
+        """Whether the guard allowed a step."""
+        self.before = self.guard.state
+        self.was_reset = False
+        try:
+            getattr(self.guard, step)(*arguments, **named)
+        except (DeviceError, ConfigError):
+            return False
+        return True
+
+    @rule(seconds=st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0]))
+    def time_goes_by(self, seconds: float) -> None:
+        self.before = self.guard.state
+        self.now_s += seconds
+
+    @rule(by=st.sampled_from(["a person", ""]))
+    def arm(self, by: str) -> None:
+        if self.tried("arm", by=by):
+            assert by
+            assert self.before in (State.DISARMED, State.ARMED)
+
+    @rule()
+    def disarm(self) -> None:
+        self.tried("disarm")
+
+    @rule()
+    def fail(self) -> None:
+        self.tried("fail", "a fault")
+        assert self.guard.state is State.FAULT
+
+    @rule(by=st.sampled_from(["a person", ""]))
+    def reset(self, by: str) -> None:
+        if self.tried("reset", by=by):
+            assert by
+            assert self.before is State.FAULT
+            assert self.guard.state is State.DISARMED
+            self.was_reset = True
+
+    @rule(angle_deg=ANGLES)
+    def begin_move(self, angle_deg: float) -> None:
+        if self.tried("begin_move", angle_deg):
+            assert -35 <= angle_deg <= 35
+            assert self.before is State.ARMED
+            self.target_deg = angle_deg
+
+    @rule(reached_deg=ANGLES)
+    def end_move(self, reached_deg: float) -> None:
+        if self.tried("end_move", reached_deg):
+            assert self.before is State.MOVING
+            assert abs(reached_deg - self.target_deg) <= ARRIVAL_DEG
+
+    @rule()
+    def arrive(self) -> None:
+        self.end_move(self.target_deg)
+
+    @rule(target=permits, angle_deg=ANGLES, pulses=PULSES)
+    def issue(self, angle_deg: float, pulses: int) -> object:
+        before = self.guard.state
+        try:
+            permit = self.guard.issue(angle_deg=angle_deg, pulses=pulses, now_s=self.now_s)
+        except DeviceError:
+            return multiple()
+        assert before is State.ARMED
+        assert permit.token not in self.issued
+        assert permit.pulses == pulses
+        assert 0 <= pulses <= FIRING.pulses_per_permit
+        self.issued[permit.token] = permit
+        assert sum(each.pulses for each in self.issued.values()) <= FIRING.pulses_per_session
+        return permit
+
+    @rule(permit=permits, off_deg=st.sampled_from([0.0, 0.05, 0.2, math.nan]))
+    def redeem(self, permit: Permit, off_deg: float) -> None:
+        angle_deg = permit.angle_deg + off_deg
+        if not self.tried("redeem", permit, angle_deg=angle_deg, now_s=self.now_s):
+            return
+        assert self.before is State.ARMED
+        assert self.guard.state is State.FIRING
+        assert permit.token not in [old.token for _, old in self.redeemed]
+        assert permit.token == list(self.issued)[-1]
+        assert abs(angle_deg - permit.angle_deg) <= ARRIVAL_DEG
+        assert -36.5 <= angle_deg <= 36.5
+        assert self.now_s <= permit.expires_s
+        self.redeemed.append((self.now_s, permit))
+        second = sum(old.pulses for then_s, old in self.redeemed if self.now_s - then_s < 1)
+        assert second <= FIRING.pulses_per_second
+
+    @rule(angle_deg=st.floats(-35, 35), pulses=st.integers(0, 8))
+    def measure(self, angle_deg: float, pulses: int) -> None:
+        """The sensible order, as far as the guard lets it go."""
+        self.begin_move(angle_deg)
+        self.end_move(angle_deg)
+        permit = self.issue(angle_deg, pulses)
+        if isinstance(permit, Permit):
+            self.redeem(permit, 0.0)
+            self.end_fire(permit.pulses)
+
+    @rule(fired=st.integers(0, 10))
+    def end_fire(self, fired: int) -> None:
+        if self.tried("end_fire", fired):
+            assert self.before is State.FIRING
+            assert fired == self.redeemed[-1][1].pulses
+
+    @invariant()
+    def fault_is_left_by_a_reset_alone(self) -> None:
+        if self.before is State.FAULT and self.guard.state is not State.FAULT:
+            assert self.was_reset
+        assert (self.guard.fault is None) == (self.guard.state is not State.FAULT)
+
+    @invariant()
+    def pulses_are_no_more_than_permitted(self) -> None:
+        fired = sum(permit.pulses for _, permit in self.redeemed)
+        permitted = sum(permit.pulses for permit in self.issued.values())
+        assert fired <= permitted == self.guard.pulses_permitted <= FIRING.pulses_per_session
+
+    @invariant()
+    def nothing_fires_but_by_the_last_permit(self) -> None:
+        if self.guard.state is State.FIRING:
+            assert self.redeemed
+            assert self.redeemed[-1][1].token == list(self.issued)[-1]
+
+
+TestTraces = Traces.TestCase
+TestTraces.settings = settings(
+    max_examples=TRACES,
+    stateful_step_count=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=list(HealthCheck),
+)
