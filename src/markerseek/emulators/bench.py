@@ -1,7 +1,7 @@
 """A whole rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
 
 In one process, `BenchClock` lets virtual time go by for all of them. Behind pseudo-terminals, `serve` runs them in real
-time; only the turning and the writing of files can be paced, for leases are kept in real time.
+time; only the writing of files can be paced, for leases are kept, and a stage's speed is checked, in real time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 
 from markerseek.acoustics import Digitiser
 from markerseek.core import Clock, ConfigError
-from markerseek.emulators.byte_device import ByteDevice
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.pty_line import PtyLine
@@ -106,30 +105,6 @@ class BenchClock(VirtualClock):
                 follower(self.now_s())
 
 
-class Paced:
-    """A device whose time goes faster or slower than the line's.
-
-    Parameters
-    ----------
-    device
-        The device.
-    pace
-        Seconds of the line for one of the device.
-    """
-
-    def __init__(self, device: ByteDevice, *, pace: float) -> None:
-        self._device = device
-        self._pace = require_pace(pace)
-
-    def advance(self, now_s: float) -> bytes:
-        """Let the device's time go by."""
-        return self._device.advance(now_s / self._pace)
-
-    def feed(self, data: bytes) -> bytes:
-        """Take in bytes, now."""
-        return self._device.feed(data)
-
-
 class ServingClock:
     """Real time as far as the serving process was running: what the computer held up is left out.
 
@@ -192,5 +167,5 @@ def require_pace(pace: float) -> float:
         If it is no positive number of at most 1.
     """
     if not 0.01 <= pace <= 1:
-        raise ConfigError(f"pace is {pace}, it must lie between 0.01 (a hundred times as fast) and 1 (as fast as real)")
+        raise ConfigError(f"pace is {pace}, it must lie between 0.01, a hundredth of the time, and 1, all of it")
     return pace

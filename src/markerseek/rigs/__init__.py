@@ -1,7 +1,8 @@
 """Assembly, here and nowhere else: the parts of a rig, put together for a search.
 
 `simulated` makes a rig of a simulated world, `of_intensities` one of its intensity curve alone, `replayed` one of a
-recorded scan. All run under the same `Scanner`.
+recorded scan, and `markerseek.rigs.bench.bench` one of real devices, imported when it is used. All run under the same
+`Scanner`.
 """
 
 from markerseek.rigs.replay import replayed

@@ -1,0 +1,182 @@
+"""``markerseek emulate``: a rig at the level of bytes, for drivers to be tried on without any hardware."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from markerseek.emulators.bench import EmulatedBench
+    from markerseek.sim import SimulatedSettings
+
+NAME = "emulate"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek emulate bench --dir /tmp/bench\n\n"
+    "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
+    "  markerseek emulate kdc101 --dir /tmp/stage"
+)
+
+Device = Literal["kdc101", "laser", "daq", "bench"]
+
+
+def command(
+    device: Annotated[
+        Device,
+        typer.Argument(help="kdc101: the stage; laser: the laser box; daq: the SonixDAQ's folder; bench: all of them."),
+    ],
+    folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated world behind the devices.")] = 1,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML, kind simulated) of that world; without one, its defaults.")
+    ] = None,
+    pace: Annotated[
+        float, typer.Option(help="Time that writing the channel files takes, as a share of the settings': 0.01 to 1.")
+    ] = 1.0,
+    sdk: Annotated[int, typer.Option(min=5, max=6, help="SDK whose channel files are written: 5 or 6.")] = 6,
+) -> None:
+    """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then tell the truth about them."""
+    import numpy as np
+
+    from markerseek.cli.terminal import aside
+    from markerseek.core import ConfigError
+    from markerseek.emulators.bench import EmulatedBench, require_pace
+    from markerseek.rig_file import read_rig_file
+    from markerseek.sim import SimulatedSettings
+
+    require_pace(pace)
+    settings = SimulatedSettings() if rig is None else read_rig_file(rig)
+    if not isinstance(settings, SimulatedSettings):
+        raise ConfigError(f"{rig}: its kind is bench; the world behind emulated devices is of kind simulated")
+    emulated = EmulatedBench(
+        settings=settings,
+        rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
+        folder=folder / "daq",
+        sdk=5 if sdk == 5 else 6,
+    )
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda received, _frame: stop.append(received))
+    _serve(emulated, device, folder, settings, pace=pace, stop=stop)
+    for line in _truth(emulated, device):
+        aside.print(line)
+
+
+def _serve(
+    emulated: EmulatedBench, device: Device, folder: Path, settings: SimulatedSettings, *, pace: float, stop: list[int]
+) -> None:
+    """Open what was asked for, say how to use it, and serve it."""
+    from contextlib import ExitStack
+
+    from markerseek.cli.terminal import people
+    from markerseek.drivers.clock import SystemClock
+    from markerseek.emulators import ByteDevice, PtyLine
+    from markerseek.emulators.bench import ServingClock, serve
+
+    clock = ServingClock(SystemClock())
+    behind: dict[str, ByteDevice] = {"stage": emulated.stage, "laser": emulated.laser_box}
+    with ExitStack() as opened:
+        ports = {
+            name: opened.enter_context(PtyLine(device=behind[name], clock=clock, link=_free(folder / name)))
+            for name in _PORTS[device]
+        }
+        for name, port in ports.items():
+            people.print(f"{name}: {port.path}")
+        if device != "kdc101":
+            people.print(f"channel files: {folder / 'daq'}")
+        if device == "bench":
+            place = folder / "rig.toml"
+            place.write_text(_rig_toml(folder, settings), encoding="utf-8")
+            people.print(f"try: markerseek search --rig {place} --arm")
+        if device == "daq":
+            people.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
+        people.print("Ctrl-C ends it")
+        sys.stdout.flush()
+
+        def until() -> bool:
+            if device == "daq" and _typed_line():
+                emulated.world.flash(pulses=settings.laser.pulses, at_s=clock.now_s())
+                emulated.daq.trigger(settings.laser.pulses)
+            return bool(stop)
+
+        serve(lines=list(ports.values()), clock=clock, pace=pace, daq=emulated.daq, until=until)
+
+
+_PORTS: dict[Device, tuple[str, ...]] = {
+    "kdc101": ("stage",),
+    "laser": ("laser",),
+    "daq": (),
+    "bench": ("stage", "laser"),
+}
+
+
+def _free(link: Path) -> Path:
+    """The place of a link, without one that an emulator left there when it was killed."""
+    if link.is_symlink() and not link.exists():
+        link.unlink()
+    return link
+
+
+def _typed_line() -> bool:
+    """Whether a line has been typed since the last call."""
+    ready, _, _ = select.select([sys.stdin], [], [], 0)
+    return bool(ready) and bool(sys.stdin.readline())
+
+
+def _rig_toml(folder: Path, settings: SimulatedSettings) -> str:
+    """Rig file of the emulated devices; what it leaves out has its default."""
+    place = folder.resolve()
+    limits = settings.limits
+    return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
+kind = "bench"
+
+[stage]
+port = {json.dumps(str(place / "stage"))}
+zero_deg = 0.0
+speed_deg_s = {settings.stage.speed_deg_s}
+acceleration_deg_s2 = {settings.stage.acceleration_deg_s2}
+approach_deg = {settings.stage.approach_deg}
+
+[laser]
+port = {json.dumps(str(place / "laser"))}
+pulses = {settings.laser.pulses}
+rate_hz = {settings.laser.rate_hz}
+
+[receiver]
+folder = {json.dumps(str(place / "daq"))}
+sampling_hz = {settings.receiver.sampling_hz}
+
+[probe]
+trigger_offset_s = {settings.receiver.trigger_offset_s}
+face_radius_m = {settings.probe.face_radius_m}
+
+[limits.search]
+low_deg = {limits.search.low_deg}
+high_deg = {limits.search.high_deg}
+
+[limits.travel]
+low_deg = {limits.travel.low_deg}
+high_deg = {limits.travel.high_deg}
+"""
+
+
+def _truth(emulated: EmulatedBench, device: Device) -> list[str]:
+    """What really was, which no driver could know."""
+    low_deg, high_deg = emulated.stage.truth_range_deg
+    truth = []
+    if device in ("kdc101", "bench"):
+        truth.append(f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg")
+    if device != "kdc101":
+        marker = (
+            "there is no marker" if emulated.truth_deg is None else f"the marker is at {emulated.truth_deg:.3f} deg"
+        )
+        truth.append(f"truth: {marker}")
+    if device in ("laser", "bench"):
+        truth.append(f"truth: {len(emulated.laser_box.pulses)} pulses of light were fired")
+    return truth

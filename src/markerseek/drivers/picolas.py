@@ -1,0 +1,122 @@
+"""A PicoLAS laser diode driver on its serial line. NEVER TESTED ON HARDWARE, and no data sheet was at hand.
+
+It speaks ASCII, 115200 baud, 8E1: a command ends with CR; an answer ends with LF LF, and its last line is ``0`` where
+all is well. It has no lease and no counter of its own: pulses that it reports are those that it was told to fire, and
+only the supervisor switches it off when the search dies. Where there is a choice, build the laser box.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Final
+
+from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.wire.port import Port
+
+BAUD: Final = 115200
+"""Bits per second of the line."""
+
+PARITY: Final = "E"
+"""Its parity bit: even."""
+
+FAREWELL = b"laseroff\r"
+"""What switches it off."""
+
+_ANSWER_S = 1.0
+_POLL_S = 0.005
+_SPARE_S = 0.1
+_LONGEST = 256
+
+
+class PicolasLaser:
+    """A laser behind a PicoLAS driver.
+
+    Parameters
+    ----------
+    port
+        Line to the driver.
+    clock
+        The rig's time.
+    rate_hz
+        Pulses per second, a whole number.
+
+    Raises
+    ------
+    ConfigError
+        If the rate is none that can be set.
+    NotConnectedError
+        If nothing answers.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0) -> None:
+        if not 1 <= rate_hz <= 1000 or rate_hz != round(rate_hz):
+            raise ConfigError(f"picolas: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to 1000")
+        self._port = port
+        self._clock = clock
+        self._rate_hz = round(rate_hz)
+        self._used: set[str] = set()
+        try:
+            self._tell("laseroff")
+            self._tell(f"sreprate {self._rate_hz}")
+        except DeviceTimeoutError as error:
+            raise NotConnectedError("picolas: nothing answers; is the port right, and is it powered?") from error
+
+    def fire(self, permit: Permit) -> int:
+        """Fire the permitted pulses, switch off, and return how many it was told to fire.
+
+        A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
+
+        Raises
+        ------
+        LaserError
+            If the permit was used or is too short, or the driver refuses; it was told to switch off then.
+        DeviceTimeoutError
+            If it does not answer in time; likewise.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"picolas: the permit {permit.token!r} was used before; nothing was fired")
+        needed_s = permit.pulses / self._rate_hz
+        if not permit.expires_s - self._clock.now_s() >= needed_s:
+            raise LaserError(f"picolas: the permit {permit.token!r} ends before its pulses do; nothing was fired")
+        self._used.add(permit.token)
+        if permit.pulses == 0:
+            return 0
+        try:
+            self._tell(f"sshots {permit.pulses}")
+            self._tell("laseron")
+            self._clock.wait(needed_s + _SPARE_S)
+            self._tell("laseroff")
+        except BaseException:
+            # Where even this cannot be sent, the supervisor says it; what went wrong first is what matters.
+            with suppress(NotConnectedError):
+                self._port.write(FAREWELL)
+            raise
+        return permit.pulses
+
+    def disarm(self) -> None:
+        """Switch off.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If the driver does not confirm it.
+        LaserError
+            If it refuses.
+        """
+        self._tell("laseroff")
+
+    def _tell(self, command: str) -> None:
+        """Send a command, and see that its answer ends with 0."""
+        self._port.read(_LONGEST, timeout_s=0.0)  # what was left over
+        self._port.write(command.encode("ascii") + b"\r")
+        ends_s = self._clock.now_s() + _ANSWER_S
+        answer = b""
+        while not answer.endswith(b"\n\n"):
+            if not self._clock.now_s() <= ends_s:
+                raise DeviceTimeoutError(f"picolas: no answer to {command!r} in time; check its cable and power")
+            self._clock.wait(_POLL_S)
+            answer += self._port.read(_LONGEST, timeout_s=0.0)
+            if len(answer) > _LONGEST:
+                raise LaserError(f"picolas: {answer[:40]!r}... is no answer; check the port")
+        if answer.split()[-1:] != [b"0"]:
+            raise LaserError(f"picolas: {command!r} was answered by {answer!r}, expected a last line 0; see its manual")

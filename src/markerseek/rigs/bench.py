@@ -1,0 +1,195 @@
+"""A rig of real devices, or of what emulates them byte for byte: drivers, guard, and supervised lines."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from markerseek.core import Clock, Laser
+from markerseek.drivers import picolas
+from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.drivers.settings import BenchProbe, BenchSettings
+from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.guard import Admission, Guard
+from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.simulation import DARK_FRAMES
+from markerseek.scan import Scanner
+from markerseek.signals import ImageReader, probe_preset
+from markerseek.supervisor import Line, Supervisor
+from markerseek.wire import apt
+from markerseek.wire import laserbox as laserbox_wire
+from markerseek.wire.port import Port
+
+
+class OpenDevices:
+    """The lines of a bench, as long as it is used.
+
+    Parameters
+    ----------
+    settings
+        Which lines, and whether a supervisor holds them.
+
+    Raises
+    ------
+    NotConnectedError
+        If a line cannot be opened.
+    """
+
+    def __init__(self, settings: BenchSettings) -> None:
+        self._stack = ExitStack()
+        self._ports: dict[str, Port] = {}
+        self.supervisor: Supervisor | None = None
+        lines = _lines(settings)
+        with ExitStack() as opening:
+            if settings.supervisor.enabled:
+                self.supervisor = opening.enter_context(Supervisor(lines=lines, period_s=settings.supervisor.lease_s))
+                self._ports = {line.name: self.supervisor.port(line.name) for line in lines}
+            else:
+                for line in lines:
+                    serial = SerialSettings(path=line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
+                    self._ports[line.name] = opening.enter_context(SerialPort(serial))
+            self._stack = opening.pop_all()
+
+    @property
+    def stage(self) -> Port:
+        """Line to the stage's controller."""
+        return self._ports["stage"]
+
+    @property
+    def laser(self) -> Port:
+        """Line to the laser box."""
+        return self._ports["laser"]
+
+    def arm(self) -> None:
+        """Let writes through, also after the supervisor let go."""
+        if self.supervisor is not None:
+            self.supervisor.arm()
+
+    def close(self) -> None:
+        """Let go of the lines; a supervisor says each one's farewell first. Allowed twice."""
+        self._stack.close()
+
+
+def bench(settings: BenchSettings) -> Rig:
+    """A rig of real devices; connecting to them moves nothing and fires nothing.
+
+    It must be armed in a person's name (`Rig.arm`) before each search; use it as a context manager, which closes it.
+
+    Parameters
+    ----------
+    settings
+        Which devices, and what they may do.
+
+    Raises
+    ------
+    NotConnectedError
+        If a device does not answer, or is another one.
+    DeviceError
+        If a device is not fit for use: a stage that is not homed, or stands outside its limits.
+    ConfigError
+        If a setting cannot be used.
+    MissingExtraError
+        If the packages for serial devices are not installed.
+    """
+    imaging = _imaging(settings.probe, sampling_hz=settings.receiver.sampling_hz)
+    devices = OpenDevices(settings)
+    try:
+        return _assembled(settings, devices, imaging)
+    except BaseException:
+        devices.close()
+        raise
+
+
+def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
+    clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
+    laser = _laser(settings, devices.laser, clock)
+    stage = Kdc101Stage(port=devices.stage, clock=clock, settings=_stage(settings))
+    receiver = SonixDaqReceiver(settings=_receiver(settings), clock=clock)
+    scanner = Scanner(
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        reader=imaging,
+        clock=clock,
+        guard=Guard(limits=settings.limits, firing=settings.firing, admission=Admission()),
+        pulses=settings.laser.pulses,
+        dead_man=devices.supervisor,
+    )
+    return Rig(
+        kind="bench",
+        description=(
+            f"{stage.identity.model} {stage.identity.serial_number} at {settings.stage.port}, "
+            f"{settings.laser.driver} at {settings.laser.port}, SonixDAQ in {settings.receiver.folder}"
+            + ("" if settings.supervisor.enabled else ", WITHOUT a supervisor")
+        ),
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        scanner=scanner,
+        imaging=imaging,
+        dark_frames=DARK_FRAMES,
+        face_radius_m=settings.probe.face_radius_m,
+        truth_deg=None,
+        configuration=fingerprint(settings),
+        devices=devices,
+    )
+
+
+def _lines(settings: BenchSettings) -> list[Line]:
+    """The two serial lines, each with what leaves its device harmless; the laser's first."""
+    laser, stage = settings.laser, settings.stage
+    box = laserbox_wire.encode(laserbox_wire.Disarm())
+    return [
+        Line(name="laser", path=laser.port, farewell=box)
+        if laser.driver == "laserbox"
+        else Line(name="laser", path=laser.port, farewell=picolas.FAREWELL, baud=picolas.BAUD, parity=picolas.PARITY),
+        Line(name="stage", path=stage.port, farewell=apt.stop(), rtscts=True),
+    ]
+
+
+def _laser(settings: BenchSettings, port: Port, clock: Clock) -> Laser:
+    if settings.laser.driver == "picolas":
+        return picolas.PicolasLaser(port=port, clock=clock, rate_hz=settings.laser.rate_hz)
+    return LaserBox(port=port, clock=clock, rate_hz=settings.laser.rate_hz, dark_triggers=settings.laser.pulses)
+
+
+def _stage(settings: BenchSettings) -> StageSettings:
+    stage = settings.stage
+    return StageSettings(
+        travel=settings.limits.travel,
+        zero_deg=stage.zero_deg,
+        speed_deg_s=stage.speed_deg_s,
+        acceleration_deg_s2=stage.acceleration_deg_s2,
+        approach_from=stage.approach_from,
+        approach_deg=stage.approach_deg,
+        serial_number=stage.serial_number,
+    )
+
+
+def _receiver(settings: BenchSettings) -> SonixDaqSettings:
+    receiver = settings.receiver
+    return SonixDaqSettings(
+        folder=Path(receiver.folder),
+        sampling_hz=receiver.sampling_hz,
+        dark_triggers=settings.laser.pulses,
+        timeout_s=receiver.timeout_s,
+        stable_s=receiver.stable_s,
+        start_command=receiver.start_command,
+        start_timeout_s=receiver.start_timeout_s,
+    )
+
+
+def _imaging(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
+    preset = probe_preset(probe.preset)
+    return ImageReader(
+        replace(
+            preset,
+            sampling_hz=sampling_hz,
+            sound_speed_m_s=probe.sound_speed_m_s or preset.sound_speed_m_s,
+            trigger_offset_s=probe.trigger_offset_s,
+        )
+    )
