@@ -12,7 +12,7 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json
-from markerseek.core import AcquisitionError, PaImage, RecordError
+from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
     from markerseek.signals import FrameFindings
@@ -21,6 +21,7 @@ NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
+    "  markerseek frame bmode.b8 --number 5 --plot\n\n"
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
 )
 
@@ -54,7 +55,10 @@ class FrameReport(msgspec.Struct, frozen=True, kw_only=True):
 def command(
     file: Annotated[
         Path,
-        typer.Argument(help="A SonixDAQ folder, a .npy of (channels, samples), or a .mat of the Allman-Bell data set."),
+        typer.Argument(
+            help="A SonixDAQ folder, a .npy of (channels, samples), a .mat of the Allman-Bell data set; "
+            "or an Ultrasonix .b8 or .rf, which is described and drawn."
+        ),
     ],
     probe: Annotated[
         str | None,
@@ -65,14 +69,23 @@ def command(
     ] = None,
     min_depth_mm: Annotated[float | None, typer.Option(help="Look no nearer than this.")] = None,
     max_depth_mm: Annotated[float | None, typer.Option(help="Look no deeper than this.")] = None,
+    number: Annotated[int, typer.Option(min=1, help="Which frame of an Ultrasonix file, counted from 1.")] = 1,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
+    from markerseek.cli.ultrasonix import show_ultrasonix
     from markerseek.records.frame_files import load_frame
+    from markerseek.records.ultrasonix_files import ULTRASONIX_SUFFIXES
     from markerseek.signals import ImageReader, probe_preset
 
+    if file.suffix.lower() in ULTRASONIX_SUFFIXES:
+        _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm)
+        show_ultrasonix(file, number=number, plot=plot, out=out, as_json=as_json)
+        return
+    if number != 1:
+        raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     probe = probe or ("L3-8" if file.suffix.lower() == ".mat" else "BPL9-5/55")
     reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
     frame = load_frame(file)
@@ -90,6 +103,14 @@ def command(
         _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}")
         (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)
+
+
+def _require_none(**given: object) -> None:
+    """Refuse options that say nothing of an Ultrasonix file."""
+    for name, value in given.items():
+        if value is not None:
+            option = f"--{name.replace('_', '-')}"
+            raise ConfigError(f"{option} is for channel data, which an Ultrasonix file does not hold; leave it out")
 
 
 def _metres(value_mm: float | None) -> float | None:

@@ -1,0 +1,111 @@
+"""What ``markerseek frame`` says of Ultrasonix files: what they hold, and a picture of one frame.
+
+They hold what the machine has beamformed already, so there are no channels in them to find a source with.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek import __version__
+from markerseek.cli.terminal import aside, people, print_json
+
+if TYPE_CHECKING:
+    from markerseek.records.ultrasonix_files import UltrasonixFile
+
+
+class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What an Ultrasonix file holds; no source is looked for."""
+
+    content: Literal["b-mode", "rf"]
+    frames: int
+    frame: int
+    width: int
+    height: int
+    probe_number: int
+    transmit_hz: int
+    sampling_hz: int | None
+    frame_rate_hz: int
+    line_density: int
+    numbered_frames: bool
+    smallest: int
+    largest: int
+    version: str = __version__
+
+
+def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: bool) -> None:
+    """Describe a file and one of its frames, and draw it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    number
+        Number of the frame, counted from 1.
+    plot, out
+        Whether to draw it, and the folder for the picture.
+    as_json
+        One object for programs instead of words for people.
+    """
+    from markerseek.records.ultrasonix_files import open_ultrasonix
+
+    file = open_ultrasonix(path)
+    header = file.header
+    pixels: np.ndarray = file.b_mode(number - 1) if header.kind == "b-mode" else file.rf(number - 1)
+    report = UltrasonixReport(
+        content=header.kind,
+        frames=header.frames,
+        frame=number,
+        width=header.width,
+        height=header.height,
+        probe_number=header.probe,
+        transmit_hz=header.transmit_hz,
+        # Of B-mode images this field says nothing of time.
+        sampling_hz=header.sampling_hz if header.kind == "rf" else None,
+        frame_rate_hz=header.frame_rate_hz,
+        line_density=header.line_density,
+        numbered_frames=header.tagged,
+        smallest=int(pixels.min()),
+        largest=int(pixels.max()),
+    )
+    if as_json:
+        print_json(report)
+    else:
+        _print(file, report)
+    if plot:
+        picture = out / f"{path.stem}.png"
+        _draw(file, pixels, picture, number=number)
+        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(picture))}")
+
+
+def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
+    b_mode = report.content == "b-mode"
+    what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
+    people.print(f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for")
+    size = f"{report.width} × {report.height} pixels" if b_mode else f"{report.width} lines of {report.height} samples"
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_row("[dim]frames[/]", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else ""))
+    table.add_row("[dim]frame rate[/]", f"{report.frame_rate_hz} Hz")
+    table.add_row("[dim]transmitted[/]", f"{report.transmit_hz / 1e6:g} MHz")
+    if report.sampling_hz is not None:
+        table.add_row("[dim]sampling[/]", f"{report.sampling_hz / 1e6:g} MHz")
+    table.add_row("[dim]lines over the probe[/]", str(report.line_density))
+    table.add_row("[dim]probe number[/]", str(report.probe_number))
+    table.add_row(f"[dim]values of frame {report.frame}[/]", f"{report.smallest} to {report.largest}")
+    people.print(table)
+
+
+def _draw(file: UltrasonixFile, pixels: np.ndarray, path: Path, *, number: int) -> None:
+    from markerseek.pictures import b_mode_figure, rf_figure, save_png
+
+    title = f"{file.path.name}, frame {number} of {file.header.frames}"
+    if file.header.kind == "b-mode":
+        save_png(b_mode_figure(pixels, title=title), path)
+    else:
+        save_png(rf_figure(pixels, sampling_hz=file.header.sampling_hz or None, title=title), path)

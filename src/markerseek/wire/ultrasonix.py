@@ -1,0 +1,151 @@
+"""Ultrasonix ``.b8`` and ``.rf`` files as bytes: a header of 19 int32, then frame after frame.
+
+``.b8`` (type 4) holds B-mode images after scan conversion: uint8, row after row. ``.rf`` (type 16) holds lines of
+radio frequency after the machine's own beamforming: int16, line after line. Software 5.x writes the frame's number in
+four bytes before each frame, later ones do not; the size tells which. Little-endian throughout.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Int16, UInt8
+
+from markerseek.core import RecordError
+
+HEADER_BYTES = 76
+"""Length of the header."""
+
+_LAYOUT = struct.Struct("<19i")
+_TAG_BYTES = 4
+_KINDS: dict[int, Literal["b-mode", "rf"]] = {4: "b-mode", 16: "rf"}
+_BITS = {"b-mode": 8, "rf": 16}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UltrasonixHeader:
+    """Header of one file.
+
+    Attributes
+    ----------
+    kind
+        Whether it holds B-mode images or radio-frequency lines.
+    frames
+        Number of frames.
+    width, height
+        Columns and rows of an image; or lines, and samples of each.
+    corners_px
+        Upper left, upper right, lower right and lower left corner of the region of interest, x and y in pixels.
+    probe
+        Number of the probe.
+    transmit_hz, sampling_hz
+        Frequency of transmission and of sampling, in Hz; of sampling, of B-mode images that of the frames.
+    frame_rate_hz
+        Frames per second.
+    line_density
+        Lines over the probe's width.
+    tagged
+        Whether each frame begins with its number.
+    """
+
+    kind: Literal["b-mode", "rf"]
+    frames: int
+    width: int
+    height: int
+    corners_px: tuple[tuple[int, int], ...]
+    probe: int
+    transmit_hz: int
+    sampling_hz: int
+    frame_rate_hz: int
+    line_density: int
+    tagged: bool
+
+    @property
+    def stride(self) -> int:
+        """Bytes from one frame to the next."""
+        return self.width * self.height * _BITS[self.kind] // 8 + _TAG_BYTES * self.tagged
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the complete file in bytes."""
+        return HEADER_BYTES + self.frames * self.stride
+
+
+def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
+    """Header of a file, checked against its size.
+
+    Parameters
+    ----------
+    head
+        First 76 bytes of the file.
+    size
+        Size of the file in bytes.
+    name
+        Name of the file, for the message.
+
+    Raises
+    ------
+    RecordError
+        If it is of another type, or its size is another; the message names what was found and expected.
+    """
+    if len(head) < HEADER_BYTES:
+        raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; export it again")
+    number, frames, width, height, bits, *corners, probe, txf, sf, dr, ld, _ = _LAYOUT.unpack(head[:HEADER_BYTES])
+    kind = _KINDS.get(number)
+    if kind is None:
+        raise RecordError(
+            f"{name}: data of type {number} found, 4 (.b8, B-mode) or 16 (.rf) expected; it is another kind of file, "
+            "or its first bytes are damaged"
+        )
+    if bits != _BITS[kind] or min(frames, width, height) < 1:
+        raise RecordError(
+            f"{name}: {frames} frames of {width} × {height} with {bits} bits found, at least one of each with "
+            f"{_BITS[kind]} bits expected; the header is damaged: export it again"
+        )
+    headers = [
+        UltrasonixHeader(
+            kind=kind,
+            frames=frames,
+            width=width,
+            height=height,
+            corners_px=tuple(zip(corners[::2], corners[1::2], strict=True)),
+            probe=probe,
+            transmit_hz=txf,
+            sampling_hz=sf,
+            frame_rate_hz=dr,
+            line_density=ld,
+            tagged=tagged,
+        )
+        for tagged in (False, True)
+    ]
+    for header in headers:
+        if header.file_bytes == size:
+            return header
+    raise RecordError(
+        f"{name}: {size} bytes, {headers[0].file_bytes} expected, or {headers[1].file_bytes} with numbered frames; "
+        "it is cut off or damaged: export it again"
+    )
+
+
+def encode_header(header: UltrasonixHeader) -> bytes:
+    """The 76 bytes of a header."""
+    number = next(number for number, kind in _KINDS.items() if kind == header.kind)
+    corners = [value for corner in header.corners_px for value in corner]
+    numbers = (header.frames, header.width, header.height, _BITS[header.kind], *corners, header.probe)
+    rates = (header.transmit_hz, header.sampling_hz, header.frame_rate_hz, header.line_density)
+    return _LAYOUT.pack(number, *numbers, *rates, 0)
+
+
+def decode_b_mode(body: bytes, header: UltrasonixHeader) -> UInt8[np.ndarray, "rows columns"]:
+    """B-mode image of one frame, from the bytes of its stride."""
+    pixels = np.frombuffer(body, dtype=np.uint8, offset=_TAG_BYTES * header.tagged)
+    return pixels.reshape(header.height, header.width)
+
+
+def decode_rf(body: bytes, header: UltrasonixHeader) -> Int16[np.ndarray, "lines samples"]:
+    """Radio-frequency lines of one frame, from the bytes of its stride."""
+    samples = np.frombuffer(body, dtype="<i2", offset=_TAG_BYTES * header.tagged)
+    return samples.reshape(header.width, header.height).astype(np.int16, copy=False)
