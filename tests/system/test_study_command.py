@@ -18,7 +18,7 @@ from markerseek.studies import read_study, run_study
 
 STUDY = """
 version = 1
-trials = 3000
+trials = 800
 [[policies]]
 method = "ternary"
 acquisitions = 4
@@ -53,7 +53,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *
 def test_a_table_for_people_an_object_for_programs_and_any_row_again(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study.write_text(STUDY.replace("3000", "20"), encoding="utf-8")
+    study.write_text(STUDY.replace("800", "20"), encoding="utf-8")
     out = tmp_path / "out"
     code, text, _ = shell(monkeypatch, capsys, "study", study, "--out", out, "--workers", 1)
     assert code == 0
@@ -79,8 +79,8 @@ def test_a_table_for_people_an_object_for_programs_and_any_row_again(
     ("change", "words", "message"),
     [
         (("trials", "trails"), (), "did you mean trials?"),
-        (("", ""), ("--row", "8000"), "has the rows 0 to 5999"),
-        (("3000", "5"), ("--out", "{other}"), "holds another study"),
+        (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
+        (("800", "5"), ("--out", "{other}"), "holds another study"),
     ],
 )
 def test_wrong_usage_ends_with_2_and_the_cure(
@@ -103,24 +103,29 @@ def test_wrong_usage_ends_with_2_and_the_cure(
     assert message in " ".join(err.split())
 
 
-def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(study: Path, tmp_path: Path) -> None:
-    """SIGKILL to the command once its first part is there; its orphaned workers end by themselves."""
-    settings = read_study(study)
-    run_study(settings, tmp_path / "whole", workers=1)
+def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SIGKILL to the command once a further part is there, twice; its orphaned workers end by themselves."""
+    assert shell(monkeypatch, capsys, "study", study, "--workers", 1, "--out", tmp_path / "whole")[0] == 0
     killed = tmp_path / "killed"
     program = "from markerseek.cli import main; main()"
     command = [sys.executable, "-c", program, "study", str(study), "--workers", "2", "--out", str(killed)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while process.poll() is None and not list((killed / "parts").glob("*.csv")):
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=0.02)
-    process.send_signal(signal.SIGKILL)
-    # the pipes close only when the workers, which hold them too, have ended
-    process.communicate(timeout=120)
-    assert process.returncode == -signal.SIGKILL
-    assert not (killed / "rows.csv").exists()
-    assert list((killed / "parts").glob("*.csv"))
-    run_study(settings, killed, workers=1)
+    for parts in (1, 3):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        while process.poll() is None and len(list((killed / "parts").glob("*.csv"))) < parts:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=0.02)
+        process.send_signal(signal.SIGKILL)
+        # the pipes close only when the workers, which hold them too, have ended
+        process.communicate(timeout=120)
+        assert process.returncode == -signal.SIGKILL
+        assert not (killed / "rows.csv").exists()
+        assert len(list((killed / "parts").glob("*.csv"))) >= parts
+    kept = {part.name: part.stat().st_mtime_ns for part in (killed / "parts").glob("*.csv")}
+    monkeypatch.setattr("markerseek.studies.runner.shutil.rmtree", lambda _: None)
+    assert shell(monkeypatch, capsys, "study", study, "--workers", 1, "--out", killed)[0] == 0
+    assert {part.name: part.stat().st_mtime_ns for part in (killed / "parts").glob("*.csv")}.items() > kept.items()
     for name in ("study.json", "rows.csv", "summary.json"):
         assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
@@ -131,7 +136,7 @@ def test_a_dask_cluster_gives_the_same_files_as_this_machine(study: Path, tmp_pa
     from distributed import LocalCluster
 
     few = tmp_path / "few.toml"
-    few.write_text(STUDY.replace("3000", "700"), encoding="utf-8")
+    few.write_text(STUDY.replace("800", "300"), encoding="utf-8")
     settings = read_study(few)
     run_study(settings, tmp_path / "here", workers=1)
     with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:

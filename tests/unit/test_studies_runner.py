@@ -24,7 +24,7 @@ STUDY = Study(
         PolicySettings(method="ternary", acquisitions=4, as_published=True),
         PolicySettings(method="weighted-average", acquisitions=3, as_published=True),
     ),
-    trials=600,
+    trials=150,
     curve=CurveSettings(family="sech", fwhm_deg=12.0),
     vary=(Axis(key="rig.noise.peak_snr_db", values=(20.0, 40.0)),),
 )
@@ -53,7 +53,7 @@ def test_the_table_is_the_rows_one_by_one(whole: dict[str, bytes]) -> None:
     lines = whole["rows.csv"].splitlines(keepends=True)
     assert len(lines) == STUDY.rows + 1
     assert lines[0] == as_csv([columns(STUDY)])
-    for row in (0, 1, 777, STUDY.rows - 1):
+    for row in (0, 1, 377, STUDY.rows - 1):
         assert lines[row + 1] == as_csv([values_of(run_row(STUDY, row))])
 
 

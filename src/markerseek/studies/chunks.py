@@ -8,8 +8,9 @@ from markerseek.studies.study import Study, cells
 from markerseek.studies.table import as_csv, values_of
 from markerseek.studies.trial import run_trial
 
-_ROWS = {"curves": 1000, "readings": 64, "frames": 16}
-"""Rows of a chunk, about: some seconds of work, so that little is lost when a study is killed."""
+_ROWS = {"curves": 250, "readings": 64, "frames": 16}
+"""Rows of a chunk, about: a second of work or less, so that little is lost when a study is killed, and no worker waits
+long for the last one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
-from markerseek.studies.chunks import chunk, chunk_count, chunk_rows, run_chunk
+from markerseek.studies.chunks import Chunk, chunk, chunk_count, chunk_rows, run_chunk
 from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
@@ -126,7 +126,7 @@ def _run_chunks(
     progress: Callable[[int], None] | None,
 ) -> None:
     """Compute the chunks whose parts are missing, and commit each as it is ready."""
-    left = [index for index in range(chunk_count(study)) if not _part(parts, index).exists()]
+    left = [index for index in range(chunk_count(study)) if not _part(parts, chunk(study, index)).exists()]
     missing = (chunk(study, index) for index in left)
     done = study.rows - sum(chunk_rows(study, chunk(study, index)) for index in left)
     if scheduler is not None:
@@ -138,8 +138,9 @@ def _run_chunks(
         for number, lines in computed:
             if not lines.startswith(study.digest.encode()):
                 raise ConfigError("a worker has another version of markerseek than this process; install the same one")
-            commit(_part(parts, left[number]), lines)
-            done += chunk_rows(study, chunk(study, left[number]))
+            piece = chunk(study, left[number])
+            commit(_part(parts, piece), lines)
+            done += chunk_rows(study, piece)
             if progress is not None:
                 progress(done)
 
@@ -149,11 +150,12 @@ def _join(study: Study, folder: Path) -> None:
     with committed(folder / ROWS) as table:
         table.write(as_csv([columns(study)]))
         for index in range(chunk_count(study)):
-            table.write(_part(folder / PARTS, index).read_bytes())
+            table.write(_part(folder / PARTS, chunk(study, index)).read_bytes())
 
 
-def _part(parts: Path, index: int) -> Path:
-    return parts / f"{index:08d}.csv"
+def _part(parts: Path, piece: Chunk) -> Path:
+    """Named by its trials, so that no part of a version with other chunks is taken for one of these."""
+    return parts / f"{piece.first:09d}-{piece.last - 1:09d}.csv"
 
 
 @contextmanager
