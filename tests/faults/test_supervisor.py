@@ -87,7 +87,7 @@ STOP = bytes.fromhex("65 04 01 02 50 01")
 @pytest.fixture
 def held(laser: Device, stage: Device) -> Iterator[Supervisor]:
     """A supervisor of two lines, whose first farewells have come."""
-    with Supervisor(lines=lines(laser, stage), period_s=0.2) as supervisor:
+    with Supervisor(lines=lines(laser, stage), period_s=0.4) as supervisor:
         laser.heard(b"DISARM*1234\n")
         stage.heard(STOP)
         yield supervisor
@@ -247,7 +247,7 @@ def test_a_long_message_arrives_whole(held: Supervisor, laser: Device) -> None:
 def test_a_wait_of_a_port_renews_the_lease_and_silence_does_not(held: Supervisor, laser: Device, stage: Device) -> None:
     port = held.port("laser")
     held.hold()
-    assert port.read(1, timeout_s=0.6) == b""
+    assert port.read(1, timeout_s=1.0) == b""
     assert laser.silent()
     port.write(b"?\n")
     assert laser.heard(b"\n") == b"?\n"
@@ -275,7 +275,7 @@ def test_after_a_lapse_nothing_is_written_until_it_is_armed_again(held: Supervis
     held.hold()
     held.release()
     held.release()
-    assert laser.silent(for_s=0.4)
+    assert laser.silent(for_s=0.6)
 
 
 def test_the_beat_of_another_thread_is_refused(held: Supervisor, laser: Device) -> None:
