@@ -157,7 +157,8 @@ def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("fig9",), "'fig9' is unknown; there are: fig5, fig6"),
+        (("fig10",), "'fig10' is unknown; there are: fig5, fig6"),
+        (("fig9",), "fig9 waits. Fig. 9 needs the tool tip"),
         (("travel", "--markers", 3), "between 10 and"),
         (("travel", "--workers", 0), "workers is 0"),
         (("fig7", "--bank", "x.csv"), "searches on no bank"),

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from markerseek.pictures import HeatMap, heat_maps_figure
-from markerseek.studies.paper.consistency_sweep import FAMILIES, LEVELS_DB, RADII_M, Spot, checks, sweep
+from markerseek.studies.paper.consistency_sweep import FAMILIES, Spot, checks, sweep
 from markerseek.studies.paper.curve_runs import (
     fwhm_deg,
 )
@@ -30,12 +30,13 @@ def consistency(effort: Effort) -> Section:
     """
     spots = sweep(effort)
     best = min(spots, key=lambda spot: spot.misfit)
+    widths = len({spot.condition.source_radius_m for spot in spots})
     return Section(
         name="consistency",
         title="Consistency: which curve widths and noises give the paper's numbers",
         method=(
             (
-                f"The published searches on intensity curves of {len(RADII_M)} widths under {len(LEVELS_DB)} noises: "
+                f"The published searches on intensity curves of {widths} widths under {len(spots) // widths} noises: "
                 "random markers for the simulation, the nine positions for offline and online. A number of the paper "
                 "is consistent with a combination if it lies within the central 95 % of the means that as many "
                 "searches as the paper made would have. The nine-position numbers have wide intervals; the "
@@ -150,6 +151,6 @@ def _draw(spots: Sequence[Spot]) -> Figure:
     return heat_maps_figure(
         maps,
         title="Numbers of the paper that a curve width and a noise are consistent with",
-        across="full width of the curve at half maximum [deg]",
+        across="FWHM of the curve [deg]",
         up="peak SNR [dB]",
     )

@@ -44,6 +44,9 @@ MOVED_DEG, MOVED_AFTER = 5.0, 8
 FADING = 0.97
 """Factor on the intensity from one acquisition to the next: half is left after 23."""
 
+RUNS, FRAMED_RUNS = 120, 30
+"""Markers of each fault, and of one that needs frames."""
+
 Rules: TypeAlias = Literal["the paper's", "ours"]
 
 _Spoil: TypeAlias = Callable[[int, Frame, Frame | None], Frame]
@@ -148,7 +151,7 @@ def outcomes_of(effort: Effort) -> list[Outcome]:
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
     runs = []
     for name, fault in FAULTS.items():
-        count = max(1, round((10 if fault.frames else 120) * effort.share))
+        count = max(1, round((FRAMED_RUNS if fault.frames else RUNS) * effort.share))
         for number, marker_deg in enumerate(rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)):
             runs.append(_Run(fault=name, marker_deg=float(marker_deg), number=number, seed=int(rng.integers(2**31))))
     parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]

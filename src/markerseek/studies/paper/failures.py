@@ -11,6 +11,7 @@ from markerseek.studies.paper.failure_runs import FAULTS, MARKERS_DEG, NARROW, W
 from markerseek.studies.paper.methods import NAMES
 from markerseek.studies.paper.reported import SENSITIVE_DEG
 from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.statistics import Share, clopper_pearson
 
 
 def failures(effort: Effort) -> Section:
@@ -49,28 +50,32 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
     for fault, rules, method in dict.fromkeys((each.fault, each.rules, each.method) for each in outcomes):
         here = [o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, method)]
         errors = [o.error_deg for o in here if o.error_deg is not None]
+        off = _off(here)
         rows.append(
             (
                 FAULTS[fault].words,
                 method,
                 rules,
                 len(here),
-                _off(here),
+                off.share,
+                *(off.interval95 or (None, None)),
                 1 - len(errors) / len(here),
                 float(np.mean(errors)) if errors else None,
             )
         )
     return Table(
         name="failures",
-        caption="Share of runs off by more than 4.33°, share that claim no angle, and mean of the signed error",
-        columns=("fault", "method", "rules", "runs", "off", "no_angle", "mean_signed_error_deg"),
+        caption="Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share that claim no "
+        "angle, and mean of the signed error",
+        columns=("fault", "method", "rules", "runs", "off", "low95", "high95", "no_angle", "mean_signed_error_deg"),
         rows=tuple(rows),
     )
 
 
-def _off(outcomes: Sequence[Outcome]) -> float:
+def _off(outcomes: Sequence[Outcome]) -> Share:
     """Share of runs that claim an angle and are off by more than the sensitive range."""
-    return float(np.mean([each.error_deg is not None and abs(each.error_deg) > SENSITIVE_DEG for each in outcomes]))
+    errors = [each.error_deg for each in outcomes]
+    return Share.of(sum(error is not None and abs(error) > SENSITIVE_DEG for error in errors), len(errors))
 
 
 def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
@@ -78,14 +83,19 @@ def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
     for rules in ("the paper's", "ours"):
         worst = {
             fault: max(
-                _off([o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, name)]) for name in NAMES
+                (_off([o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, name)]) for name in NAMES),
+                key=lambda off: off.share or 0.0,
             )
             for fault in FAULTS
         }
-        bad = {fault: share for fault, share in worst.items() if share > 0}
-        said = ", ".join(f"{FAULTS[fault].words} ({share:.0%})" for fault, share in bad.items()) or "none"
+        said = ", ".join(
+            f"{FAULTS[fault].words} ({off.hits} of {off.count})" for fault, off in worst.items() if off.hits
+        )
         remarks.append(
             f"Faults under which a method by {rules.replace('ours', 'our')} rules claims a wrong angle, "
-            f"with the largest share: {said}."
+            f"with the most of its runs: {said or 'none'}."
         )
+    counts = sorted({off.count for off in worst.values()})
+    limits = ", ".join(f"{clopper_pearson(0, count)[1]:.2g} for {count}" for count in counts)
+    remarks.append(f"None of so many runs still leaves room for a share of (95 %): {limits}.")
     return tuple(remarks)

@@ -28,6 +28,8 @@ class Reported:
         Unit of both.
     limits
         Plain sentence about what of it cannot be had, and why; None where nothing is known to stand in the way.
+    note
+        Plain sentence about what else is known of it; None where nothing is.
     """
 
     key: str
@@ -37,6 +39,7 @@ class Reported:
     spread: float | None = None
     unit: str = "deg"
     limits: str | None = None
+    note: str | None = None
 
     def __str__(self) -> str:
         spread = "" if self.spread is None else f" ± {self.spread:g}"

@@ -60,7 +60,7 @@ NUMBERS = [
         place="Section 3.1, Fig. 5",
         mean=0.47,
         spread=0.11,
-        limits="Markers near ±35°, whose curve the range cuts off, make most of it.",
+        note="Markers near ±35°, whose curve the range cuts off, make most of it.",
     ),
     Reported(
         key="fig5/TS",
@@ -77,7 +77,7 @@ NUMBERS = [
         what="GSS after 28 acquisitions, mean error",
         place="Section 3.1, Fig. 5",
         mean=0.01,
-        limits="A replay without noise agrees, with two fresh acquisitions in each iteration.",
+        note="A replay without noise agrees, with two fresh acquisitions in each iteration.",
     ),
     *_table_1(),
     Reported(
@@ -118,7 +118,8 @@ NUMBERS = [
         place="Section 3.3, Fig. 7",
         mean=0.29,
         spread=0.30,
-        limits="The abstract and the conclusion have ± 0.31°. " + _NINE,
+        limits=_NINE,
+        note="The abstract and the conclusion have ± 0.31°.",
     ),
     Reported(
         key="fig7/GSS/28",
@@ -126,7 +127,8 @@ NUMBERS = [
         place="Section 3.3, Fig. 7",
         mean=0.48,
         spread=0.30,
-        limits="The abstract and the conclusion have ± 0.32°. " + _NINE,
+        limits=_NINE,
+        note="The abstract and the conclusion have ± 0.32°.",
     ),
     Reported(
         key="fig7/TS/2",

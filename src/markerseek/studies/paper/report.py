@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
@@ -12,12 +12,15 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.pictures import png_data_uri, save_png, save_svg
 from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
-from markerseek.studies.paper.reported import REPORTED, Reported
+from markerseek.studies.paper.reported import REPORTED, Reported, reported
 from markerseek.studies.paper.section import Cell, Section, Table
 from markerseek.studies.paper.stopwatch import Took
 
 REPORT = "report.html"
 """Name of the page."""
+
+_UNBROKEN = 22
+"""Most letters of a cell that is kept on one line."""
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -33,11 +36,11 @@ h3 {{ font-size: 1rem; margin: 1.4rem 0 .4rem; }}
 p, li {{ max-width: 62rem; }}
 p.note {{ color: #7a3410; font-weight: 600; }}
 img {{ max-width: 100%; border: 1px solid #e3e6ea; }}
-.wide {{ overflow-x: auto; }}
+.wide {{ overflow-x: auto; margin-top: 1.2rem; }}
 table {{ border-collapse: collapse; font-size: 13px; }}
 th, td {{ text-align: left; vertical-align: top; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
 th {{ color: #4a505a; }} td {{ font-variant-numeric: tabular-nums; }}
-td.n {{ text-align: right; white-space: nowrap; }} th {{ vertical-align: bottom; }}
+td.n {{ text-align: right; white-space: nowrap; }} td.s {{ white-space: nowrap; }} th {{ vertical-align: bottom; }}
 caption {{ text-align: left; font-weight: 600; padding: .3rem 0; }}
 nav a {{ margin-right: 1rem; }} .files {{ color: #6a707a; font-size: 13px; }}
 </style>
@@ -51,7 +54,9 @@ Ultrasound. The paper's numbers beside ours.</p>
 searches with an error above 4.33°, half of the range in which the tool tip stays visible.</p>
 <nav>{contents}</nav>
 {sections}
-<h2 id="limits">What cannot be had, and why</h2>
+<h2 id="fig9">Fig. 9: sensitive range of the tool tip</h2>
+<p>{fig9}</p>
+<h2 id="limits">Every number of the paper that cannot be had, and why</h2>
 <ul>{limits}</ul>
 </body>
 </html>
@@ -100,14 +105,16 @@ def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort, t
         If the file cannot be written.
     """
     thinned = f"Made with {effort.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles to match."
+    sensitive = reported("sensitive")
     text = _PAGE.format(
         note=thinned if effort.markers < PAPER_MARKERS else "",
         version=__version__,
         seed=effort.seed,
         markers=effort.markers,
         contents="".join(f'<a href="#{each.name}">{html.escape(each.name)}</a>' for each in sections)
-        + '<a href="#limits">limits</a>',
+        + '<a href="#fig9">fig9</a><a href="#limits">limits</a>',
         sections="\n".join(_section(each, took) for each, took in zip_longest(sections, times)),
+        fig9=html.escape(f"Not made. {sensitive.limits} The paper has {sensitive} for {sensitive.what}."),
         limits="".join(_limit(number) for number in _limited()),
     )
     path = folder / REPORT
@@ -189,9 +196,13 @@ def _section(section: Section, took: Took | None) -> str:
         uri = png_data_uri(picture.draw())
         parts.append(f'<p><img src="{uri}" alt="{html.escape(picture.alt)}"></p>')
     parts += [f"<p>{html.escape(remark)}</p>" for remark in section.remarks]
-    limits = dict.fromkeys(each.paper for each in section.besides if each.paper.limits)
-    if limits:
-        parts.append("<h3>What of these numbers cannot be had</h3><ul>" + _by_reason(limits) + "</ul>")
+    numbers = list(dict.fromkeys(each.paper for each in section.besides))
+    for heading, said in (
+        ("What of these numbers cannot be had", {number: number.limits for number in numbers}),
+        ("What else is known of them", {number: number.note for number in numbers}),
+    ):
+        lines = _by_reason(said)
+        parts += [f"<h3>{heading}</h3><ul>{lines}</ul>"] if lines else []
     parts += [_table(table) for table in section.tables if table.shown]
     names = ", ".join(f"{table.name}.csv" for table in _tables(section))
     pictures = "".join(f", {picture.name}.png, {picture.name}.svg" for picture in section.pictures)
@@ -200,12 +211,13 @@ def _section(section: Section, took: Took | None) -> str:
     return "\n".join(parts)
 
 
-def _by_reason(numbers: Iterable[Reported]) -> str:
-    """One line for each reason, with the numbers that it holds for."""
+def _by_reason(said: Mapping[Reported, str | None]) -> str:
+    """One line for each sentence, with the numbers of which it holds."""
     held: dict[str, list[str]] = {}
-    for number in numbers:
-        held.setdefault(number.limits or "", []).append(f"{number.what} ({number})")
-    return "".join(f"<li>{html.escape(_few(names))}: {html.escape(reason)}</li>" for reason, names in held.items())
+    for number, sentence in said.items():
+        if sentence is not None:
+            held.setdefault(sentence, []).append(f"{number.what} ({number})")
+    return "".join(f"<li>{html.escape(_few(names))}: {html.escape(sentence)}</li>" for sentence, names in held.items())
 
 
 def _few(names: Sequence[str]) -> str:
@@ -222,7 +234,11 @@ def _table(table: Table) -> str:
 
 
 def _cell(cell: Cell) -> str:
-    kind = ' class="n"' if isinstance(cell, float | int) else ""
+    kind = ""
+    if isinstance(cell, float | int):
+        kind = ' class="n"'
+    elif cell is not None and len(cell) <= _UNBROKEN:
+        kind = ' class="s"'
     return f"<td{kind}>{html.escape(shown(cell))}</td>"
 
 

@@ -135,7 +135,8 @@ def _besides(ways: Sequence[_Way]) -> tuple[Beside, ...]:
             for motion, spent in (("10°/s", way.rotation), ("25°/s", way.fastest)):
                 besides.append(
                     Beside(
-                        paper=reported("travel/high"),
+                        # the shorter of the paper's two times belongs to its shorter travel
+                        paper=reported("travel/high" if way.name == "TS" else "travel/low"),
                         ours=spent.value,
                         spread=spent.spread,
                         half=spent.half,
