@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from markerseek.cli.study_table import show_against, show_summary
+from markerseek.core import ConfigError
 
+if TYPE_CHECKING:
     from markerseek.studies import Study, Summary
-    from markerseek.studies.statistics import Mean, Share
+    from markerseek.studies.posterior import Against
 
 NAME = "study"
 EXAMPLES = (
@@ -35,6 +37,16 @@ def command(
     ] = None,
     row: Annotated[
         int | None, typer.Option(help="Run this one row of the table again, and print it; nothing is written.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Picture to write, PNG or SVG: mean error over the acquisitions.")
+    ] = None,
+    bound: Annotated[
+        int | None,
+        typer.Option(min=1, help="Markers that are searched for again, to compare errors with the bound of each."),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None, typer.Option(help="Another finished study's file, its lines into the same picture.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
@@ -60,10 +72,15 @@ def command(
     except KeyboardInterrupt:
         aside.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
         raise typer.Exit(1) from None
+    limits = _against(settings, markers=bound) if bound is not None else []
+    if plot is not None:
+        _draw(plot, [(settings, finish.summary), *(_finished(path) for path in beside or [])], markers=bound)
     if as_json:
-        print_json(finish.summary)
+        print_json({**msgspec.to_builtins(finish.summary), "against_bound": limits} if limits else finish.summary)
         return
-    _show(finish.summary)
+    show_summary(finish.summary)
+    if limits:
+        show_against(limits)
     people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
@@ -85,65 +102,38 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     people.print(table)
 
 
-def _show(summary: Summary) -> None:
-    """The policies by number, a table for each cell, and one of the differences."""
-    from rich.markup import escape
+def _against(study: Study, *, markers: int) -> list[Against]:
+    """Each policy in each cell against the bound."""
+    from markerseek.studies import cells
+    from markerseek.studies.posterior import against_bound
 
-    from markerseek.cli.terminal import people
-
-    people.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
-    first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
-    for policy in first:
-        people.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
-    for cell in sorted({policy.cell for policy in summary.policies}):
-        here = [policy for policy in summary.policies if policy.cell == cell]
-        settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
-        people.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
-        table = _table("", "found", "mean error of these", f"> {summary.failure_deg:g}°", "N", "rotation", "time")
-        for policy in here:
-            table.add_row(
-                f"[bold]{policy.policy}[/]",
-                _share(policy.answers["found"], interval=False),
-                _mean(policy.error_deg),
-                _share(policy.failures, interval=True),
-                _plain(policy.acquisitions, ""),
-                _plain(policy.travel_deg, "°"),
-                _plain(policy.elapsed_s, " s"),
-            )
-        people.print(table)
-    if summary.differences:
-        people.print("\nerror of one less that of another, where both found, same trials")
-        table = _table("cell", "policies", "trials", "mean difference")
-        for pair in summary.differences:
-            table.add_row(
-                str(pair.cell), f"{pair.policy} - {pair.other}", str(pair.error_deg.count), _mean(pair.error_deg)
-            )
-        people.print(table)
+    return [
+        against_bound(study, cell, policy=number, markers=min(markers, study.trials))
+        for cell in cells(study)
+        for number in range(len(study.policies))
+    ]
 
 
-def _table(*names: str) -> Table:
-    from rich.table import Table
+def _finished(path: Path) -> tuple[Study, Summary]:
+    """A study that was run before, at its usual place or with its files beside it."""
+    from markerseek.studies import read_study, run_study
 
-    table = Table(box=None, padding=(0, 1, 0, 0))
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table
-
-
-def _mean(mean: Mean) -> str:
-    if mean.mean is None:
-        return "–"
-    if mean.interval95 is None:
-        return f"{mean.mean:.3g}°"
-    return f"{mean.mean:.3g}° [{mean.interval95[0]:.3g}, {mean.interval95[1]:.3g}]"
+    study = read_study(path)
+    return study, run_study(study, Path("out") / path.stem).summary
 
 
-def _plain(mean: Mean, unit: str) -> str:
-    return "–" if mean.mean is None else f"{mean.mean:.1f}{unit}"
+def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> None:
+    from markerseek.pictures import save_png, save_svg
+    from markerseek.studies import cells
+    from markerseek.studies.posterior import error_figure, mean_bounds
 
-
-def _share(share: Share, *, interval: bool) -> str:
-    if share.share is None or share.interval95 is None:
-        return "–"
-    low, high = share.interval95
-    return f"{100 * share.share:.1f} %" + (f" [{100 * low:.1f}, {100 * high:.1f}]" if interval else "")
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise ConfigError(f"--plot is {path}: a picture's name ends in .png or .svg")
+    study = runs[0][0]
+    counts = study.marks
+    bounds = {}
+    if markers is not None and counts:
+        for cell in cells(study):
+            bounds[cell.index] = (counts, mean_bounds(study, cell, markers=markers, acquisitions=counts))
+    save = save_svg if path.suffix.lower() == ".svg" else save_png
+    save(error_figure(runs, bounds=bounds), path)

@@ -77,6 +77,7 @@ def panels_figure(
     columns: int = 3,
     scale: Literal["linear", "log"] = "linear",
     panel_in: tuple[float, float] = (3.7, 3.0),
+    legend_columns: int = 5,
 ) -> Figure:
     """Figure of panels that share their axes, with one legend.
 
@@ -94,6 +95,8 @@ def panels_figure(
         Scale of the upward axis.
     panel_in
         Width and height of one panel in inches.
+    legend_columns
+        Most names in a row of the legend.
     """
     columns = min(columns, len(panels))
     rows = math.ceil(len(panels) / columns)
@@ -123,7 +126,7 @@ def panels_figure(
             axes.set_ylabel(up)
     # Matplotlib's own containers are legend handles, and its types do not say so.
     handles = cast("list[Artist]", list(named.values()))
-    figure.legend(handles, list(named), loc="outside lower center", ncols=min(len(named), 5), fontsize=8)
+    figure.legend(handles, list(named), loc="outside lower center", ncols=min(len(named), legend_columns), fontsize=8)
     return figure
 
 

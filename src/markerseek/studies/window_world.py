@@ -156,6 +156,22 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     )
 
 
+def noise_free(window: Window, *, off_deg: float) -> float:
+    """Intensity of the marker without noise, over that with the probe on it.
+
+    Parameters
+    ----------
+    window
+        The rig and the marker.
+    off_deg
+        Angle of the probe less that of the marker, in degrees.
+    """
+    heard = window.model.channel_data([window.marker], angle_deg=window.marker.angle_deg + off_deg)
+    loud = 25_000 / PEAK_COUNTS
+    reading = window.reader.read(_frame(heard[:, window.first : window.last] * loud, window.model.sampling_hz))
+    return reading.intensity / (window.peak * loud)
+
+
 class WindowWorld:
     """Tissue of which only the marker's window is heard.
 

@@ -125,7 +125,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
     else:
         reader = HeardReader()
         world = WindowWorld(
-            _window(unknowns, settings),
+            marker_window(unknowns, settings),
             present=settings.marker.present,
             peak_snr_db=settings.noise.peak_snr_db,
             energy_jitter=settings.laser.energy_jitter,
@@ -144,18 +144,26 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
 
 
 def _audible(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
-    """Marker and noise in counts, the gain turned up until the noise is a count or the marker nearly at full scale."""
+    """Marker and noise in counts, the gain turned up until rounding the noise does not show, or full scale is near."""
     marker, model = unknowns.marker, unknowns.model
     spot, noise, _ = scaled_spot([marker], marker, settings, model)
-    gain = max(1.0, min(1.0 / noise.white_sigma, _LOUDEST_COUNTS / settings.receiver.peak_counts))
+    gain = max(1.0, min(2.0 / noise.white_sigma, _LOUDEST_COUNTS / settings.receiver.peak_counts))
     return [replace(each, strength=each.strength * gain) for each in spot], replace(
         noise, white_sigma=noise.white_sigma * gain
     )
 
 
 @lru_cache(maxsize=4)
-def _window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
-    """The policies of one trial share it."""
+def marker_window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
+    """What of a drawn rig and its marker is the same for all policies of a trial.
+
+    Parameters
+    ----------
+    unknowns
+        The rig and the marker.
+    settings
+        Those that were not drawn.
+    """
     model = unknowns.model
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     return window_of(unknowns, imaging=imaging, travel=settings.limits.travel)

@@ -1,0 +1,143 @@
+"""What a study's summary looks like in the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.table import Table
+
+    from markerseek.studies import PolicySummary, Summary
+    from markerseek.studies.posterior import Against
+    from markerseek.studies.statistics import Mean, Share
+
+
+def show_summary(summary: Summary) -> None:
+    """The policies by number, tables for each cell, and one of the differences.
+
+    Parameters
+    ----------
+    summary
+        What a study's table says.
+    """
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import people
+
+    people.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
+    first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
+    for policy in first:
+        people.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
+    for cell in sorted({policy.cell for policy in summary.policies}):
+        here = [policy for policy in summary.policies if policy.cell == cell]
+        settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
+        people.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
+        table = _table("", "found", "mean error of these", f"> {summary.failure_deg:g}°", "N", "rotation", "time")
+        for policy in here:
+            table.add_row(
+                f"[bold]{policy.policy}[/]",
+                _share(policy.answers["found"], interval=False),
+                _mean(policy.error_deg),
+                _share(policy.failures, interval=True),
+                _plain(policy.acquisitions, ""),
+                _plain(policy.travel_deg, "°"),
+                _plain(policy.elapsed_s, " s"),
+            )
+        people.print(table)
+        people.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
+    if summary.differences:
+        people.print("\nerror of one less that of another, where both found, same trials")
+        table = _table("cell", "policies", "trials", "mean difference")
+        for pair in summary.differences:
+            table.add_row(
+                str(pair.cell), f"{pair.policy} - {pair.other}", str(pair.error_deg.count), _mean(pair.error_deg)
+            )
+        people.print(table)
+
+
+def show_against(against: Sequence[Against]) -> None:
+    """Policies against the bound, and the time of their decisions.
+
+    Parameters
+    ----------
+    against
+        One for each policy and cell.
+    """
+    from markerseek.cli.terminal import people
+
+    people.print("\nroot mean square error over the bound: of the best angles, and of those taken; time of a decision")
+    table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
+    for each in against:
+        median_ms, largest_ms = each.decision_ms
+        table.add_row(
+            str(each.cell),
+            f"[bold]{each.policy}[/]",
+            str(each.markers),
+            str(each.acquisitions),
+            f"{each.rmse_deg:.3g}°",
+            f"{each.best_deg:.3g}°",
+            f"{each.taken_deg:.3g}°",
+            f"{each.ratio_to_best:.3g}",
+            f"{each.ratio_to_taken:.3g}",
+            f"{median_ms:.3g} ms",
+            f"{largest_ms:.3g} ms",
+        )
+    people.print(table)
+
+
+def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:
+    """Every marker counts, also those that were not found; without markers, what was found all the same."""
+    if all(policy.missed.count == 0 for policy in policies):
+        table = _table("", "found where nothing is")
+        for policy in policies:
+            table.add_row(f"[bold]{policy.policy}[/]", _rare(policy.false_found))
+        return table
+    table = _table("", "error of all", f">{failure_deg:g}°", "not found", "missed", "claim >1°", "covered")
+    for policy in policies:
+        table.add_row(
+            f"[bold]{policy.policy}[/]",
+            _mean(policy.any_error_deg),
+            _rare(policy.off),
+            _rare(policy.not_found),
+            _rare(policy.missed),
+            _rare(policy.wrong_claims),
+            _share(policy.covered, interval=False),
+        )
+    return table
+
+
+def _table(*names: str) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _mean(mean: Mean) -> str:
+    if mean.mean is None:
+        return "–"
+    if mean.interval95 is None:
+        return f"{mean.mean:.3g}°"
+    return f"{mean.mean:.3g}° [{mean.interval95[0]:.3g}, {mean.interval95[1]:.3g}]"
+
+
+def _plain(mean: Mean, unit: str) -> str:
+    return "–" if mean.mean is None else f"{mean.mean:.1f}{unit}"
+
+
+def _share(share: Share, *, interval: bool) -> str:
+    if share.share is None or share.interval95 is None:
+        return "–"
+    low, high = share.interval95
+    return f"{100 * share.share:.1f} %" + (f" [{100 * low:.1f}, {100 * high:.1f}]" if interval else "")
+
+
+def _rare(share: Share) -> str:
+    """A share that ought to be small, with the end of its interval that counts."""
+    if share.share is None or share.interval95 is None:
+        return "–"
+    return f"{100 * share.share:.2g} % ≤{100 * share.interval95[1]:.2g}"

@@ -1,0 +1,214 @@
+"""How near a policy comes to the bound, marker by marker, and how long it takes to decide.
+
+The bound of a marker is Van Trees' Bayesian one (`markerseek.search.bounds`) with the marker's own noise-free curve,
+all nuisances unknown and the physics table's ranges as the prior: once for the best angles that there are for this
+marker, once for those that the policy took. Both need a study in which everything is drawn.
+
+Times are the process's own, of ``tell`` and ``ask`` together, and depend on the machine: no row of a study holds them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+
+from markerseek.core import ConfigError, Estimate, Policy
+from markerseek.core.reading import Sample
+from markerseek.scan import run
+from markerseek.search.bounds import (
+    TABLE_PRIOR,
+    Listening,
+    SampledCurve,
+    angle_bound_deg,
+    best_angles,
+    sample_information,
+)
+from markerseek.sim import SimulatedSettings
+from markerseek.studies.policies import build_policy
+from markerseek.studies.study import Cell, Study
+from markerseek.studies.unknowns import Unknowns
+from markerseek.studies.window_world import noise_free
+from markerseek.studies.worlds import draw_trial, marker_window, study_rig
+
+_OFF_DEG = np.concatenate(
+    [np.arange(0, 6, 0.25), np.arange(6, 14, 0.5), np.arange(14, 30, 1.0), np.arange(30, 70.1, 5.0)]
+)
+"""Angles at which a marker's curve is computed, to one side."""
+
+MEAN_OF_ROOT = math.sqrt(2 / math.pi)
+"""Mean magnitude of a normal error over its standard deviation."""
+
+
+class Against(msgspec.Struct, frozen=True, kw_only=True):
+    """A policy against the bound, over so many markers.
+
+    ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
+    bounds for the best angles and for those taken. ``decision_ms`` are the median and the largest time of a decision.
+    """
+
+    cell: int
+    policy: int
+    label: str
+    markers: int
+    acquisitions: int
+    rmse_deg: float
+    median_error_deg: float
+    best_deg: float
+    taken_deg: float
+    ratio_to_best: float
+    ratio_to_taken: float
+    median_ratio_to_best: float
+    decision_ms: tuple[float, float]
+
+
+class _Watched:
+    """A policy whose angles and times are kept."""
+
+    def __init__(self, inner: Policy) -> None:
+        self._inner = inner
+        self._telling_s = 0.0
+        self.angles_deg: list[float] = []
+        self.decisions_s: list[float] = []
+
+    def ask(self) -> float | None:
+        """Next angle in degrees."""
+        began_s = time.thread_time()
+        angle_deg = self._inner.ask()
+        if self._telling_s > 0:
+            self.decisions_s.append(self._telling_s + time.thread_time() - began_s)
+        self._telling_s = 0.0
+        return angle_deg
+
+    def tell(self, sample: Sample) -> None:
+        """Take in one sample."""
+        began_s = time.thread_time()
+        self._inner.tell(sample)
+        if not sample.dark:
+            self._telling_s = time.thread_time() - began_s
+            self.angles_deg.append(sample.angle_deg)
+
+    def estimate(self) -> Estimate:
+        """What is known now."""
+        return self._inner.estimate()
+
+
+@lru_cache(maxsize=1024)
+def marker_curve(unknowns: Unknowns, settings: SimulatedSettings) -> SampledCurve:
+    """Noise-free curve of a drawn marker.
+
+    Parameters
+    ----------
+    unknowns
+        The rig and the marker.
+    settings
+        Those that were not drawn.
+    """
+    window = marker_window(unknowns, settings)
+    heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
+    # behind the plane of the face the marker is silent, and a logarithm has no zero
+    return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
+
+
+def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquisitions: int | None = None) -> Against:
+    """Search for the first markers of a study again, and compare with the bound of each.
+
+    Parameters
+    ----------
+    study, cell
+        Whose.
+    policy
+        Number of the policy.
+    markers
+        Number of trials.
+    acquisitions
+        Angles of the bound; None: as many as the policy makes at most.
+
+    Raises
+    ------
+    ConfigError
+        If the study has curves and markers of no known rig.
+    """
+    settings, limits = study.policies[policy], cell.world.rig.limits.search
+    count = settings.most if acquisitions is None else acquisitions
+    errors, best, taken, times = [], [], [], []
+    for trial in range(markers):
+        unknowns, listening, curve = _marker(study, cell, trial)
+        rig = study_rig(study, cell, draw_trial(study, cell, trial))
+        watched = _Watched(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
+        for _ in run(watched, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
+            pass
+        marker_deg = unknowns.marker.angle_deg
+        errors.append(watched.estimate().mean_deg - marker_deg)
+        ideal = best_angles(
+            curve, marker_deg=marker_deg, listening=listening, acquisitions=count, limits=limits, prior=TABLE_PRIOR
+        )
+        best.append(ideal.bound_deg)
+        heard = np.array(watched.angles_deg)
+        information = sample_information(curve, heard, marker_deg=marker_deg, listening=listening).sum(axis=0)
+        taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
+        times += watched.decisions_s
+    rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
+    magnitude = np.abs(errors)
+    return Against(
+        cell=cell.index,
+        policy=policy,
+        label=str(settings),
+        markers=markers,
+        acquisitions=count,
+        rmse_deg=rmse_deg,
+        median_error_deg=float(np.median(magnitude)),
+        best_deg=best_deg,
+        taken_deg=taken_deg,
+        ratio_to_best=rmse_deg / best_deg,
+        ratio_to_taken=rmse_deg / taken_deg,
+        median_ratio_to_best=float(np.median(magnitude / np.array(best))),
+        decision_ms=(1e3 * float(np.median(times)), 1e3 * max(times)),
+    )
+
+
+def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequence[int]) -> tuple[float, ...]:
+    """Mean error of a normal estimator at the bound of the best angles, for each number of them, in degrees.
+
+    Parameters
+    ----------
+    study, cell
+        Whose markers.
+    markers
+        Number of them.
+    acquisitions
+        Numbers of angles.
+    """
+    limits = cell.world.rig.limits.search
+    sums = np.zeros(len(acquisitions))
+    for trial in range(markers):
+        unknowns, listening, curve = _marker(study, cell, trial)
+        for place, count in enumerate(acquisitions):
+            sums[place] += best_angles(
+                curve,
+                marker_deg=unknowns.marker.angle_deg,
+                listening=listening,
+                acquisitions=count,
+                limits=limits,
+                prior=TABLE_PRIOR,
+            ).bound_deg
+    return tuple((MEAN_OF_ROOT * sums / markers).tolist())
+
+
+def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, Listening, SampledCurve]:
+    unknowns = draw_trial(study, cell, trial).unknowns
+    if unknowns is None:
+        raise ConfigError('the bound needs markers of which everything is drawn: set drawn = "everything"')
+    rig = cell.world.rig
+    listening = Listening(
+        snr=10 ** (rig.noise.peak_snr_db / 20), jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses)
+    )
+    return unknowns, listening, marker_curve(unknowns, rig)
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    return math.sqrt(float(np.mean(np.square(values))))

@@ -1,0 +1,83 @@
+"""Readings of cut frames are distributed as those of whole frames, with every unknown of the physics table drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markerseek.core import Reading
+from markerseek.sim import LaserSettings, NoiseSettings, SimulatedSettings
+from markerseek.studies import PolicySettings, Study, cells
+from markerseek.studies.window_world import FLOOR_SCATTER, noise_free
+from markerseek.studies.worlds import draw_trial, marker_window, study_rig
+
+COUNT = 24
+
+STUDY = Study(
+    name="agreement",
+    policies=(PolicySettings(method="ternary", acquisitions=4, as_published=True),),
+    level="readings",
+    drawn="everything",
+    seed=7,
+    rig=SimulatedSettings(noise=NoiseSettings(peak_snr_db=30.0), laser=LaserSettings(energy_jitter=0.0)),
+)
+
+
+def readings(study: Study, trial: int, off_deg: float | None) -> list[Reading]:
+    """Of the same marker whatever the noise, which is part of what markers are drawn from."""
+    drawn = draw_trial(STUDY, cells(STUDY)[0], trial)
+    rig = study_rig(study, cells(study)[0], drawn)
+    angle_deg = drawn.marker_deg + (off_deg or 0.0) * (-1 if drawn.marker_deg > 0 else 1)
+    measure = rig.scanner.measure_dark if off_deg is None else lambda: rig.scanner.measure(angle_deg)
+    return [measure().reading for _ in range(COUNT)]
+
+
+def apart(one: list[float], other: list[float], *, tolerance: float) -> float:
+    """Difference of the means over what chance (three standard errors) and the tolerance allow."""
+    chance = 3 * float(np.hypot(np.std(one), np.std(other))) / np.sqrt(COUNT)
+    return float(abs(np.mean(one) - np.mean(other)) / (chance + tolerance))
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 2.0, 3.5])
+@pytest.mark.parametrize("trial", range(3))
+def test_readings_near_the_marker_are_those_of_frames(trial: int, off_deg: float) -> None:
+    """Intensity over the floor within 2 %, place within 0.05 mm, moments within 10 ns, beside chance."""
+    cut = readings(STUDY, trial, off_deg)
+    whole = readings(replace(STUDY, level="frames"), trial, off_deg)
+    floor_cut, floor_whole = (np.median([reading.noise_sigma for reading in each]) for each in (cut, whole))
+    heights = [
+        [reading.intensity / floor for reading in each] for each, floor in ((cut, floor_cut), (whole, floor_whole))
+    ]
+    assert np.mean(heights[1]) > 7, "this is about a marker that is heard"
+    assert apart(*heights, tolerance=0.02 * float(np.mean(heights[1]))) < 1
+    for name, tolerance in (("lateral_m", 0.05e-3), ("depth_m", 0.03e-3), ("arrival_s", 10e-9), ("coherence", 0.03)):
+        assert apart(*([getattr(r, name) for r in each] for each in (cut, whole)), tolerance=tolerance) < 1, name
+    assert {reading.cells for reading in cut} == {reading.cells for reading in whole}
+    assert np.std([r.noise_sigma for r in cut]) / floor_cut == pytest.approx(FLOOR_SCATTER, rel=0.6)
+
+
+@pytest.mark.parametrize("off_deg", [None, 30.0])
+def test_readings_of_noise_are_those_of_frames(off_deg: float | None) -> None:
+    """Dark, and far off a marker at 20 dB: height within 0.15 noise deviations, anywhere in the image."""
+    quiet = replace(STUDY, rig=replace(STUDY.rig, noise=NoiseSettings(peak_snr_db=20.0)))
+    cut, whole = readings(quiet, 4, off_deg), readings(replace(quiet, level="frames"), 4, off_deg)
+    heights = [[reading.intensity / reading.noise_sigma for reading in each] for each in (cut, whole)]  # type: ignore[operator]
+    assert apart(*heights, tolerance=0.15) < 1
+    for each in (cut, whole):
+        assert np.std([reading.lateral_m for reading in each]) > 8e-3
+        assert np.std([reading.arrival_s for reading in each]) > 6e-6
+
+
+def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:
+    cell = cells(STUDY)[0]
+    drawn = draw_trial(STUDY, cell, 1)
+    assert drawn.unknowns is not None
+    window = marker_window(drawn.unknowns, cell.world.rig)
+    assert noise_free(window, off_deg=0.0) == pytest.approx(1.0, rel=0.01)
+    loud = replace(STUDY, level="frames", rig=replace(STUDY.rig, noise=NoiseSettings(peak_snr_db=45.0)))
+    top = np.mean([reading.intensity for reading in readings(loud, 1, 0.0)])
+    for off_deg in (1.5, 5.0):
+        heard = np.mean([reading.intensity for reading in readings(loud, 1, off_deg)]) / top
+        assert noise_free(window, off_deg=off_deg) == pytest.approx(heard, rel=0.05, abs=0.01)

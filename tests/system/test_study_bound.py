@@ -1,0 +1,66 @@
+"""``markerseek study`` with the bound and a picture, and another study beside it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from markerseek import cli
+
+STUDY = """
+version = 1
+trials = 2
+level = "readings"
+drawn = "everything"
+stay = true
+marks = [2, 4]
+[[policies]]
+method = "golden-section"
+acquisitions = 6
+as_published = true
+[rig]
+start_deg = -35.0
+"""
+
+
+def shell(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    code = ended.value.code
+    return code if isinstance(code, int) else 0
+
+
+def test_a_study_is_drawn_over_the_bound_with_another_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, method in (("one", "golden-section"), ("two", "bounded-minimiser")):
+        Path(f"{name}.toml").write_text(STUDY.replace("golden-section", method), encoding="utf-8")
+    assert shell(monkeypatch, "study", "two.toml", "--workers", 1) == 0
+    words = ("study", "one.toml", "--workers", 1, "--bound", 2, "--plot", "one.svg", "--beside", "two.toml")
+    assert shell(monkeypatch, *words) == 0
+    said = capsys.readouterr().out
+    for part in ("error of all", "root mean square error over the bound", "to taken"):
+        assert part in said
+    assert "<svg" in Path("one.svg").read_text(encoding="utf-8")[:500]
+    assert shell(monkeypatch, "study", "one.toml", "--workers", 1, "--bound", 1, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    (against,) = summary["against_bound"]
+    assert against["markers"] == 1
+    assert against["ratio_to_best"] == pytest.approx(against["rmse_deg"] / against["best_deg"])
+    (policy,) = summary["policies"]
+    assert policy["any_error_deg"]["count"] == 2
+    assert len(policy["marks_deg"]) == 2
+
+
+def test_a_picture_of_no_known_kind_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("one.toml").write_text(STUDY, encoding="utf-8")
+    assert shell(monkeypatch, "study", "one.toml", "--workers", 1, "--plot", "one.gif") == 2
+    assert "ends in .png or .svg" in capsys.readouterr().err
