@@ -13,6 +13,7 @@ _NEAR_POLL_S = 0.02
 _STABLE_READS = 3
 _STABLE_COUNTS = 2
 _TRIES = 3
+_TICK_S = 1e-6
 _TOO_FAST = 1.25
 """Share of the speed set that is put down to the age of two readings and not to the motor."""
 
@@ -125,19 +126,20 @@ class Move:
                 raise MoveError(
                     f"the stage has not arrived in {rules.longest_s(abs(target - start)):.1f} s; it is too slow"
                 )
-            left = abs(target - status.position)
-            next_aim = target if left <= rules.lead else status.position + heading * rules.lead
-            due = aim is None or now_s - aimed_s >= rules.renew_s - 1e-6
-            if due and (next_aim != aim or not (status.moving or settled)):
-                self._aim(next_aim)
+            if now_s - aimed_s >= rules.renew_s - _TICK_S or aim is None:
+                # The nearer of two readings: one that is garbled must not carry the target further.
+                here = min(status.position, self.look().position, key=lambda position: heading * position)
+                next_aim = target if heading * (target - here) <= rules.lead else here + heading * rules.lead
+                if next_aim != aim or not (status.moving or settled):
+                    self._aim(next_aim)
                 aim, aimed_s = next_aim, now_s
-            self._clock.wait(self._pause_s(left))
+            self._clock.wait(self._pause_s(abs(target - status.position)))
 
     def _aim(self, counts: int) -> None:
         """Give a target, and let it go there only once the controller is known to have understood it."""
         for _ in range(_TRIES):
-            self._line.send(apt.set_target(counts))
-            if self._line.ask(apt.ask_target(), apt.TARGET, apt.Counts).counts == counts:
+            question = apt.set_target(counts) + apt.ask_target()
+            if self._line.ask(question, apt.TARGET, apt.Counts).counts == counts:
                 self._line.send(apt.move())
                 return
         raise MoveError(f"the stage did not take the target {counts} counts in {_TRIES} tries; check its cable")
@@ -173,11 +175,11 @@ class Move:
             )
         if self._last is not None:
             last_s, position = self._last
-            most = _TOO_FAST * rules.speed * (self._clock.now_s() - last_s) + rules.unexpected
+            most = _TOO_FAST * rules.speed * (self._clock.now_s() - last_s) + rules.arrival
             if not abs(status.position - position) <= most:
                 return MoveError(
                     f"the stage went from {position} to {status.position} counts in "
-                    f"{self._clock.now_s() - last_s:.3f} s, faster than it was set to; switch it off and on and home it "
+                    f"{self._clock.now_s() - last_s:.3f} s, faster than it was set to; switch it off and on, home it "
                     "with the probe outside the patient"
                 )
         return None

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 from markerseek.core import Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers._apt_line import AptLine
 from markerseek.wire import apt
 
+_ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits)
+
 _MODELS = ("KDC101", "TDC001")
+_TRIES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,13 +74,10 @@ def set_up(
             f"the stage stands at {apt.degrees_of(status.position - zero):.2f} deg, outside its travel {travel}; with "
             "the probe outside the patient, turn it back by the controller's wheel, or correct zero_deg"
         )
-    line.send(apt.set_velocity(velocity))
-    _require_kept("speed and acceleration", velocity, line.ask(apt.ask_velocity(), apt.VELOCITY, apt.Velocity))
     no_backlash = apt.Counts(counts=0)
-    line.send(apt.set_backlash(no_backlash.counts))
-    _require_kept("backlash", no_backlash, line.ask(apt.ask_backlash(), apt.BACKLASH, apt.Counts))
-    line.send(apt.set_limits(limits))
-    _require_kept("limits", limits, line.ask(apt.ask_limits(), apt.LIMITS, apt.SoftLimits))
+    _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
+    _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
+    _write(line, "limits", limits, apt.set_limits(limits) + apt.ask_limits(), apt.LIMITS)
     return Connected(info=info, zero=zero, limits=limits, position=status.position)
 
 
@@ -93,6 +94,10 @@ def _require_ready(status: apt.Status) -> None:
         )
 
 
-def _require_kept(name: str, written: apt.Answer, read: apt.Answer) -> None:
-    if written != read:
-        raise MoveError(f"the stage does not keep its {name}: {written} was written, {read} read back; check its type")
+def _write(line: AptLine, name: str, value: _ValueT, messages: bytes, ident: int) -> None:
+    """Write a parameter and read it back, more than once if bytes get lost."""
+    for _ in range(_TRIES):
+        read = line.ask(messages, ident, type(value))
+        if read == value:
+            return
+    raise MoveError(f"the stage does not keep its {name}: {value} was written, {read} read back; check its type")

@@ -46,8 +46,8 @@ class StageSettings:
         How far it may be from where it should be on its way, and at rest, in degrees.
     begin_s
         How long it may stand still before it is taken to be stuck, in seconds.
-    answer_s, attempts, age_s
-        How long the controller may take to answer, how often it is asked, and how old an answer may be, in seconds.
+    answer_s, age_s
+        How long the controller may take to answer before it is asked again, and how old an answer may be, in seconds.
     serial_number
         Which controller it must be; None takes any.
     """
@@ -64,8 +64,7 @@ class StageSettings:
     unexpected_deg: float = 0.2
     begin_s: float = 0.5
     answer_s: float = 0.1
-    attempts: int = 3
-    age_s: float = 0.25
+    age_s: float = 0.3
     serial_number: int | None = None
 
     def __post_init__(self) -> None:
@@ -80,7 +79,6 @@ class StageSettings:
             ("unexpected_deg", 0.05, 1),
             ("begin_s", 0.1, 5),
             ("answer_s", 0.01, 1),
-            ("attempts", 1, 10),
             ("age_s", 0.01, 1),
         ):
             if not low <= getattr(self, name) <= high:
@@ -128,9 +126,7 @@ class Kdc101Stage:
         settings = settings or StageSettings()
         self._settings = settings
         self._clock = clock
-        self._line = AptLine(
-            port=port, clock=clock, answer_s=settings.answer_s, attempts=settings.attempts, age_s=settings.age_s
-        )
+        self._line = AptLine(port=port, clock=clock, answer_s=settings.answer_s, age_s=settings.age_s)
         self.approach_reversed = False
         self._usual = UP if settings.approach_from == "below" else DOWN
         self._pushed: int | None = None

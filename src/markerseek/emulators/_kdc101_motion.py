@@ -93,7 +93,7 @@ class MotionControl:
     @property
     def position(self) -> int:
         """What it says that its position counter holds."""
-        if self._told is not None and self._fault("lies"):
+        if self._told is not None and self._fault("says it is there"):
             return self._told
         return self._stage.counts if self._frozen is None else self._frozen
 
@@ -155,7 +155,7 @@ class MotionControl:
         overshoot, early = self._fault("overshoot"), self._fault("done too early")
         if overshoot is not None:
             target_deg += math.copysign(overshoot.amount, target_deg - motor.angle_deg)
-        if self._fault("says done") or self._fault("lies"):
+        if self._fault("says done") or self._fault("says it is there"):
             self.events.append(COMPLETED)
         elif not motor.at_rest:
             self._begin(target_deg)

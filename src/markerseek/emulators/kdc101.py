@@ -1,7 +1,8 @@
 """A KDC101 with a PRM1Z8, emulated at the level of bytes. Simulated, and says so in its notes.
 
 It answers the messages that drivers of a single-channel motor use, and turns the probe of a simulated world. It wakes
-up as a real one does: talking unasked, with parameters that nobody chose, and if one wants not homed.
+up as a real one does: with parameters that nobody chose and, if one wants, not homed, or still telling its status
+unasked because another program left it so.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ class Kdc101Settings:
     ----------
     homed
         Whether it was homed since it was switched on.
+    talking
+        Whether it tells its status ten times a second, unasked.
     zero_deg
         The stage's own angle at which the probe points at 0, in degrees.
     turns
@@ -54,6 +57,7 @@ class Kdc101Settings:
     """
 
     homed: bool = True
+    talking: bool = False
     zero_deg: float = 0.0
     turns: int = 0
     play_deg: float = 0.1
@@ -192,7 +196,7 @@ class Kdc101Emulator:
     def _wake_up(self, *, homed: bool) -> None:
         self._stored = dict(POWER_UP)
         self._motion.wake_up(homed=homed)
-        self._updates = self._ends = True
+        self._updates, self._ends = self._settings.talking, True
         self._next_update_s = self._now_s
         self._power_cycled = False
 

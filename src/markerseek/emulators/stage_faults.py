@@ -20,6 +20,7 @@ _ALL = (
     _fault("garbled answers", FaultKind.GARBAGE, "a bit is flipped in this share of the bytes it says", amount=0.01),
     _fault("garbled commands", FaultKind.GARBAGE, "a bit is flipped in this share of the bytes it hears", amount=0.01),
     _fault("done too early", FaultKind.WRONG, "it says that a move is done, and begins it later, by s", amount=0.3),
+    _fault("says it is there", FaultKind.WRONG, "it says that it is where it was sent, and does not move"),
     _fault("says done", FaultKind.WRONG, "it says that a move is done, and does not move"),
     _fault("readback jump", FaultKind.WRONG, "the position counter jumps by this angle, deg", amount=2.0),
     _fault("overshoot", FaultKind.WRONG, "it goes this far beyond its target, deg", amount=0.5),
@@ -48,12 +49,6 @@ _ALL = (
         FaultKind.WRONG,
         "the play between motor and probe grows to this angle, deg",
         amount=0.5,
-        observable=False,
-    ),
-    _fault(
-        "lies",
-        FaultKind.WRONG,
-        "the motor does not turn, and it tells of the move that it should have made",
         observable=False,
     ),
 )

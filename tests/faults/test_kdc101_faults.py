@@ -1,0 +1,190 @@
+"""Every fault of the emulated stage against its driver: refused by name, inside the limits, never a wrong angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from markerseek.core import (
+    ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
+    LimitError,
+    MoveError,
+    NotConnectedError,
+)
+from markerseek.drivers.kdc101 import Kdc101Stage
+from markerseek.emulators import DirectPort
+from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.stage_faults import STAGE_FAULTS
+from markerseek.sim import VirtualClock
+from markerseek.sim.faults import Fault, FaultKind
+from markerseek.wire import apt
+
+PLAY_DEG = 0.1
+TARGETS = (-35.0, 35.0, 12.3, -7.0, 20.5)
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """What a tour under a fault came to."""
+
+    error: DeviceError | None
+    misses_deg: list[float]
+    truth_deg: tuple[float, float]
+    lead_deg: float
+    elapsed_s: float
+
+
+def tour(fault: Fault, *, seed: int = 1, targets: tuple[float, ...] = TARGETS, start_deg: float = 0.0) -> Outcome:
+    """Connect, go from target to target until something is refused, and leave the stage alone for a while."""
+    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=start_deg)
+    emulator = Kdc101Emulator(
+        probe=probe,
+        settings=Kdc101Settings(play_deg=PLAY_DEG),
+        faults=[fault],
+        rng=np.random.Generator(np.random.PCG64(seed)),
+    )
+    misses: list[float] = []
+    error: DeviceError | None = None
+    try:
+        stage = Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock)
+        for target in targets:
+            reached = stage.move_to(target)
+            assert abs(reached - target) <= 0.01
+            assert abs(stage.angle_deg - reached) <= 0.01
+            misses.append(probe.angle_deg - reached)
+    except DeviceError as refusal:
+        error = refusal
+    elapsed_s = clock.now_s()
+    emulator.advance(elapsed_s + 20.0)
+    return Outcome(
+        error=error,
+        misses_deg=misses,
+        truth_deg=emulator.truth_range_deg,
+        lead_deg=emulator.largest_lead_deg,
+        elapsed_s=elapsed_s,
+    )
+
+
+REFUSED: dict[str, tuple[type[DeviceError] | tuple[type[DeviceError], ...], str]] = {
+    "silent": (DeviceTimeoutError, "no answer"),
+    "power cut": (DeviceTimeoutError, "no answer"),
+    "power cycle": (MoveError, "homed"),
+    "stall": (MoveError, "motion error"),
+    "frozen motor": (MoveError, "did not begin"),
+    "frozen readback": (MoveError, "did not begin"),
+    "obstacle": (MoveError, "motion error"),
+    "says it is there": (MoveError, "faster than"),
+    "says done": (MoveError, "did not begin"),
+    "readback jump": ((MoveError, LimitError), "not on its way|faster than|left its travel"),
+    "overshoot": (MoveError, "not on its way"),
+    "too fast": (MoveError, "faster than"),
+    "slow": (MoveError, "too slow"),
+    "late answers": (DeviceTimeoutError, "no answer"),
+    "drop-outs": (DeviceTimeoutError, "no answer"),
+}
+"""Fault to the error that names it."""
+
+LIVED_WITH = {"done too early", "garbled answers", "garbled commands", "lost bytes", "ignores stop"}
+"""Observable faults that do not end every tour: asked again, waited for, or not met unless the stage is stopped."""
+
+
+def test_every_fault_is_accounted_for() -> None:
+    observable = {name for name, fault in STAGE_FAULTS.items() if fault.observable}
+    assert observable == set(REFUSED) | LIVED_WITH
+    assert {fault.kind for fault in STAGE_FAULTS.values()} == set(FaultKind)
+
+
+@pytest.mark.parametrize("from_step", [0, 1, 4])
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_a_fault_is_refused_by_name_and_harms_nobody(name: str, from_step: int) -> None:
+    outcome = tour(replace(STAGE_FAULTS[name], from_step=from_step))
+    error, words = REFUSED[name]
+    assert isinstance(outcome.error, error)
+    assert outcome.error.args[0]
+    assert any(word in str(outcome.error) for word in words.split("|"))
+    require_harmless(outcome)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("share", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("name", ["garbled answers", "garbled commands", "lost bytes"])
+def test_a_bad_line_gives_the_right_angle_or_none(name: str, share: float, seed: int) -> None:
+    fault = replace(STAGE_FAULTS[name], amount=share, from_step=seed % 3)
+    require_harmless(tour(fault, seed=seed, targets=TARGETS[:3]))
+
+
+def test_a_byte_lost_now_and_then_does_not_end_a_search() -> None:
+    outcome = tour(replace(STAGE_FAULTS["lost bytes"], amount=3e-4), seed=3)
+    assert outcome.error is None
+    assert len(outcome.misses_deg) == len(TARGETS)
+
+
+def test_a_stage_that_says_done_before_it_moves_is_waited_for() -> None:
+    outcome = tour(STAGE_FAULTS["done too early"])
+    assert outcome.error is None
+    require_harmless(outcome)
+    late = tour(replace(STAGE_FAULTS["done too early"], amount=1.0))
+    assert isinstance(late.error, MoveError)
+    require_harmless(late)
+
+
+def test_a_stage_that_does_not_stop_is_said_to_go_on() -> None:
+    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=0.0)
+    emulator = Kdc101Emulator(probe=probe)
+    port = DirectPort(device=emulator, clock=clock)
+    stage = Kdc101Stage(port=port, clock=clock)
+    emulator.inject(replace(STAGE_FAULTS["ignores stop"]))
+    port.write(apt.set_target(apt.counts_of(30.0)) + apt.move())
+    clock.wait(0.5)
+    with pytest.raises(MoveError, match="cut its power"):
+        stage.stop()
+    emulator.heal()
+    stage.stop()
+    there = probe.angle_deg
+    clock.wait(5.0)
+    emulator.advance(clock.now_s())
+    assert probe.angle_deg == there
+
+
+@pytest.mark.parametrize(("name", "most_deg"), [("slip", 2.0), ("scale", 0.02 * 36.5), ("more play", 0.5)])
+def test_what_cannot_be_observed_is_off_by_what_was_injected_and_no_more(name: str, most_deg: float) -> None:
+    assert not STAGE_FAULTS[name].observable
+    outcome = tour(replace(STAGE_FAULTS[name], from_step=1), targets=(36.4, -35.4, 36.4))
+    assert outcome.error is None
+    low_deg, high_deg = outcome.truth_deg
+    assert high_deg <= 36.5 + most_deg
+    assert low_deg >= -36.5 - most_deg
+    assert max(abs(miss) for miss in outcome.misses_deg) <= most_deg + 1e-9
+
+
+def test_a_fault_that_a_stage_does_not_have_is_refused() -> None:
+    emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
+    fault = replace(STAGE_FAULTS["stall"], name="bored")
+    with pytest.raises(ConfigError, match="bored"):
+        emulator.inject(fault)
+    with pytest.raises(ConfigError, match="laser"):
+        emulator.inject(replace(STAGE_FAULTS["stall"], device="laser"))
+
+
+def test_a_fault_holds_for_its_steps() -> None:
+    fault = replace(STAGE_FAULTS["stall"], from_step=2, to_step=4)
+    assert [fault.holds_at(step) for step in range(6)] == [False, False, True, True, False, False]
+    for wrong in ({"from_step": -1}, {"to_step": 2}, {"amount": float("nan")}):
+        with pytest.raises(ConfigError, match=next(iter(wrong))):
+            replace(fault, **wrong)  # type: ignore[arg-type]
+
+
+def require_harmless(outcome: Outcome) -> None:
+    """The probe never left its limits, no target was far ahead, every angle reported was true, and it ended."""
+    low_deg, high_deg = outcome.truth_deg
+    assert low_deg >= -36.5
+    assert high_deg <= 36.5
+    assert outcome.lead_deg <= 5.0
+    assert all(abs(miss) <= 0.01 for miss in outcome.misses_deg)
+    assert not isinstance(outcome.error, NotConnectedError) or not outcome.misses_deg
+    assert outcome.elapsed_s <= 120.0
