@@ -31,7 +31,7 @@ _LEAST_ERROR = np.array([5e-4, 0.05])
 Oblique waves are smeared otherwise than straight ones; seen on simulated point sources with known truth.
 """
 
-_LEAST_FACE_MM = 0.2
+_LEAST_FACE_MM = 0.1
 """The same of the face radius, in mm: the wave in the plane is itself smeared, and holds the noise of one frame."""
 
 _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fine"]]

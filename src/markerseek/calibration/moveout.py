@@ -86,28 +86,33 @@ def fit_moveout(
 
 
 def apex_s(
-    arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"], moveout: Moveout
+    arrival_s: Float64[np.ndarray, " channels"],
+    element_m: Float64[np.ndarray, " channels"],
+    moveout: Moveout,
+    *,
+    plane_s: float | None = None,
 ) -> float:
     """When a frame's wave would reach an element right above the point, in seconds.
 
     Parameters
     ----------
     arrival_s, element_m
-        As in `fit_moveout`, for one frame, which may be off the plane: its own range is fitted.
+        As in `fit_moveout`, for one frame.
     moveout
         What frames near the plane told.
+    plane_s
+        The same time of a frame in the plane, for a frame off it: what is later comes from further away. None: this
+        frame is in the plane.
     """
     used = np.isfinite(arrival_s)
-    offset_mm = 1e3 * (element_m[used] - moveout.lateral_m)
-    speed = 1e-3 * moveout.sound_speed_m_s
-
-    def residual(parameters: Float64[np.ndarray, " 2"]) -> Float64[np.ndarray, " used"]:
-        bend = (np.hypot(offset_mm, parameters[0]) - parameters[0]) / speed
-        return np.asarray((1e-6 * (bend + parameters[1]) - arrival_s[used]) / _OUTLIER_S)
-
-    start = np.array([1e3 * moveout.range_m, 1e6 * float(arrival_s[used].min())])
-    fit = least_squares(residual, start, loss="soft_l1", x_scale=start)
-    return 1e-6 * float(fit.x[1])
+    offset_m = element_m[used] - moveout.lateral_m
+    range_m, apex = moveout.range_m, 0.0
+    for _ in range(1 if plane_s is None else 4):
+        bend_s = (np.hypot(offset_m, range_m) - range_m) / moveout.sound_speed_m_s
+        apex = float(np.median(arrival_s[used] - bend_s))
+        if plane_s is not None:
+            range_m = moveout.range_m + moveout.sound_speed_m_s * (apex - plane_s)
+    return apex
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

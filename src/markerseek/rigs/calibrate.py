@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.calibration import Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout
-from markerseek.core import ChannelFrame, RecordError, Sample
+from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
 from markerseek.rigs.rig import Rig
 from markerseek.signals import ProbePreset
 from markerseek.signals.picks import common_wave
@@ -18,6 +18,9 @@ NEAR_SHARE = 0.4
 
 HEARD_RATIO = 8.0
 """Intensity over the noise from which the wave of a frame is followed across its channels."""
+
+STRAIGHT_SHARE = 0.2
+"""Channels at most this share of the depth beside the source hear it from straight below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,18 +74,30 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     if strongest.lateral_m is None or strongest.depth_m is None:
         raise RecordError("calibration needs frames that are imaged, and these were not")
     noise = np.array([reading.noise_sigma or 0.0 for reading in readings])
+    element_m = preset.array.lateral_m
+    place = {"lateral_m": strongest.lateral_m, "depth_m": strongest.depth_m}
+    near = [
+        wave.arrival_s
+        for reading, frame in zip(readings, frames, strict=True)
+        if reading.intensity >= NEAR_SHARE * strongest.intensity
+        and (wave := common_wave(frame, preset, **place)) is not None
+    ]
+    moveout = fit_moveout(near, element_m)
+    # Off the plane an oblique wave is smeared less than one from straight below, so that few channels are alike.
+    straight_m = STRAIGHT_SHARE * strongest.depth_m
     heard = [
-        (sample, wave)
+        (sample.angle_deg, wave)
         for sample, frame, sigma in zip(samples, frames, noise, strict=True)
         if sample.reading.intensity > HEARD_RATIO * sigma
-        and (wave := common_wave(frame, preset, lateral_m=strongest.lateral_m, depth_m=strongest.depth_m)) is not None
+        and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
     ]
-    element_m = preset.array.lateral_m
-    near = [wave.arrival_s for sample, wave in heard if sample.reading.intensity >= NEAR_SHARE * strongest.intensity]
-    moveout = fit_moveout(near, element_m)
+    if not heard:
+        raise SearchError("calibration: no angle hears the source well enough; average more pulses")
+    loudest = max((wave for _, wave in heard), key=lambda wave: float(np.abs(wave.wave).max()))
+    plane_s = apex_s(loudest.arrival_s, element_m, moveout)
     waves = Waves(
-        angle_deg=np.array([sample.angle_deg for sample, _ in heard]),
-        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout) for _, wave in heard]),
+        angle_deg=np.array([angle_deg for angle_deg, _ in heard]),
+        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout, plane_s=plane_s) for _, wave in heard]),
         wave=np.array([wave.wave for _, wave in heard]),
         sigma=np.array([wave.sigma for _, wave in heard]),
         sampling_hz=preset.sampling_hz,

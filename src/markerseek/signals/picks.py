@@ -57,7 +57,9 @@ class CommonWave:
     sampling_hz: float
 
 
-def common_wave(frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, depth_m: float) -> CommonWave | None:
+def common_wave(
+    frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, depth_m: float, within_m: float = math.inf
+) -> CommonWave | None:
     """Wave of one source and its arrival at each channel; None where fewer than `LEAST_CHANNELS` agree.
 
     Parameters
@@ -68,6 +70,8 @@ def common_wave(frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, d
         The probe; of its speed of sound and trigger offset only a rough value is needed.
     lateral_m, depth_m
         Where the source is imaged with this preset, in metres.
+    within_m
+        Channels further than this from the source along the array are left out, in metres.
     """
     taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
     filtered = band_pass(frame.samples, taps, blanked=preset.pickup_samples)
@@ -81,7 +85,7 @@ def common_wave(frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, d
     used, aligned = np.zeros(len(expected), dtype=np.bool_), wave[None]
     for _ in range(2):
         lags, likeness = _follow(signals, expected, wave, int(np.argmin(offset_m)))
-        used = likeness >= _LEAST_LIKENESS
+        used = (likeness >= _LEAST_LIKENESS) & (offset_m <= within_m)
         if int(used.sum()) < LEAST_CHANNELS:
             return None
         aligned = np.array([_window(signals[c], expected[c] + lags[c], half) for c in np.flatnonzero(used)])
