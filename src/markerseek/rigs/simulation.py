@@ -90,7 +90,7 @@ def simulated(
         rng=rng,
     )
     imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
-    return _in_world(
+    return in_world(
         world,
         settings,
         clock=VirtualClock(pace=pace),
@@ -138,7 +138,7 @@ def of_intensities(
     settings = settings or SimulatedSettings()
     rng = np.random.default_rng(seed)
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng)
-    return _in_world(
+    return in_world(
         world,
         settings,
         clock=VirtualClock(),
@@ -150,7 +150,7 @@ def of_intensities(
     )
 
 
-def _in_world(
+def in_world(
     world: Surroundings,
     settings: SimulatedSettings,
     *,
@@ -162,7 +162,29 @@ def _in_world(
     rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
 ) -> Rig:
-    """Simulated devices in a world, put together; with the source of its randomness it can be kept and put back."""
+    """Simulated devices in a world, put together; with the source of its randomness it can be kept and put back.
+
+    Parameters
+    ----------
+    world
+        What the devices act on.
+    settings
+        Of stage, laser, receiver and limits.
+    clock
+        Time.
+    reader
+        Turns the world's frames into readings.
+    imaging
+        The same where it makes images; else None.
+    description
+        What it is, in words.
+    truth_deg
+        Angle of the marker in degrees; None where there is none.
+    rng
+        Source of the world's randomness, where it is to be kept.
+    recipe
+        How to make the same rig again, where it is to be kept.
+    """
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
     receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s)

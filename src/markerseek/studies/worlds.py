@@ -10,7 +10,7 @@ import numpy as np
 from markerseek import rigs
 from markerseek.acoustics import Absorber, Digitiser, Noise
 from markerseek.core import Reader
-from markerseek.rigs.simulation import _in_world
+from markerseek.rigs.simulation import in_world
 from markerseek.scene import draw_scene, image_reader, scaled_spot, scene_curve
 from markerseek.sim import (
     GaussianCurve,
@@ -132,7 +132,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
             start_deg=settings.start_deg,
             rng=rng,
         )
-    return _in_world(
+    return in_world(
         world,
         settings,
         clock=VirtualClock(),
