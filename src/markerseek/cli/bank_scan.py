@@ -43,6 +43,9 @@ def command(
     ] = None,
     step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.")] = 1,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+    ] = False,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, to be written down.")] = None,
     pulse_energy_mj: Annotated[
         float | None, typer.Option(help="Energy of one laser pulse, to be written down.")
@@ -53,40 +56,38 @@ def command(
 
     Stopped at any moment, the file holds what was taken.
     """
-    from markerseek import rigs
-    from markerseek.rig_file import read_rig_file
+    from markerseek.cli.on_rig import arm_rig, open_rig
     from markerseek.rigs.bank_scan import scan_angles, scan_bank
-    from markerseek.sim import SimulatedSettings
 
-    settings = SimulatedSettings() if rig is None else read_rig_file(rig)
     announce_compilation()
-    assembled = rigs.simulated(seed=seed, settings=settings)
-    angles = scan_angles(assembled, step_deg=step_deg)
     taken, dark, refused = 0, 0, 0
-    events = scan_bank(
-        assembled,
-        out,
-        step_deg=step_deg,
-        wavelength_m=None if wavelength_nm is None else wavelength_nm * 1e-9,
-        pulse_energy_j=None if pulse_energy_mj is None else pulse_energy_mj * 1e-3,
-    )
-    try:
-        with progress_bar(angles, what="scanning") as progress, closing(events):
-            task = progress.task_ids[0]
-            for event in events:
-                if isinstance(event, Measured) and event.role == "search":
-                    taken = event.index
-                    heard = event.sample
-                    said = f"{heard.angle_deg:+7.2f}°  intensity {heard.reading.intensity:.4g}"
-                    progress.update(task, completed=taken, description=said)
-                elif isinstance(event, Measured):
-                    dark += 1
-                elif isinstance(event, Refused):
-                    refused += 1
-                    progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
-    finally:
-        if 0 < taken < angles:
-            aside.print(f"[yellow]{escape(str(out))} holds {taken} of {angles} angles; they can be read[/]")
+    with open_rig(rig, seed=seed) as (assembled, _start_deg):
+        angles = scan_angles(assembled, step_deg=step_deg)
+        arm_rig(assembled, arm=arm, what="scan")
+        events = scan_bank(
+            assembled,
+            out,
+            step_deg=step_deg,
+            wavelength_m=None if wavelength_nm is None else wavelength_nm * 1e-9,
+            pulse_energy_j=None if pulse_energy_mj is None else pulse_energy_mj * 1e-3,
+        )
+        try:
+            with progress_bar(angles, what="scanning") as progress, closing(events):
+                task = progress.task_ids[0]
+                for event in events:
+                    if isinstance(event, Measured) and event.role == "search":
+                        taken = event.index
+                        heard = event.sample
+                        said = f"{heard.angle_deg:+7.2f}°  intensity {heard.reading.intensity:.4g}"
+                        progress.update(task, completed=taken, description=said)
+                    elif isinstance(event, Measured):
+                        dark += 1
+                    elif isinstance(event, Refused):
+                        refused += 1
+                        progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+        finally:
+            if 0 < taken < angles:
+                aside.print(f"[yellow]{escape(str(out))} holds {taken} of {angles} angles; they can be read[/]")
     if as_json:
         report = ScanReport(
             path=str(out),

@@ -79,7 +79,8 @@ def _serve(
     from markerseek.emulators import ByteDevice, PtyLine
     from markerseek.emulators.bench import ServingClock, serve
 
-    clock = ServingClock(SystemClock())
+    real = SystemClock()
+    clock = ServingClock(real)
     behind: dict[str, ByteDevice] = {"stage": emulated.stage, "laser": emulated.laser_box}
     with ExitStack() as opened:
         ports = {
@@ -105,7 +106,7 @@ def _serve(
                 emulated.daq.trigger(settings.laser.pulses)
             return bool(stop)
 
-        serve(lines=list(ports.values()), clock=clock, pace=pace, daq=emulated.daq, until=until)
+        serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
 
 
 _PORTS: dict[Device, tuple[str, ...]] = {

@@ -12,7 +12,8 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
     "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
-    "  markerseek search --rig examples/rigs/simulated.toml --json"
+    "  markerseek search --rig examples/rigs/simulated.toml --json\n\n"
+    "  markerseek search --rig examples/rigs/bench.toml --arm"
 )
 
 
@@ -30,6 +31,9 @@ def command(
     tissue: Annotated[
         str | None, typer.Option(help="Simulated stand-in for a material; an unknown name lists them all.")
     ] = None,
+    arm: Annotated[
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.")] = 1,
     pace: Annotated[float, typer.Option(help="Real seconds for a virtual one; 0 does not wait, 1 is real speed.")] = 0,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
@@ -44,43 +48,38 @@ def command(
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
     from contextlib import nullcontext
-    from dataclasses import replace
 
-    from markerseek import rigs
     from markerseek.cli.hunt import hunt, show
     from markerseek.cli.keeping import new_journal, tell_where
+    from markerseek.cli.on_rig import arm_rig, open_rig
     from markerseek.cli.terminal import announce_compilation
-    from markerseek.rig_file import read_rig_file
     from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
-    from markerseek.sim import SimulatedSettings
 
-    settings = SimulatedSettings() if rig is None else read_rig_file(rig)
-    if tissue is not None:
-        settings = replace(settings, tissue=tissue)
-    policy = build(
-        method,
-        limits=settings.limits.search,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        start_deg=settings.start_deg,
-    )
-    announce_compilation()
-    assembled = rigs.simulated(seed=seed, settings=settings, pace=pace)
-    configuration = configuration_of(
-        assembled,
-        method=method,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        start_deg=settings.start_deg,
-        dark_frames=0 if as_published else assembled.dark_frames,
-        stay=stay,
-        seed=seed,
-    )
     most = acquisitions or method_named(method).acquisitions
-    with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
-        events = search_events(policy, assembled, configuration, kept)
-        recorder, result = hunt(events, configuration, most=most, journal=kept)
+    with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
+        policy = build(
+            method,
+            limits=assembled.limits.search,
+            acquisitions=acquisitions,
+            as_published=as_published,
+            start_deg=start_deg,
+        )
+        announce_compilation()
+        configuration = configuration_of(
+            assembled,
+            method=method,
+            acquisitions=acquisitions,
+            as_published=as_published,
+            start_deg=start_deg,
+            dark_frames=0 if as_published else assembled.dark_frames,
+            stay=stay,
+            seed=seed if assembled.simulated else None,
+        )
+        arm_rig(assembled, arm=arm, what="search")
+        with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
+            events = search_events(policy, assembled, configuration, kept)
+            recorder, result = hunt(events, configuration, most=most, journal=kept)
     code = show(
         recorder,
         result,

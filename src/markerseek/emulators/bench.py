@@ -7,7 +7,9 @@ time; only the writing of files can be paced, for leases are kept, and a stage's
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal
 
@@ -139,23 +141,35 @@ def serve(
     Parameters
     ----------
     lines
-        Their pseudo-terminals, which live on the same clock.
+        Their pseudo-terminals.
     clock
-        The devices' time.
+        Real time.
     pace
-        Seconds of that clock for one of the acquisition's.
+        Seconds of real time for one of the acquisition's.
     daq
-        A folder that fills with files.
+        A folder that fills with files, in a thread of its own: neither a slow disk nor the imaging of what is heard
+        may hold up the lines.
     until
         Asked at every tick.
     """
-    while not until():
-        for line in lines:
-            line.serve_once(wait_s=_TICK_S / len(lines))
-        if not lines:
-            clock.wait(_TICK_S)
-        if daq is not None:
+    ended = threading.Event()
+
+    def write_files() -> None:
+        while daq is not None and not ended.is_set():
             daq.advance(clock.now_s() / pace)
+            clock.wait(_TICK_S)
+
+    with ThreadPoolExecutor(max_workers=1) as worker:
+        writing = worker.submit(write_files)
+        try:
+            while not until() and not (daq is not None and writing.done()):
+                for line in lines:
+                    line.serve_once(wait_s=_TICK_S / len(lines))
+                if not lines:
+                    clock.wait(_TICK_S)
+        finally:
+            ended.set()
+        writing.result()
 
 
 def require_pace(pace: float) -> float:

@@ -6,6 +6,8 @@ Each pulse of an acquisition is in the files; their average is the simulated wor
 from __future__ import annotations
 
 import math
+from collections import deque
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,7 +16,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader
-from markerseek.sim import Surroundings
+from markerseek.sim import Flash, Surroundings
 from markerseek.wire import sonixdaq as wire
 
 _SPREAD_COUNTS = 8
@@ -103,23 +105,26 @@ class EmulatedSonixDaq:
         self._flashes = len(world.flashes)
         self._now_s = 0.0
         self._begins_s = 0.0
+        self._triggered: deque[tuple[Surroundings, Flash | None, int]] = deque()
         self._previous: list[bytes] = []
         self._queue: list[bytes] = []
         self._written = 0
 
     def trigger(self, count: int) -> None:
-        """Take an acquisition of so many triggers now; its files are written later."""
-        fresh = self._acquisition(count)
-        files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
-        if not self.faults.stuck or not self._previous:
-            self._previous = fresh
-        self._queue = [] if self.faults.off else files
-        self._written = 0
-        self._begins_s = self._now_s + self.faults.delay_s
+        """Take an acquisition of so many triggers now, with the probe as it stands; all work is left to `advance`."""
+        new = self._world.flashes[self._flashes :]
+        self._flashes = len(self._world.flashes)
+        # A shallow copy stands still while the world turns on.
+        self._triggered.append((copy(self._world), new[-1] if new else None, count))
 
     def advance(self, now_s: float) -> None:
-        """Write the files that are due at that moment, in seconds; the one in work is there by half."""
+        """Write the files that are due at that moment, in seconds; the one in work is there by half.
+
+        It may be called from another thread than `trigger`.
+        """
         self._now_s = max(self._now_s, now_s)
+        while self._triggered:
+            self._take_up(*self._triggered.popleft())
         gone_s = self._now_s - self._begins_s
         if not self._queue or gone_s < 0:
             return
@@ -133,12 +138,20 @@ class EmulatedSonixDaq:
         if self._written == wire.CHANNELS:
             self._queue = []
 
-    def _acquisition(self, count: int) -> list[bytes]:
-        """Channel files of what is heard now, after the flashes since the last trigger."""
-        new = self._world.flashes[self._flashes :]
-        self._flashes = len(self._world.flashes)
+    def _take_up(self, world: Surroundings, flash: Flash | None, count: int) -> None:
+        """Make the files of a trigger; they are written from now on."""
+        fresh = self._acquisition(world, flash, count)
+        files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
+        if not self.faults.stuck or not self._previous:
+            self._previous = fresh
+        self._queue = [] if self.faults.off else files
+        self._written = 0
+        self._begins_s = self._now_s + self.faults.delay_s
+
+    def _acquisition(self, world: Surroundings, flash: Flash | None, count: int) -> list[bytes]:
+        """Channel files of what is heard after a flash."""
         header = FrameHeader(sequence=0, token="", pulses=count, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-        frame = self._world.frame(new[-1] if new else None, header=header)
+        frame = world.frame(flash, header=header)
         if not isinstance(frame, ChannelFrame):
             raise ConfigError("sonixdaq: this world gives intensities only; emulate a world of frames")
         pulses = self._pulses(frame.samples, count)

@@ -1,0 +1,98 @@
+"""The real drivers keep the promises of `markerseek.testing` over the emulated devices, in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers.picolas import PicolasLaser
+from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort
+from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
+from markerseek.testing import LaserContract, ReceiverContract
+
+SETTINGS = SimulatedSettings(receiver=ReceiverSettings(readout_s=0.5))
+
+
+def receiver_and_laser(folder: Path) -> tuple[Receiver, LaserBox]:
+    bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=folder)
+    clock = BenchClock()
+    clock.lead(bench.daq.advance)
+    laser = LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock)
+    return SonixDaqReceiver(settings=SonixDaqSettings(folder=folder), clock=clock), laser
+
+
+class TestLaserBox(LaserContract):
+    @pytest.fixture(autouse=True)
+    def _folder(self, tmp_path: Path) -> None:
+        self.folder = tmp_path
+
+    def make(self) -> Laser:
+        return receiver_and_laser(self.folder)[1]
+
+
+class TestSonixDaq(ReceiverContract):
+    @pytest.fixture(autouse=True)
+    def _folder(self, tmp_path: Path) -> None:
+        self.folder = tmp_path
+
+    def make(self) -> tuple[Receiver, Laser]:
+        return receiver_and_laser(self.folder)
+
+
+class ScriptedPicolas:
+    """Answers as the notes of `devices.md` say that a PicoLAS driver does; no real one was ever heard."""
+
+    def __init__(self, answer: bytes = b"0\r\n\n") -> None:
+        self.commands: list[bytes] = []
+        self.answer = answer
+        self._said = b""
+
+    def write(self, data: bytes) -> None:
+        assert data.endswith(b"\r")
+        self.commands.append(data[:-1])
+        self._said += self.answer
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        data, self._said = self._said[:size], self._said[size:]
+        return data
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class TestPicolas(LaserContract):
+    def make(self) -> Laser:
+        return PicolasLaser(port=ScriptedPicolas(), clock=VirtualClock())
+
+
+def permit(pulses: int = 4) -> Permit:
+    return Permit(token="a", angle_deg=0.0, pulses=pulses, expires_s=100.0)
+
+
+def test_a_picolas_driver_is_switched_off_at_first_and_after_its_pulses() -> None:
+    port = ScriptedPicolas()
+    PicolasLaser(port=port, clock=VirtualClock(), rate_hz=50).fire(permit())
+    assert port.commands == [b"laseroff", b"sreprate 50", b"sshots 4", b"laseron", b"laseroff"]
+
+
+def test_a_picolas_driver_without_an_answer_is_not_connected_and_one_that_refuses_is_switched_off() -> None:
+    with pytest.raises(NotConnectedError, match="nothing answers"):
+        PicolasLaser(port=ScriptedPicolas(answer=b""), clock=VirtualClock())
+    port = ScriptedPicolas()
+    laser = PicolasLaser(port=port, clock=VirtualClock())
+    port.answer = b"interlock\r\n7\r\n\n"
+    with pytest.raises(LaserError, match="expected a last line 0"):
+        laser.fire(permit())
+    assert port.commands[-1] == b"laseroff"
+    port.answer = b"0\r\n"
+    with pytest.raises(DeviceTimeoutError, match="no answer to 'laseroff'"):
+        laser.disarm()
+    port.answer = bytes(300)
+    with pytest.raises(LaserError, match="is no answer; check the port"):
+        laser.disarm()

@@ -1,0 +1,139 @@
+"""A whole rig of emulated devices, from the command line: pseudo-terminals, a folder, real drivers, real time."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("serial", reason="needs the extra devices")
+pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+
+Shell = Callable[..., tuple[int, str, str]]
+
+WORLD = """kind = "simulated"
+[marker]
+angle_deg = 6.4
+[stage]
+speed_deg_s = 25.0
+acceleration_deg_s2 = 25.0
+"""
+"""As fast as the stage can be; all else as usual."""
+
+SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal", "--json")
+
+
+class Emulation:
+    """Emulated devices in another process."""
+
+    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
+        self.process = process
+        self.rig = folder / "rig.toml"
+
+    def end(self) -> tuple[float, float, int]:
+        """Ctrl-C; the truth comes back: lowest and highest angle of the probe in degrees, and pulses of light."""
+        self.process.send_signal(signal.SIGINT)
+        _, told = self.process.communicate(timeout=20)
+        assert self.process.returncode == 0, told
+        low, high = re.findall(r"probe was between (\S+) and (\S+) deg", told)[0]
+        return float(low), float(high), int(re.findall(r"(\d+) pulses of light", told)[0])
+
+
+def markerseek(*words: object) -> list[str]:
+    return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
+
+
+@contextmanager
+def emulation(folder: Path, *, seed: int) -> Iterator[Emulation]:
+    world = folder / "world.toml"
+    world.write_text(WORLD)
+    process = subprocess.Popen(
+        markerseek("emulate", "bench", "--dir", folder / "bench", "--rig", world, "--seed", seed, "--pace", 0.01),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "Ctrl-C ends it" in line:
+                break
+        assert process.poll() is None, process.communicate()
+        yield Emulation(process, folder / "bench")
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does(shell: Shell, tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=3) as devices:
+        code, out, err = shell("search", "--rig", devices.rig, "--arm", *SEARCH)
+        low_deg, high_deg, pulses = devices.end()
+    assert code == 0, err
+    over_bytes = json.loads(out)
+    _, out, _ = shell("search", "--rig", tmp_path / "world.toml", "--seed", 3, *SEARCH)
+    simulated = json.loads(out)
+    assert (over_bytes["rig"], over_bytes["truth_deg"], over_bytes["seed"]) == ("bench", None, None)
+    # the same world, drawn from the same seed: every count of every frame is the same
+    for name in ("angle_deg", "samples", "confirmation", "acquisitions", "refused", "marker_trus_m"):
+        assert over_bytes[name] == simulated[name], name
+    assert pulses == 16 * (over_bytes["acquisitions"] + 1)
+    assert -36.5 <= low_deg <= min(sample["angle_deg"] for sample in over_bytes["samples"])
+    assert max(sample["angle_deg"] for sample in over_bytes["samples"]) <= high_deg <= 36.5
+
+
+def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell: Shell, tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=4) as devices:
+        code, _, err = shell("search", "--rig", devices.rig, *SEARCH)
+        assert code == 4
+        assert "not armed: nothing moved and nothing was fired" in err
+        process = subprocess.Popen(
+            markerseek("search", "--rig", devices.rig, "--arm", *SEARCH),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        last = devices.rig.parent / "daq" / "CH127.daq"
+        while not last.exists() and process.poll() is None:
+            time.sleep(0.02)
+        time.sleep(0.7)  # into the second move or acquisition
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=20)
+        assert process.returncode == 130, told
+        assert "stopped by the user: the laser is disarmed" in told
+        # the lines are free again, and the devices fit for another search
+        code, out, err = shell("search", "--rig", devices.rig, "--arm", "--stay", *SEARCH)
+        assert code in (0, 3), err
+        low_deg, high_deg, pulses = devices.end()
+    # besides those of the whole search: one or two acquisitions, the second perhaps cut short
+    assert 16 <= pulses - 16 * json.loads(out)["acquisitions"] <= 48
+    assert -36.5 <= low_deg <= high_deg <= 36.5
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--tissue", "liver"), "--tissue and --pace are for simulated rigs"),
+        (("--pace", "1"), "--tissue and --pace are for simulated rigs"),
+        ((), "serial port /nowhere/laser cannot be opened|line .*cannot be opened|No such file"),
+    ],
+)
+def test_options_and_ports_that_do_not_fit_are_refused_with_a_sentence(
+    shell: Shell, tmp_path: Path, words: tuple[str, ...], message: str
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'kind = "bench"\n[stage]\nport = "/nowhere/stage"\nzero_deg = 0.0\n[laser]\nport = "/nowhere/laser"\n'
+        f'[receiver]\nfolder = "{tmp_path}"\n'
+    )
+    code, _, err = shell("search", "--rig", rig, "--arm", *words)
+    assert code in (1, 2)
+    assert re.search(message, err), err

@@ -1,0 +1,121 @@
+"""Rig files of kind "bench": what they say is what comes out, and what cannot be guessed must be said."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import ConfigError
+from markerseek.drivers.settings import (
+    BenchLaser,
+    BenchProbe,
+    BenchReceiver,
+    BenchSettings,
+    BenchStage,
+    BenchSupervisor,
+)
+from markerseek.rig_file import read_rig_file
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
+
+LEAST = '[stage]\nport = "/dev/a"\nzero_deg = 12.5\n[laser]\nport = "/dev/b"\n[receiver]\nfolder = "daq"\n'
+
+
+def read(folder: Path, text: str) -> BenchSettings:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    settings = read_rig_file(path)
+    assert isinstance(settings, BenchSettings)
+    return settings
+
+
+def every_key(settings: object, prefix: str = "") -> set[str]:
+    keys: set[str] = set()
+    for field in fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        keys |= every_key(value, f"{prefix}{field.name}.") if is_dataclass(value) else {prefix + field.name}
+    return keys
+
+
+def keys_of(table: dict[str, object], prefix: str = "") -> set[str]:
+    keys: set[str] = set()
+    for key, value in table.items():
+        keys |= keys_of(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key}
+    return keys
+
+
+def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
+    settings = read_rig_file(EXAMPLE)
+    assert isinstance(settings, BenchSettings)
+    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == every_key(settings) | {"kind"}
+    assert settings == BenchSettings(
+        stage=BenchStage(port="/dev/ttyUSB0", zero_deg=0.0),
+        laser=BenchLaser(port="/dev/ttyACM0"),
+        receiver=BenchReceiver(folder=str(EXAMPLE.parent / "daq")),
+    )
+
+
+def test_the_least_that_must_be_said_is_enough_and_folders_lie_beside_the_file(tmp_path: Path) -> None:
+    settings = read(tmp_path, 'kind = "bench"\n' + LEAST)
+    assert settings.stage.zero_deg == 12.5
+    assert settings.receiver.folder == str(tmp_path / "daq")
+    assert settings.supervisor.enabled
+    other = read(tmp_path, 'kind = "bench"\n' + LEAST.replace('"daq"', '"/data/daq"\nstart_command = ["go", "now"]'))
+    assert (other.receiver.folder, other.receiver.start_command) == ("/data/daq", ("go", "now"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LEAST.replace("zero_deg = 12.5\n", ""), "missing required field `zero_deg`"),
+        (LEAST.replace('port = "/dev/b"\n', ""), "missing required field `port`"),
+        ('[stage]\nport = "a"\nzero_deg = 0.0\n', "missing required field `laser`"),
+        (LEAST + "foldr = 1\n", "key receiver.foldr is unknown; did you mean receiver.folder"),
+        (LEAST + "[supervisor]\nenabeld = false\n", "key supervisor.enabeld is unknown; did you mean"),
+        (LEAST + "[supervisor]\nlease_s = 0\n", "lease_s is 0.0 s"),
+        (LEAST + "[limits.search]\nlow_deg = 35.0\nhigh_deg = -35.0\n", "low end must lie below the high end"),
+        (LEAST + "[limits.search]\nlow_deg = nan\nhigh_deg = 35.0\n", "must be finite"),
+        (LEAST + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
+        (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'), "Invalid enum value 'lamp'"),
+        (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
+        (LEAST + 'start_command = "rm -rf /"\n', "Expected `array | null`, got `str`"),
+        (LEAST + 'tissue = "liver"\n', "key receiver.tissue is unknown"),
+        ('tissue = "liver"\n' + LEAST, "key tissue is unknown"),
+    ],
+)
+def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        read(tmp_path, 'kind = "bench"\n' + text)
+    assert "rig.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (BenchLaser, {"port": "a", "pulses": 0}),
+        (BenchLaser, {"port": "a", "rate_hz": math.inf}),
+        (BenchProbe, {"face_radius_m": 0.0}),
+        (BenchProbe, {"face_radius_m": math.nan}),
+        (BenchProbe, {"sound_speed_m_s": 1.54}),
+        (BenchProbe, {"trigger_offset_s": math.nan}),
+        (BenchSupervisor, {"lease_s": math.nan}),
+        (BenchSupervisor, {"lease_s": 2.0}),
+    ],
+)
+def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match=next(name for name in change if name != "port")):
+        kind(**change)
+
+
+def test_a_picolas_driver_needs_the_supervisor() -> None:
+    with pytest.raises(ConfigError, match="a PicoLAS driver has no lease of its own; leave the supervisor on"):
+        BenchSettings(
+            stage=BenchStage(port="a", zero_deg=0.0),
+            laser=BenchLaser(port="b", driver="picolas"),
+            receiver=BenchReceiver(folder="c"),
+            supervisor=BenchSupervisor(enabled=False),
+        )
