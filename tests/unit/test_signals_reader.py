@@ -43,7 +43,23 @@ def test_position_and_arrival_of_a_source(lateral_mm, depth_mm, offset_us):
     assert reading.lateral_m == pytest.approx(lateral_mm * 1e-3, abs=0.15e-3)
     assert reading.depth_m == pytest.approx(depth_mm * 1e-3, abs=0.05e-3)
     assert reading.arrival_s == pytest.approx(depth_mm * 1e-3 / 1540 + offset_us * 1e-6, abs=0.03e-6)
+    assert reading.centroid_s == pytest.approx(reading.arrival_s, abs=0.03e-6)
     assert reading.coherence > 0.8
+
+
+@pytest.mark.parametrize(("apart_us", "louder"), [(0.9, 1.0), (1.5, 0.7), (1.5, 1.3)])
+def test_centroid_and_spread_of_a_doublet(apart_us, louder):
+    """Two equal pulses add to the variance what two points would, p(1 - p)d^2; whichever is the higher."""
+    apart_m = apart_us * 1e-6 * 1540
+    first = pulse_frame(BPL, lateral_m=0.0, depth_m=45e-3)
+    second = pulse_frame(BPL, lateral_m=0.0, depth_m=45e-3 + apart_m)
+    reading = READER.read(frame_of(counts(first + louder * second, 600.0)))
+    single = READER.read(frame_of(counts(first, 600.0)))
+    share = louder**2 / (1 + louder**2)
+    middle_s = 45e-3 / 1540 + share * apart_us * 1e-6
+    spread_s = np.sqrt(single.spread_s**2 + share * (1 - share) * (apart_us * 1e-6) ** 2)
+    assert reading.centroid_s == pytest.approx(middle_s, abs=0.02e-6)
+    assert reading.spread_s == pytest.approx(spread_s, rel=0.03)
 
 
 @settings(max_examples=20, deadline=None)

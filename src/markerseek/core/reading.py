@@ -19,6 +19,10 @@ class Reading:
         Where that is: along the array from its centre, and from the array's face, in metres.
     arrival_s
         When that sound reached the array after the laser's trigger, in seconds.
+    centroid_s
+        When the energy about that peak reached the array on the average, in seconds after the trigger.
+    spread_s
+        Standard deviation of that energy in time, in seconds.
     noise_sigma
         Standard deviation of the beamformed signal where there is no source (one quadrature), in the intensity's unit.
     cells
@@ -35,6 +39,8 @@ class Reading:
     lateral_m: float | None = None
     depth_m: float | None = None
     arrival_s: float | None = None
+    centroid_s: float | None = None
+    spread_s: float | None = None
     noise_sigma: float | None = None
     cells: int | None = None
     coherence: float | None = None

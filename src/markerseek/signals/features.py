@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int16
 
 from markerseek.signals._kernel import PAD
-from markerseek.signals.beamform import aligned_signals, half_aperture_m, path_delay
+from markerseek.signals.beamform import aligned_signals, beamform_at, half_aperture_m, path_delay
+from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.presets import ProbePreset
 
 BLOCK_ROWS = 32
@@ -31,6 +32,13 @@ _FRAMES = 100
 
 DEAD_SHARE = 0.02
 """A channel is dead when its filtered signal is below this share of the median channel's."""
+
+ENERGY_HALF_S = 1.8e-6
+"""Half the time over which a peak's energy is gathered, in seconds: both edge waves of a 6 mm element 25 degrees off
+plane, each with both edges of a laser pulse of 0.6 us."""
+
+ENERGY_SIGMAS = 3.0
+"""Envelope over the noise from which a sample counts as a peak's energy: noise alone reaches it in one of 90."""
 
 _RAYLEIGH_MEDIAN = math.sqrt(2 * math.log(2))
 
@@ -89,6 +97,49 @@ def coherent_energy(
     if energy == 0:
         return 0.0, float(used.max())
     return float(np.sum(channels.sum(axis=1) ** 2)) / energy, float(used.max())
+
+
+def energy_in_depth(
+    signals: Float32[np.ndarray, "samples columns"],
+    preset: ProbePreset,
+    *,
+    lateral_m: float,
+    depth_m: float,
+    sigma: float,
+) -> tuple[float, float]:
+    """Centroid and standard deviation in depth of the energy of a peak, in metres.
+
+    Off plane the pulse splits into the edge waves of the element, and a long laser pulse has two edges of its own:
+    which of these is the highest is a matter of noise, and the centroid of all does not hop. The envelope of the column
+    is squared and gathered over `ENERGY_HALF_S` to either side, about the peak first and then about the centroid so
+    found. Samples below `ENERGY_SIGMAS` do not count, save the peak.
+
+    Parameters
+    ----------
+    signals, preset
+        Filtered channels, and the probe.
+    lateral_m, depth_m
+        Where the peak is, in metres.
+    sigma
+        Standard deviation of the beamformed signal where there is no source.
+    """
+    step = preset.depth_step_m
+    half = ENERGY_HALF_S * preset.sound_speed_m_s
+    reach = math.ceil(2 * half / step) + ENVELOPE_MARGIN
+    rows = depth_m + step * np.arange(-min(reach, math.ceil(depth_m / step) - 1), reach + 1)
+    line = envelope(beamform_at(signals, preset, lateral_m=np.array([lateral_m]), depth_m=rows))[:, 0].astype(
+        np.float64
+    )
+    loudest = float(line[np.abs(rows - depth_m) <= step].max())
+    energy = np.where(line >= min(ENERGY_SIGMAS * sigma, loudest), line**2, 0.0)
+    middle = depth_m
+    for _ in range(2):
+        near = np.abs(rows - middle) <= half
+        total = float(energy[near].sum())
+        if total == 0:
+            return depth_m, 0.0
+        middle = float(energy[near] @ rows[near]) / total
+    return middle, math.sqrt(float(energy[near] @ (rows[near] - middle) ** 2) / total)
 
 
 def window_samples(preset: ProbePreset) -> int:

@@ -79,11 +79,17 @@ class ImageReader:
         """
         chain = self._chain(frame)
         peak, touching, channels = self._describe(chain, self._largest(chain))
+        middle, spread = features.energy_in_depth(
+            chain.signals, self.preset, lateral_m=peak.lateral_m, depth_m=peak.depth_m, sigma=chain.sigma
+        )
+        speed = self.preset.sound_speed_m_s
         return Reading(
             intensity=peak.intensity,
             lateral_m=peak.lateral_m,
             depth_m=peak.depth_m,
             arrival_s=peak.arrival_s,
+            centroid_s=middle / speed + self.preset.trigger_offset_s,
+            spread_s=spread / speed,
             noise_sigma=chain.sigma,
             cells=chain.cells,
             coherence=peak.coherence,

@@ -5,14 +5,53 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from markerseek.core.compiled import compiled
+
+HOPELESS = 30.0
+"""Log-likelihood below the largest from which a place of the grid is given up."""
+
+
+@compiled
+def fill_tables(
+    mu: Float64[np.ndarray, " heights"],
+    noise: float,
+    below: float,
+    largest: float,
+    spoilt: float,
+    errors: Float64[np.ndarray, " errors"],
+    out: Float64[np.ndarray, "errors heights"],
+) -> None:
+    """ln(f_R(1|μ)·below + largest·Φ((1 − μ)/σ) + spoilt), σ² = noise² + (εμ)².
+
+    The Rician density f_R is exp(−(1 − μ)²/2σ²)/σ²·exp(−x)·I₀(x), x = μ/σ²: by its series for small x and the first
+    terms of its expansion for large ones (Abramowitz and Stegun 9.6.12, 9.7.1), to 1e-4.
+    """
+    for row in range(errors.size):
+        for k in range(mu.size):
+            variance = noise**2 + (errors[row] * mu[k]) ** 2
+            away = (1 - mu[k]) ** 2 / (2 * variance)
+            density = 0.0
+            if away < 40.0:
+                x = mu[k] / variance
+                if x > 8.0:
+                    bessel = (1 + 0.125 / x * (1 + 0.5625 / x * (1 + 1.0416667 / x))) / math.sqrt(2 * math.pi * x)
+                else:
+                    term, total = 1.0, 1.0
+                    for order in range(1, 24):
+                        term *= (x / (2 * order)) ** 2
+                        total += term
+                    bessel = total * math.exp(-x)
+                density = math.exp(-away) / variance * bessel
+            reached = 0.5 * math.erfc((mu[k] - 1) / math.sqrt(2 * variance))
+            out[row, k] = math.log(density * below + largest * reached + spoilt)
 
 
 @compiled
 def add_sample(
     cube: Float32[np.ndarray, "angles shapes amplitudes"],
+    alive: Bool[np.ndarray, "angles shapes"],
     angles_deg: Float64[np.ndarray, " angles"],
     members: Int64[np.ndarray, " members"],
     log_curve: Float64[np.ndarray, "shapes distances"],
@@ -23,7 +62,7 @@ def add_sample(
     first: float,
     table_step: float,
 ) -> None:
-    """Add ln p of one sample to each cell.
+    """Add ln p of one sample to each cell that is alive.
 
     ``first`` is ln(lowest amplitude / y) − LOW. A cell's height in the table is that plus ln S plus its amplitude.
     """
@@ -35,6 +74,8 @@ def add_sample(
         near = min(int(place), distances - 2)
         part = min(place - near, 1.0)
         for j in range(members.size):
+            if not alive[k, j]:
+                continue
             curve = log_curve[members[j]]
             level = (1 - part) * curve[near] + part * curve[near + 1]
             row = 0
@@ -57,8 +98,22 @@ def add_sample(
 
 
 @compiled
+def _give_up(
+    alive: Bool[np.ndarray, "angles shapes"],
+    tops: Float64[np.ndarray, "angles shapes"],
+    log_angle: Float64[np.ndarray, " angles"],
+    least: float,
+) -> None:
+    for k in range(tops.shape[0]):
+        for j in range(tops.shape[1]):
+            if tops[k, j] - log_angle[k] < least:
+                alive[k, j] = False
+
+
+@compiled
 def weigh(
     cube: Float32[np.ndarray, "angles shapes amplitudes"],
+    alive: Bool[np.ndarray, "angles shapes"],
     log_angle: Float64[np.ndarray, " angles"],
     log_shape: Float64[np.ndarray, " shapes"],
     weight: Float32[np.ndarray, "angles shapes amplitudes"],
@@ -66,19 +121,23 @@ def weigh(
     by_shape: Float64[np.ndarray, " shapes"],
     by_amplitude: Float64[np.ndarray, " amplitudes"],
 ) -> float:
-    """Fill in the weights (zero before) and their marginals; return ln of the largest before scaling."""
+    """Fill in the weights (zero before) and their marginals; return ln of the largest before scaling.
+
+    What is `HOPELESS` below the largest without the prior of the angle is given up: three bad frames in a row could not
+    bring it back.
+    """
     angles, shapes, amplitudes = cube.shape
-    tops = np.empty((angles, shapes))
-    largest = -math.inf
+    tops = np.full((angles, shapes), -math.inf)
+    largest, best = -math.inf, -math.inf
     for k in range(angles):
         for j in range(shapes):
-            cell = cube[k, j]
-            top = cell[0]
-            for a in range(amplitudes):
-                if cell[a] > top:
-                    top = cell[a]
+            if not alive[k, j]:
+                continue
+            top = cube[k, j].max()
             tops[k, j] = log_angle[k] + log_shape[j] + top
             largest = max(largest, tops[k, j])
+            best = max(best, top + log_shape[j])
+    _give_up(alive, tops, log_angle, best - HOPELESS)
     by_angle[:] = 0
     by_shape[:] = 0
     by_amplitude[:] = 0
@@ -175,3 +234,61 @@ def expected_variance(
                 square += near_by * offset * offset
             total += square / mass - (mean / mass) ** 2
         out[c] = total / count
+
+
+@compiled
+def _solve(matrix: Float64[np.ndarray, "terms columns"], beta: Float64[np.ndarray, " terms"]) -> float:
+    """Solve the symmetric system whose last column is its right side, by elimination; return half of ln of its det."""
+    terms = beta.size
+    half_log_det = 0.0
+    for m in range(terms):
+        half_log_det += 0.5 * math.log(matrix[m, m])
+        for lower in range(m + 1, terms):
+            part = matrix[lower, m] / matrix[m, m]
+            for n in range(m, terms + 1):
+                matrix[lower, n] -= part * matrix[m, n]
+    for m in range(terms - 1, -1, -1):
+        total = matrix[m, terms]
+        for n in range(m + 1, terms):
+            total -= matrix[m, n] * beta[n]
+        beta[m] = total / matrix[m, m]
+    return half_log_det
+
+
+@compiled
+def student_evidence(
+    design: Float64[np.ndarray, "angles samples terms"],
+    value: Float64[np.ndarray, "angles samples"],
+    scale: Float64[np.ndarray, "angles samples"],
+    precision: Float64[np.ndarray, " terms"],
+    freedom: float,
+    rounds: int,
+) -> Float64[np.ndarray, " angles"]:
+    """Ln of the likelihood of value = design·β + scale·Student for each angle, β integrated out by Laplace's method.
+
+    β has independent normal priors about 0. The mode is found by reweighted least squares.
+    """
+    angles, samples, terms = design.shape
+    out = np.empty(angles)
+    matrix = np.empty((terms, terms + 1))
+    beta = np.zeros(terms)
+    missed = np.empty(samples)
+    for k in range(angles):
+        missed[:] = 0.0
+        half_log_det = 0.0
+        for _ in range(rounds):
+            matrix[:, :] = 0.0
+            for m in range(terms):
+                matrix[m, m] = precision[m]
+            for i in range(samples):
+                share = (freedom + 1) / (freedom + missed[i] ** 2) / scale[k, i] ** 2
+                for m in range(terms):
+                    matrix[m, terms] += share * design[k, i, m] * value[k, i]
+                    for n in range(terms):
+                        matrix[m, n] += share * design[k, i, m] * design[k, i, n]
+            half_log_det = _solve(matrix, beta)
+            for i in range(samples):
+                missed[i] = (value[k, i] - (design[k, i] * beta).sum()) / scale[k, i]
+        out[k] = -half_log_det - 0.5 * (precision * beta**2).sum()
+        out[k] -= (np.log(scale[k]) + (freedom + 1) / 2 * np.log1p(missed**2 / freedom)).sum()
+    return out

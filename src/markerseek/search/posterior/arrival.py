@@ -1,46 +1,55 @@
-"""What the moment of arrival says about the angle.
+"""What the moments of arrival say about the angle: the centroid of a peak's energy in time, and its spread.
 
-With t = θ − θp, sound from a marker at radius ρ reaches a face at radius R after
+With t = θ − θp, sound from a marker at radius ρ reaches a face at radius R later by
 
-    τ(t) = τ₀ + (sqrt(R² + ρ² − 2Rρ cos t) − (ρ − R))/c,
+    D(t) = (sqrt(R² + ρ² − 2Rρ cos t) − (ρ − R))/c
 
-which is r² = A − C cos θ − S sin θ in other words. τ₀ holds the unknown trigger offset and is marginalised on a grid,
-as is R; ρ follows from R and the depth, to which c is known well enough. What is read is the moment of the largest
-envelope, and that hops: a long laser pulse has two edges (± `PULSE_S`), and off plane each edge of the element is
-heard by itself, ± h sin φ/2c, φ the incidence. Over the physics table this scatter exceeds the signal itself within
-20°, so that the cue is weak: it is told as it is, by a Student distribution of that scale.
+than on plane, which is r² = A − C cos θ − S sin θ in other words. Off plane an element is heard by its two edges,
+h sin φ/c apart, φ the incidence. So centroid and variance of the energy in time are
+
+    τ = τ₀ + (1 + k)·D(t) + δ·(1 − 1/(1 + (t/t₁)²)),        s² = a + b·sin² φ(t).
+
+τ₀ holds the trigger offset, k what is not known of R and c; δ is how much later than the pulse on plane the edges are
+heard, lens and all; a is the laser's and the absorber's pulse, b = (h/2c)². None of them is known: each has a broad
+normal prior and is integrated out. About the model the moments of the acoustic model's own pulses scatter with the
+tails of a Student distribution (150 draws of the physics table, 125 angles each); that, and the noise, is the scale.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Float64
 
-FACE_RADII_M = np.array([8e-3, 9.5e-3, 11e-3, 12.5e-3])
-"""Distances R of the face from the axis that are considered, in metres."""
+from markerseek.search.posterior import _kernel
+
+FACE_RADIUS_M = 10e-3
+"""Middle of the distances R of the face from the axis in the physics table, in metres."""
 
 SOUND_SPEED_M_S = 1525.0
-"""Middle of the speeds of the physics table."""
+"""Middle of its speeds of sound."""
 
-PULSE_S = 0.2e-6
-"""Scatter of the largest envelope within a pulse, in seconds."""
+DELAY_SHARE = 0.16
+"""Standard deviation of k: R of 8 to 12 mm and the speed of sound."""
 
-EDGE_M = 2.0e-3
-"""Half of an element's height, in metres."""
+LOBE_DEG = 3.5
+"""t₁, where the sound of the face gives way to that of its edges, in degrees."""
+
+EDGES_LATER_S = 0.1e-6
+"""Standard deviation of δ, in seconds."""
+
+HEIGHT_M2 = (20e-6, 10e-6)
+"""Mean and standard deviation of the squared height h² of an element, 3 to 6 mm; in square metres."""
 
 FREEDOM = 4.0
-"""Degrees of freedom of the Student distribution."""
+"""Degrees of freedom of the Student distributions."""
 
-FIRST_S = np.arange(-40, 41, 2) * 25e-9
-"""Places of τ₀ about the arrival of the strongest sample, in seconds."""
+_ROUNDS = 3
 
 
-def delay_s(
-    distance_deg: Float64[np.ndarray, "*shape"], *, face_radius_m: Float64[np.ndarray, "*shape"] | float, depth_m: float
-) -> Float64[np.ndarray, "*shape"]:
-    """Return how much later sound arrives off plane than on it, in seconds.
+def off_plane(
+    distance_deg: Float64[np.ndarray, "*shape"], *, face_radius_m: float = FACE_RADIUS_M, depth_m: float
+) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
+    """Return how much later sound arrives off plane than on it, in seconds, and the sine of its incidence.
 
     Parameters
     ----------
@@ -52,37 +61,46 @@ def delay_s(
         Distance of the marker from the face on plane, in metres.
     """
     radius_m = face_radius_m + depth_m
-    cosine = np.cos(np.radians(distance_deg))
-    range_m = np.sqrt(face_radius_m**2 + radius_m**2 - 2 * face_radius_m * radius_m * cosine)
-    return np.asarray((range_m - depth_m) / SOUND_SPEED_M_S)
+    turned = np.radians(distance_deg)
+    range_m = np.sqrt(face_radius_m**2 + radius_m**2 - 2 * face_radius_m * radius_m * np.cos(turned))
+    return (range_m - depth_m) / SOUND_SPEED_M_S, radius_m * np.sin(turned) / range_m
 
 
 def log_likelihood(
     angles_deg: Float64[np.ndarray, " angles"],
     heard_deg: Float64[np.ndarray, " samples"],
-    arrival_s: Float64[np.ndarray, " samples"],
+    moments_s: Float64[np.ndarray, "samples 2"],
     snr: Float64[np.ndarray, " samples"],
 ) -> Float64[np.ndarray, " angles"]:
-    """Return ln of the likelihood of the arrivals for each angle of the marker, R and τ₀ marginalised.
+    """Return ln of the likelihood of the moments for each angle of the marker, all else integrated out.
 
     Parameters
     ----------
     angles_deg
         Angles of the marker that are considered, in degrees.
-    heard_deg, arrival_s
-        Angles in degrees and arrivals in seconds of samples whose peak is the marker's.
+    heard_deg, moments_s
+        Angles in degrees, and centroid and standard deviation in seconds, of samples whose peak is the marker's.
     snr
         Their intensities over σ.
     """
-    reference_s = float(arrival_s[np.argmax(snr)])
+    reference_s = float(moments_s[np.argmax(snr), 0])
     depth_m = max(SOUND_SPEED_M_S * reference_s, 5e-3)
-    total = np.zeros((angles_deg.size, FACE_RADII_M.size, FIRST_S.size))
-    for angle_deg, moment_s, height in zip(heard_deg.tolist(), arrival_s.tolist(), snr.tolist(), strict=True):
-        off_deg = angle_deg - angles_deg[:, None]
-        late_s = delay_s(off_deg, face_radius_m=FACE_RADII_M, depth_m=depth_m)
-        edge_s = EDGE_M * np.sin(np.radians(np.minimum(1.2 * np.abs(off_deg), 90.0))) / SOUND_SPEED_M_S
-        scale = np.sqrt(PULSE_S**2 + edge_s**2 + (0.1e-6 / height) ** 2)[..., None]
-        missed = (moment_s - reference_s - late_s[..., None] - FIRST_S) / scale
-        total -= np.log(scale) + (FREEDOM + 1) / 2 * np.log1p(missed**2 / FREEDOM)
-    largest = float(total.max())
-    return np.asarray(largest + np.log(np.mean(np.exp(total - largest), axis=(1, 2)) + math.exp(-60.0)))
+    off_deg = heard_deg - angles_deg[:, None]
+    late_s, sine = off_plane(off_deg, depth_m=depth_m)
+    lobes = np.abs(off_deg) / LOBE_DEG
+    later = (moments_s[:, 0] - reference_s - late_s) / EDGES_LATER_S
+    ones = np.ones_like(late_s)
+    design = np.stack([ones, late_s / EDGES_LATER_S, 1 - 1 / (1 + lobes**2)], axis=2)
+    model_s = 15e-9 + 30e-9 * lobes * np.exp(1 - lobes)
+    scale = np.hypot(model_s, 0.22e-6 / snr) / EDGES_LATER_S
+    precision = np.array([1 / 50**2, 1 / DELAY_SHARE**2, 1.0])
+    log = _kernel.student_evidence(design, later, scale, precision, FREEDOM, _ROUNDS)
+
+    height_m2, height_sd_m2 = HEIGHT_M2
+    edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2
+    unit = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
+    wide = (moments_s[:, 1] ** 2 - height_m2 * edges) / unit
+    design = np.stack([ones, height_sd_m2 * edges / unit], axis=2)
+    model = 0.05 + 0.2 * height_m2 * edges / unit
+    scale = np.hypot(model, 2.5 / snr * (moments_s[:, 1] ** 2 / unit))
+    return np.asarray(log + _kernel.student_evidence(design, wide, scale, np.array([1 / 30**2, 1.0]), FREEDOM, _ROUNDS))

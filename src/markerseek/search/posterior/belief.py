@@ -12,13 +12,13 @@ from jaxtyping import Float64, Int64
 from markerseek.core import Interval
 from markerseek.core.reading import Sample
 from markerseek.search.floor import Noise
-from markerseek.search.posterior import arrival
+from markerseek.search.posterior import arrival, middle
 from markerseek.search.posterior.basis import CLEAR, Basis, all_told, basis_of
 from markerseek.search.posterior.grid import Grid, Heard, finer
 from markerseek.search.posterior.heard import place_ratio
 from markerseek.search.posterior.shapes import Shapes
 
-PARTICLES = 64
+PARTICLES = 48
 """Markers that are drawn from the posterior to choose the next angle."""
 
 BEYOND_STEPS = 12
@@ -37,6 +37,13 @@ SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, for the arrival to count; in metres."""
 
 
+def _spread(angle_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]) -> tuple[float, float]:
+    """Mean and standard deviation on an even grid, its step in it."""
+    mean_deg = float(share @ angle_deg)
+    step_deg = float(angle_deg[1] - angle_deg[0])
+    return mean_deg, math.sqrt(float(share @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Belief:
     """The posterior of the angle.
@@ -51,6 +58,8 @@ class Belief:
         Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
     fwhm_deg
         Mean of the curve's full width at half maximum, in degrees.
+    middle_sigma_deg
+        Standard deviation of the middle of the curve: what more samples can still reduce.
     """
 
     angle_deg: Float64[np.ndarray, " angles"]
@@ -61,6 +70,7 @@ class Belief:
     member: Int64[np.ndarray, " particles"]
     log_snr: Float64[np.ndarray, " particles"]
     fwhm_deg: float
+    middle_sigma_deg: float
 
     @property
     def mean_deg(self) -> float:
@@ -70,8 +80,7 @@ class Belief:
     @property
     def sigma_deg(self) -> float:
         """Standard deviation of the angle in degrees, the step of the grid in it."""
-        step_deg = float(self.angle_deg[1] - self.angle_deg[0])
-        return math.sqrt(float(self.share @ (self.angle_deg - self.mean_deg) ** 2) + step_deg**2 / 12)
+        return _spread(self.angle_deg, self.share)[1]
 
     def quantile_deg(self, probability: float) -> float:
         """Angle below which the marker lies with that probability, in degrees."""
@@ -79,6 +88,18 @@ class Belief:
         edges = np.concatenate([[0.0], np.cumsum(self.share)])
         ends = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
         return float(np.interp(probability, edges, ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Moments:
+    """Samples whose moments of arrival count; see `arrival.log_likelihood`."""
+
+    heard_deg: Float64[np.ndarray, " samples"]
+    moments_s: Float64[np.ndarray, "samples 2"]
+    snr: Float64[np.ndarray, " samples"]
+
+    def log_likelihood(self, angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
+        return arrival.log_likelihood(angles_deg, self.heard_deg, self.moments_s, self.snr)
 
 
 class Evidence:
@@ -118,30 +139,68 @@ class Evidence:
             Noise of the search.
         """
         coarse = self._coarse(lit, noise)
-        log_angle = self._log_prior + self._arrivals(lit)
+        moments = self._moments(lit)
+        log_angle = self._log_prior
+        if moments is not None:
+            every = self._coarse_deg[::2]
+            log_angle = log_angle + np.interp(self._coarse_deg, every, moments.log_likelihood(every))
         known = coarse.marginals(log_angle, particles=PARTICLES)
         grid, best = coarse, known
         for _ in range(2):
             step_deg = float(grid.angles_deg[1] - grid.angles_deg[0])
-            mean_deg = float(best.angle @ grid.angles_deg)
-            sigma_deg = math.sqrt(float(best.angle @ (grid.angles_deg - mean_deg) ** 2) + step_deg**2 / 12)
+            _, sigma_deg = _spread(grid.angles_deg, best.angle)
             half_deg = max(5 * sigma_deg, 2 * step_deg)
+            if grid is not coarse and step_deg <= 0.25 * sigma_deg:
+                break
             if half_deg >= 0.4 * (grid.angles_deg[-1] - grid.angles_deg[0]) / 2 or "intensity" not in self._cues:
                 break
             grid = finer(self._shapes, grid, best, self._heard, half_deg=half_deg, angles=FINE_ANGLES)
-            fine_prior = np.interp(grid.angles_deg, self._coarse_deg, log_angle)
+            fine_prior = np.interp(grid.angles_deg, self._coarse_deg, self._log_prior)
+            if moments is not None:
+                fine_prior = fine_prior + moments.log_likelihood(grid.angles_deg)
             best = grid.marginals(fine_prior, particles=PARTICLES)
+        fwhm_deg = float(best.shape @ self._shapes.fwhm_deg[grid.members])
+        angle_deg, share = self._about_the_middle(lit, grid.angles_deg, best.angle, moments, fwhm_deg=fwhm_deg)
         basis = self._basis
         return Belief(
-            angle_deg=grid.angles_deg,
-            share=best.angle,
+            angle_deg=angle_deg,
+            share=share,
             coarse_deg=self._coarse_deg,
             coarse_share=known.angle,
             theta_deg=grid.angles_deg[best.drawn[:, 0]],
             member=grid.members[best.drawn[:, 1]],
             log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(basis.unit) - math.log(basis.sigma),
-            fwhm_deg=float(best.shape @ self._shapes.fwhm_deg[grid.members]),
+            fwhm_deg=fwhm_deg,
+            middle_sigma_deg=_spread(grid.angles_deg, best.angle)[1],
         )
+
+    def _about_the_middle(
+        self,
+        lit: Sequence[Sample],
+        angle_deg: Float64[np.ndarray, " angles"],
+        share: Float64[np.ndarray, " angles"],
+        moments: _Moments | None,
+        *,
+        fwhm_deg: float,
+    ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
+        """Angles of the marker and their probabilities, the middle of its curve being off; see `middle`."""
+        sigma_deg = math.hypot(middle.OFFSET_DEG, middle.OFFSET * fwhm_deg)
+        step_deg = float(angle_deg[1] - angle_deg[0])
+        if "intensity" not in self._cues or step_deg > sigma_deg:
+            return angle_deg, share
+        uneven = middle.uneven_share(lit, sigma=self._basis.sigma, marker_m=self._basis.marker_m)
+        mean_deg = float(share @ angle_deg)
+        half_deg = max(4.5 * sigma_deg, (angle_deg[-1] - angle_deg[0]) / 2)
+        angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)
+        told = np.zeros_like(angles_deg)
+        if moments is not None:
+            told = moments.log_likelihood(angles_deg)
+            told -= told.max()
+            share = share * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, told), 30.0))
+            share = share / share.sum()
+        density = middle.offset(angle_deg, share, angles_deg, uneven=uneven, sigma_deg=sigma_deg)
+        density *= np.exp(told)
+        return angles_deg, density / density.sum()
 
     def _coarse(self, lit: Sequence[Sample], noise: Noise) -> Grid:
         """The coarse grid with all samples; made anew when what they are measured by has changed."""
@@ -154,8 +213,8 @@ class Evidence:
                 angles_deg=self._coarse_deg,
                 members=np.arange(0, self._shapes.fwhm_deg.size, 3),
                 lowest=math.log(0.5),
-                phases=12,
-                amplitudes=28,
+                phases=15,
+                amplitudes=18,
                 blur=0.125,
             )
         for sample in lit[len(self._heard) :]:
@@ -179,26 +238,20 @@ class Evidence:
             ratio=ratio,
         )
 
-    def _arrivals(self, lit: Sequence[Sample]) -> Float64[np.ndarray, " coarse"]:
-        """Ln of the likelihood of the arrivals; 0 where the cue is off or fewer than two samples tell one."""
-        nothing = np.zeros_like(self._coarse_deg)
+    def _moments(self, lit: Sequence[Sample]) -> _Moments | None:
+        """Angles, moments and SNR of the samples whose arrival counts; None of fewer than two."""
         if "arrival" not in self._cues:
-            return nothing
+            return None
         sigma, marker_m = self._basis.sigma, self._basis.marker_m
         telling = [
-            (sample.angle_deg, sample.reading.arrival_s, sample.reading.intensity / sigma)
+            (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma)
             for sample in lit
-            if sample.reading.arrival_s is not None
-            and sample.reading.intensity > CLEAR * sigma
-            and (
-                marker_m is None
-                or sample.reading.lateral_m is None
-                or abs(sample.reading.lateral_m - marker_m) < SAME_PLACE_M
-            )
+            if (reading := sample.reading).centroid_s is not None
+            and reading.spread_s is not None
+            and reading.intensity > CLEAR * sigma
+            and (marker_m is None or reading.lateral_m is None or abs(reading.lateral_m - marker_m) < SAME_PLACE_M)
         ]
         if len(telling) < 2:
-            return nothing
-        heard_deg, arrival_s, snr = np.array(telling, dtype=np.float64).T
-        every = self._coarse_deg[::4]
-        log = arrival.log_likelihood(every, heard_deg, arrival_s, snr)
-        return np.asarray(np.interp(self._coarse_deg, every, log - log.max()))
+            return None
+        told = np.array(telling, dtype=np.float64)
+        return _Moments(heard_deg=told[:, 0], moments_s=told[:, 1:3], snr=told[:, 3])

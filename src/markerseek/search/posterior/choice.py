@@ -14,7 +14,7 @@ from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 
-FIRST_ANGLES = 4
+FIRST_ANGLES = 3
 """Planned angles, evenly spread over the range."""
 
 TRAVEL_DEG = 150.0
@@ -88,9 +88,9 @@ def most_telling_deg(
 
 def _candidates(belief: Belief, heard_deg: Sequence[float], *, limits: Interval) -> Float64[np.ndarray, " candidates"]:
     """Angles about the middle of the posterior, and over all of it; none that was heard, unless all were."""
-    near = belief.mean_deg + belief.fwhm_deg * np.linspace(-1.6, 1.6, 21)
+    near = belief.mean_deg + belief.fwhm_deg * np.linspace(-1.6, 1.6, 19)
     low_deg, high_deg = float(belief.theta_deg.min()), float(belief.theta_deg.max())
-    wide = np.linspace(low_deg - belief.fwhm_deg, high_deg + belief.fwhm_deg, 24)
+    wide = np.linspace(low_deg - belief.fwhm_deg, high_deg + belief.fwhm_deg, 18)
     angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
     angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
     apart = np.abs(angles[:, None] - np.array(heard_deg)).min(axis=1)

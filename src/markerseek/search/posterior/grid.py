@@ -28,7 +28,7 @@ LEAST_SHARE = 1e-4
 BLURS = (0.01, 0.04, 0.125)
 """Relative errors that the steps of a grid may add."""
 
-AMPLITUDES = 32
+AMPLITUDES = 28
 """Amplitudes of a finer grid."""
 
 
@@ -116,6 +116,7 @@ class Grid:
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
             (angles_deg.size, members.size, amplitudes), np.float32
         )
+        self._alive = np.ones((angles_deg.size, members.size), np.bool_)
 
     @property
     def step_amplitude(self) -> float:
@@ -129,6 +130,7 @@ class Grid:
         split = tables[:, : heights * self._phases].reshape(len(tables), heights, self._phases)
         _kernel.add_sample(
             self._cube,
+            self._alive,
             self.angles_deg,
             self.members,
             self._shapes.log_curve,
@@ -145,7 +147,7 @@ class Grid:
         weight = np.zeros_like(self._cube)
         angle, shape, amplitude = (np.empty(size) for size in self._cube.shape)
         log_shape = self._shapes.log_prior[self.members]
-        _kernel.weigh(self._cube, log_angle, log_shape, weight, angle, shape, amplitude)
+        _kernel.weigh(self._cube, self._alive, log_angle, log_shape, weight, angle, shape, amplitude)
         drawn = np.zeros((particles, 3), np.int64)
         count = _kernel.draw(weight, angle, drawn)
         total = angle.sum()

@@ -18,10 +18,13 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.special import i0e, ndtr
+
+from markerseek.search.posterior import _kernel
 
 LOW, HIGH, STEP = -6.0, 3.0, 0.02
 """Ends and step of the table in ln(μ/y)."""
+
+_HEIGHTS = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
 
 SPOILT = 0.01
 """Share of frames that say nothing of the marker."""
@@ -52,22 +55,6 @@ def place_ratio(lateral_m: float | None, *, marker_m: float | None) -> float:
     return max(IMAGE_M / (PLACE_SIGMA_M * math.sqrt(2 * math.pi)) * math.exp(-(away**2) / 2), 0.02)
 
 
-def rician_density(
-    y: float, mu: Float64[np.ndarray, " means"], sigma: Float64[np.ndarray, " means"]
-) -> Float64[np.ndarray, " means"]:
-    """Return the Rician density y/σ²·exp(−(y² + μ²)/2σ²)·I₀(yμ/σ²).
-
-    Parameters
-    ----------
-    y
-        Envelope, at least 0.
-    mu, sigma
-        Noise-free height and standard deviation of one quadrature, in the unit of y.
-    """
-    variance = sigma**2
-    return np.asarray(y / variance * np.exp(-((y - mu) ** 2) / (2 * variance)) * i0e(y * mu / variance))
-
-
 @lru_cache(maxsize=512)
 def log_tables(
     *, noise: float, cells: int, errors: tuple[float, ...], ratio: float = 1.0
@@ -85,15 +72,13 @@ def log_tables(
     ratio
         g of `place_ratio`.
     """
-    mu = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
     rayleigh = math.exp(-min(1 / (2 * noise**2), 700.0))
     below = math.exp(cells * math.log1p(-min(rayleigh, 1 - 1e-12)))
     largest = cells * rayleigh / noise**2 * below / max(1 - rayleigh, 1e-12)
-    rows = []
-    for error in errors:
-        sigma = np.sqrt(noise**2 + (error * mu) ** 2)
-        density = rician_density(1.0, mu, sigma) * below * ratio + largest * ndtr((1 - mu) / sigma)
-        rows.append(np.log((1 - SPOILT) * density + SPOILT / SPOILT_RANGE))
-    tables = np.array(rows)
+    good = 1 - SPOILT
+    tables = np.empty((len(errors), _HEIGHTS.size))
+    _kernel.fill_tables(
+        _HEIGHTS, noise, good * below * ratio, good * largest, SPOILT / SPOILT_RANGE, np.array(errors), tables
+    )
     tables.flags.writeable = False
     return tables

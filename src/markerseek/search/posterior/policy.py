@@ -74,7 +74,8 @@ class Posterior:
     acquisitions
         Most acquisitions.
     target_sigma_deg
-        The search ends once the standard deviation is at most this, in degrees; 0: only with the last acquisition.
+        The search ends once the middle of the curve is known to this standard deviation, in degrees, and the marker is
+        found; 0: only with the last acquisition.
     start_deg
         Where the probe stands, in degrees; the search begins at the nearer end. None: at the low end.
     cues
@@ -169,12 +170,18 @@ class Posterior:
             sigma_deg=belief.sigma_deg,
             interval95_deg=interval,
             interval_kind="posterior",
-            reason=(
-                f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg; "
-                "take more acquisitions or average more pulses"
-            ),
+            reason=self._doubt(belief),
             floor=floor,
         )
+
+    def _doubt(self, belief: Belief) -> str:
+        said = f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
+        if belief.middle_sigma_deg <= SIGMA_LIMIT_DEG:
+            return (
+                f"{said}: the middle of the curve is known to {belief.middle_sigma_deg:.2f} deg, but its place and "
+                "coherence change with the angle, so that it is no point, and its middle may be off"
+            )
+        return f"{said}; take more acquisitions or average more pulses"
 
     def _state(self) -> _State:
         if self._known is None:
@@ -191,13 +198,18 @@ class Posterior:
         if not self._lit or not self._heard_anything():
             return planned_deg(heard_deg, limits=self._limits, falling=self._falling)
         state = self._state()
-        if (
-            count >= LEAST_ACQUISITIONS
-            and state.belief.sigma_deg <= self._target_deg
-            and isinstance(self.estimate(), Found)
-        ):
+        if count >= LEAST_ACQUISITIONS and self._knows_enough(state.belief):
             return None
         return most_telling_deg(state.belief, _family(), heard_deg, limits=self._limits, floor=FLOOR_SNR)
+
+    def _knows_enough(self, belief: Belief) -> bool:
+        """Whether the marker is found to the target; or is not, and more samples could not help."""
+        if belief.middle_sigma_deg > self._target_deg:
+            return False
+        answer = self.estimate()
+        return isinstance(answer, Found) or (
+            isinstance(answer, Unsure) and belief.middle_sigma_deg <= self._target_deg / 2
+        )
 
     def _heard_anything(self) -> bool:
         """Whether a sample exceeds what noise reaches; where that is unknown, whether one stands out."""

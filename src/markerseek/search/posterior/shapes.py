@@ -93,4 +93,5 @@ def family() -> Shapes:
             curves.append(np.maximum(log_curve(distance_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), -12.0))
             widths.append(fwhm_deg)
             priors.append(math.log(share * width))
-    return Shapes(log_curve=np.array(curves), fwhm_deg=np.array(widths), log_prior=np.array(priors))
+    # By columns: a grid asks for all shapes at one distance.
+    return Shapes(log_curve=np.asfortranarray(curves), fwhm_deg=np.array(widths), log_prior=np.array(priors))
