@@ -19,6 +19,7 @@ VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 
 
 _BEGINS_S = 5e-3
 """A move that was asked for begins so much later; until then the moving bits are clear."""
+_STEP_S = 0.01
 _TOP_SPEED_DEG_S = 25.0
 _GO_ON = 1
 
@@ -136,6 +137,9 @@ class MotionControl:
             until_s = now_s
             if self._pending is not None:
                 until_s = min(now_s, max(self._pending[0], self._now_s))
+            if self._then_deg is not None:
+                # What follows an overshoot begins when it ends, and not at the end of a long step.
+                until_s = min(until_s, self._now_s + _STEP_S)
             self._turn(until_s - self._now_s)
             self._now_s = until_s
             if self._pending is not None and self._pending[0] <= until_s:

@@ -50,6 +50,7 @@ class Motor:
     def advance(self, duration_s: float) -> bool:
         """Turn for that long; whether it ran against a limit and stands there."""
         left_s = duration_s
+        self._note()
         for phase_s, acceleration in self._phases():
             step_s = min(phase_s, left_s)
             self.angle_deg += self.speed_deg_s * step_s + acceleration * step_s**2 / 2

@@ -74,9 +74,9 @@ class Prm1z8:
         motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
         stopped = motor.advance(duration_s)
         # How far the motor has been on the way matters to whoever checks the limits, also where it came back.
-        for angle_deg in (motor.lowest_deg, motor.highest_deg, motor.angle_deg):
-            if math.isfinite(angle_deg):
-                self._turn_probe(angle_deg)
+        for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:
+            self._turn_probe(angle_deg)
+        self._turn_probe(motor.angle_deg)
         return stopped
 
     def _turn_probe(self, motor_deg: float) -> None:

@@ -152,6 +152,8 @@ class Kdc101Emulator:
 
     def advance(self, now_s: float) -> bytes:
         """Let time go by until that moment, and return what the controller says by itself."""
+        if now_s == self._now_s and not self._faults and not self._updates:
+            return self._out()
         if self._fault("power cycle") and not self._power_cycled:
             self._wake_up(homed=False)
             self._power_cycled = True
@@ -201,6 +203,8 @@ class Kdc101Emulator:
         self._power_cycled = False
 
     def _fault(self, name: str) -> Fault | None:
+        if not self._faults:
+            return None
         fault = self._faults.get(name)
         return fault if fault is not None and fault.holds_at(self._motion.moves) else None
 
@@ -211,12 +215,15 @@ class Kdc101Emulator:
             elif self._ends:
                 self._say_status(event)
         self._motion.events.clear()
+        if not self._said and not self._faults:
+            return b""
         said, self._said = bytes(self._said), bytearray()
         return self._line.to_host(said, now_s=self._now_s)
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data
-        self._motion.learn(self._stored)
+        if message.ident != TARGET:
+            self._motion.learn(self._stored)
 
     def _set_counter(self, message: AptMessage) -> None:
         self._motion.set_counter(struct.unpack("<Hi", message.data)[1])
