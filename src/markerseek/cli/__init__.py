@@ -13,7 +13,7 @@ import warnings
 import typer
 
 from markerseek import __version__
-from markerseek.cli import bank, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
+from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import MarkerseekError
 
@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for command in (search, replay, resume, frame, reproduce, study, emulate, doctor):
+for command in (search, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
 app.add_typer(bank.app)
 app.add_typer(journal.app, name=journal.NAME)

@@ -1,0 +1,159 @@
+"""``markerseek calibrate``: what a rig must be told about itself, from one scan of a point source."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek import __version__
+from markerseek.cli.terminal import announce_compilation, people, print_json, progress_bar
+from markerseek.core import ConfigError
+
+if TYPE_CHECKING:
+    from markerseek.calibration import Value
+    from markerseek.rigs.calibrate import Calibration
+
+NAME = "calibrate"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 1\n\n"
+    "  markerseek calibrate point.hdf5 --source-deg 12.5\n\n"
+    "  markerseek calibrate point.hdf5 --json"
+)
+
+
+class Estimated(msgspec.Struct, frozen=True, kw_only=True):
+    """A number, its standard deviation and its 95 % interval."""
+
+    value: float
+    sigma: float
+    interval95: tuple[float, float]
+
+
+class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What a scan of a point source told; see `Calibration` and `Geometry`."""
+
+    zero_deg: Estimated
+    source_deg: Estimated
+    source_radius_m: Estimated
+    face_radius_m: Estimated
+    trigger_offset_s: Estimated
+    sound_speed_m_s: Estimated
+    element_height_m: Estimated
+    noise_sigma: Estimated
+    misfit: float
+    frames: int
+    waves: int
+    rig_toml: str
+    version: str = __version__
+
+
+def command(
+    bank: Annotated[Path, typer.Argument(help="Scan of one point source with its frames: IPASC HDF5 or a folder.")],
+    probe: Annotated[
+        str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
+    ] = None,
+    source_deg: Annotated[float, typer.Option(help="Where the point source really stands, in degrees.")] = 0.0,
+    zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
+
+    Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
+    sides of the strongest. The element height is found as well, for without it off-plane sound seems to come late.
+    """
+    from markerseek.core import Sample
+    from markerseek.records.banks import FrameBank, read_bank
+    from markerseek.rigs.calibrate import calibrate
+    from markerseek.rigs.replay import preset_of
+    from markerseek.signals import ImageReader
+
+    for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
+        if not -360 <= angle_deg <= 360:
+            raise ConfigError(f"{name} is {angle_deg:g} deg, it must lie within one turn")
+    scan = read_bank(bank)
+    if not isinstance(scan, FrameBank):
+        raise ConfigError(f"{bank}: it holds intensities only; calibration needs the channel data of each angle")
+    announce_compilation()
+    preset = preset_of(scan, probe)
+    imaging = ImageReader(preset)
+    samples = []
+    with progress_bar(len(scan.angles_deg), what="imaging") as progress:
+        for index, angle_deg in enumerate(scan.angles_deg):
+            frame = scan.frame(index)
+            samples.append(Sample(angle_deg=angle_deg, reading=imaging.read(frame), frame=frame))
+            progress.advance(progress.task_ids[0])
+    found = calibrate(samples, preset)
+    report = _report(found, zero_deg=zero_deg, source_deg=source_deg)
+    if as_json:
+        print_json(report)
+    else:
+        _print_table(report)
+
+
+def _report(found: Calibration, *, zero_deg: float, source_deg: float) -> CalibrationReport:
+    geometry = found.geometry
+    zero = _estimated(geometry.source_deg, add=zero_deg - source_deg)
+    # As many digits as the interval makes worth writing.
+    lines = [
+        "[stage]",
+        f"zero_deg = {zero.value:.3f}",
+        "",
+        "[probe]",
+        f"sound_speed_m_s = {geometry.sound_speed_m_s.value:.1f}",
+        f"trigger_offset_s = {geometry.trigger_offset_s.value:.2e}",
+        f"face_radius_m = {geometry.face_radius_m.value:.5f}",
+    ]
+    return CalibrationReport(
+        zero_deg=zero,
+        source_deg=_estimated(geometry.source_deg),
+        source_radius_m=_estimated(geometry.source_radius_m),
+        face_radius_m=_estimated(geometry.face_radius_m),
+        trigger_offset_s=_estimated(geometry.trigger_offset_s),
+        sound_speed_m_s=_estimated(geometry.sound_speed_m_s),
+        element_height_m=_estimated(geometry.element_height_m),
+        noise_sigma=_estimated(found.noise_sigma),
+        misfit=geometry.misfit,
+        frames=found.frames,
+        waves=found.waves,
+        rig_toml="\n".join(lines) + "\n",
+    )
+
+
+def _estimated(value: Value, *, add: float = 0.0) -> Estimated:
+    low, high = value.interval95
+    return Estimated(value=value.value + add, sigma=value.sigma, interval95=(low + add, high + add))
+
+
+def _print_table(report: CalibrationReport) -> None:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("", "value", "95 % interval", ""):
+        table.add_column(heading, justify="left" if heading in ("", " ") else "right")
+    rows = (
+        ("angle zero (stage reading)", report.zero_deg, 1.0, "°"),
+        ("source in the image plane at", report.source_deg, 1.0, "°"),
+        ("source from the axis", report.source_radius_m, 1e3, "mm"),
+        ("face radius", report.face_radius_m, 1e3, "mm"),
+        ("trigger offset", report.trigger_offset_s, 1e6, "µs"),
+        ("sound speed", report.sound_speed_m_s, 1.0, "m/s"),
+        ("element height (effective)", report.element_height_m, 1e3, "mm"),
+        ("noise, beamformed", report.noise_sigma, 1.0, "counts"),
+    )
+    for name, number, scale, unit in rows:
+        low, high = (scale * end for end in number.interval95)
+        digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
+        table.add_row(
+            f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
+        )
+    people.print(table)
+    people.print(
+        f"[dim]{report.waves} of {report.frames} angles were heard well enough; what the fit leaves of them is "
+        f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
+    )
+    people.print(escape(report.rig_toml))
