@@ -27,7 +27,10 @@ BANK_VERSION = 1
 """Version of the fields that are ours; a reader refuses a newer one."""
 
 FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
-"""Channel data of (elements, samples, wavelengths, measurements), with the laser and without."""
+"""Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
+
+pacfish drops axes of length 1 of all but the first when it reads.
+"""
 
 VERSION = "meta_data/markerseek_bank_version"
 ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
@@ -143,7 +146,7 @@ class BankWriter:
         data.meta_data_device = _device_fields(facts, self._shape, sampling_hz)
         pacfish.write_data(str(self._path), data)
         self._file = h5py.File(self._path, "r+")
-        _reserve(self._file, FRAMES, self._shape, self._planned)
+        _reserve(self._file, FRAMES, (*self._shape, 1), self._planned)
         if self._shape != (0, 0):
             _reserve(self._file, DARK_FRAMES, self._shape, self._planned_dark)
         return self._file
@@ -161,7 +164,8 @@ class BankWriter:
         if row >= planned:
             raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it")
         if frame is not None:
-            file[DARK_FRAMES if sample.dark else FRAMES][:, :, 0, row] = frame.samples
+            place = np.s_[:, :, row] if sample.dark else np.s_[:, :, 0, row]
+            file[DARK_FRAMES if sample.dark else FRAMES][place] = frame.samples
         if sample.dark:
             file[DARK_TAKEN][()] = row + 1
             return
@@ -197,21 +201,21 @@ def _pacfish() -> Any:
     return pacfish
 
 
-def _reserve(file: h5py.File, name: str, shape: tuple[int, int], count: int) -> None:
+def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> None:
     """A dataset that has its place on the disk at once, one chunk a frame."""
     import h5py
 
     if name in file:
         del file[name]
-    dims = (*shape, 1, count)
+    dims = (*shape, count)
     if 0 in dims:
         file.create_dataset(name, shape=dims, dtype="i2")
         return
     kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    kind.set_chunk((*shape, 1, 1))
+    kind.set_chunk((*shape, 1))
     kind.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    room = h5py.h5s.create_simple(dims, (*shape, 1, h5py.h5s.UNLIMITED))
+    room = h5py.h5s.create_simple(dims, (*shape, h5py.h5s.UNLIMITED))
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)
 
 

@@ -187,10 +187,11 @@ def _dark_frames(file: CarefulFile, frames: tuple[int, int]) -> int:
     if not file.has(ipasc.DARK_FRAMES):
         return 0
     shape: tuple[int, ...] = file.dataset(ipasc.DARK_FRAMES).shape
-    if len(shape) != 4 or shape[:3] != (*frames, 1):
+    if shape[:2] != frames or not 2 <= len(shape) <= 3:
         raise ValueError(f"{ipasc.DARK_FRAMES} has the shape {shape}")
+    room = 1 if len(shape) == 2 else shape[2]
     taken = file.number(ipasc.DARK_TAKEN)
-    return shape[3] if taken is None else max(0, min(int(taken), shape[3]))
+    return room if taken is None else max(0, min(int(taken), room))
 
 
 def _counts(file: CarefulFile, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
@@ -200,24 +201,24 @@ def _counts(file: CarefulFile, name: str, row: int) -> Int16[np.ndarray, "channe
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
         raise ValueError(f"{name} is {data.dtype}, ADC counts are expected")
     file.require_room(elements * samples * data.dtype.itemsize, name=name)
-    values = np.asarray(data[:, :, 0, row])
-    counts = values.astype(np.int16)
+    place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
+    values = np.asarray(data[place])
+    with np.errstate(invalid="ignore"):
+        counts = values.astype(np.int16)
     if not np.array_equal(counts, values):
         raise ValueError(f"{name} holds numbers that are no int16 counts")
     return counts
 
 
 def _facts(file: CarefulFile) -> BankFacts:
-    wavelengths = file.numbers(ipasc.WAVELENGTH) if file.has(ipasc.WAVELENGTH) else np.array([])
-    energies = file.numbers(ipasc.PULSE_ENERGY) if file.has(ipasc.PULSE_ENERGY) else np.array([])
     return BankFacts(
         description=file.text(ipasc.DESCRIPTION) or "",
         probe=file.text(ipasc.PROBE),
         sampling_hz=_positive(file, ipasc.SAMPLING),
         sound_speed_m_s=_positive(file, ipasc.SOUND_SPEED),
         pitch_m=_pitch_m(file),
-        wavelength_m=_first(wavelengths),
-        pulse_energy_j=_first(energies),
+        wavelength_m=_first(file, ipasc.WAVELENGTH),
+        pulse_energy_j=_first(file, ipasc.PULSE_ENERGY),
         face_radius_m=_positive(file, ipasc.FACE_RADIUS),
         reference_angle_deg=file.number(ipasc.REFERENCE),
     )
@@ -230,7 +231,11 @@ def _positive(file: CarefulFile, name: str) -> float | None:
     return value
 
 
-def _first(values: Float64[np.ndarray, " values"]) -> float | None:
+def _first(file: CarefulFile, name: str) -> float | None:
+    """The first of the numbers; None where there is none, or pacfish wrote that there is none."""
+    if not file.has(name) or file.text(name) == "None":
+        return None
+    values = file.numbers(name)
     return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
 

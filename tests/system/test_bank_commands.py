@@ -1,0 +1,203 @@
+"""`markerseek bank` and banks in `replay` and `frame`, as a user types them: results, round trips, and wrong usage."""
+
+from __future__ import annotations
+
+import json
+import signal
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pacfish
+import pytest
+
+from markerseek.records.banks import FrameBank, read_bank
+from markerseek.wire import sonixdaq
+
+MARKERSEEK = (sys.executable, "-c", "from markerseek.cli import main; main()")
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scan") / "scan.hdf5"
+    words = ("bank", "scan", str(path), "--seed", "3", "--step-deg", "5", "--wavelength-nm", "760", "--json")
+    ended = subprocess.run((*MARKERSEEK, *words), capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    report = json.loads(ended.stdout)
+    assert (report["angles"], report["dark_frames"], report["simulated"], report["refused"]) == (15, 3, True, 0)
+    return path
+
+
+def replayed(shell, path, *words):
+    code, out, err = shell("replay", path, "--method", "golden-section", "--as-published", "--json", *words)
+    assert code in (0, 3), err
+    return json.loads(out)
+
+
+def test_a_scan_holds_the_whole_range_and_what_is_known(shell, scan):
+    code, out, _ = shell("bank", "info", scan, "--json")
+    info = json.loads(out)
+    assert (code, info["angles"], info["planned"], info["dark_frames"]) == (0, 15, 15, 3)
+    assert info["first_deg"] == pytest.approx(-35, abs=0.01)
+    assert info["last_deg"] == pytest.approx(35, abs=0.01)
+    assert info["largest_step_deg"] == pytest.approx(5, abs=0.01)
+    assert (info["wavelength_m"], info["probe"], info["sampling_hz"]) == (pytest.approx(760e-9), "BPL9-5/55", 40e6)
+    assert abs(info["max_deg"] - info["reference_deg"]) <= 2.6
+    assert 0 < info["dark_intensity"] < info["max_intensity"]
+    assert "simulated" in info["description"]
+
+
+def test_info_for_people_names_the_statistics_of_the_peak_and_draws(shell, scan, tmp_path):
+    code, out, _ = shell("bank", "info", scan, "--plot", "--out", tmp_path)
+    assert code == 0
+    for word in ("max", "com", "cen", "fwhm", "reference", "dark frames", "simulated", "760 nm"):
+        assert word in out
+    assert (tmp_path / "scan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_bank_to_pacfish_to_bank_gives_the_same_search(shell, scan, tmp_path):
+    data = pacfish.load_data(str(scan))
+    pacfish.write_data(str(tmp_path / "again.hdf5"), data)
+    ours, again = replayed(shell, scan), replayed(shell, tmp_path / "again.hdf5")
+    assert again["angle_deg"] == ours["angle_deg"]
+    assert [each["intensity"] for each in again["samples"]] == [each["intensity"] for each in ours["samples"]]
+    assert ours["reference_deg"] == again["reference_deg"] != None  # noqa: E711 - both, and neither is None
+
+
+def test_replay_has_the_dark_frames_of_the_bank(shell, scan):
+    code, out, _ = shell("replay", scan, "--method", "exhaustive", "--json")
+    assert code in (0, 3)
+    assert json.loads(out)["floor"]["source"] == "dark frames"
+
+
+@pytest.mark.parametrize("sdk", [5, 6])
+def test_sonixdaq_folders_of_both_sdks_become_the_same_bank(shell, scan, tmp_path, sdk):
+    bank = read_bank(scan)
+    assert isinstance(bank, FrameBank)
+    for index in (4, 7, 10):
+        folder = tmp_path / "daq" / f"angle_{bank.angles_deg[index]:.6f}deg"
+        folder.mkdir(parents=True)
+        samples = bank.frame(index).samples
+        for number in range(128):
+            row = samples[sonixdaq.element_of_file(number)][None]
+            name = f"CH{number:03d}.daq" if sdk == 6 else f"CH{number:03d}-0000.daq"
+            head = struct.pack("<3i", number, *row.shape) if sdk == 6 else struct.pack("<2i", *row.shape)
+            (folder / name).write_bytes(head + row.tobytes())
+    code, _, err = shell("bank", "import", tmp_path / "daq", tmp_path / "b.hdf5", "--reference-deg", 1.5)
+    assert code == 0, err
+    imported = read_bank(tmp_path / "b.hdf5")
+    assert isinstance(imported, FrameBank)
+    for index, row in enumerate((4, 7, 10)):
+        np.testing.assert_array_equal(imported.frame(index).samples, bank.frame(row).samples)
+        assert imported.intensities[index] == pytest.approx(bank.intensities[row], rel=1e-6)
+    assert imported.facts.reference_angle_deg == 1.5
+    assert imported.facts.pitch_m == pytest.approx(0.43e-3)
+
+
+def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
+    source = Path("examples/simulated_scan.csv")
+    code, _, err = shell("bank", "import", source, tmp_path / "a.hdf5")
+    assert code == 0, err
+    assert replayed(shell, tmp_path / "a.hdf5")["angle_deg"] == replayed(shell, source)["angle_deg"]
+    code, _, err = shell("bank", "export", tmp_path / "a.hdf5", tmp_path / "a.csv")
+    assert code == 0, err
+    assert read_bank(tmp_path / "a.csv").intensities == read_bank(source).intensities
+
+
+@pytest.mark.parametrize("name", ["a.igs.mha", "a.mcap"])
+def test_an_export_has_one_image_for_each_angle(shell, scan, tmp_path, name):
+    code, out, err = shell("bank", "export", scan, tmp_path / name, "--json")
+    assert code == 0, err
+    assert json.loads(out) | {"version": ""} == {
+        "path": str(tmp_path / name),
+        "angles": 15,
+        "images": True,
+        "version": "",
+    }
+    assert (tmp_path / name).stat().st_size > 15 * 4 * 128 * 500
+    code, _, err = shell("bank", "export", scan, tmp_path / name)
+    assert (code, "there is a file already" in err) == (2, True)
+
+
+def test_an_interrupted_scan_stays_readable(tmp_path):
+    path = tmp_path / "a.hdf5"
+    words = ("bank", "scan", str(path), "--step-deg", "0.02")
+    process = subprocess.Popen((*MARKERSEEK, *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and angles_in(path) < 3:
+        pass
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    bank = read_bank(path)
+    assert isinstance(bank, FrameBank)
+    assert 3 <= len(bank.angles_deg) < 3501
+    assert f"holds {len(bank.angles_deg)} of 3501 angles" in err
+    assert bank.frame(0).samples.any()
+
+
+def angles_in(path):
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            return int(np.isfinite(file["meta_data/trus_angle_deg"][()]).sum())
+    except (OSError, KeyError, RuntimeError):
+        return 0
+
+
+def b8(path):
+    path.write_bytes(struct.pack("<19i", 4, 2, 3, 2, 8, *[0] * 8, 2, 5, 0, 30, 128, 0) + bytes(range(12)))
+    return path
+
+
+def test_an_ultrasonix_file_is_described_and_drawn(shell, tmp_path):
+    code, out, _ = shell("frame", b8(tmp_path / "a.b8"), "--number", 2, "--json", "--plot", "--out", tmp_path)
+    report = json.loads(out)
+    assert (code, report["content"], report["frames"], report["largest"]) == (0, "b-mode", 2, 11)
+    assert (tmp_path / "a.png").exists()
+    code, out, _ = shell("frame", tmp_path / "a.b8")
+    assert (code, "no channel data" in out) == (0, True)
+
+
+WRONG = [
+    (("bank", "scan", "a.txt"), r"must end in .hdf5 or .h5"),
+    (("bank", "scan", "a.hdf5", "--step-deg", 0), "step_deg is 0 deg, it must lie between"),
+    (("bank", "scan", "a.hdf5", "--step-deg", "nan"), "step_deg is nan deg"),
+    (("bank", "scan", "a.hdf5", "--step-deg", 60), "step_deg is 60 deg"),
+    (("bank", "scan", "a.hdf5", "--wavelength-nm", -1), "must be positive and finite"),
+    (("bank", "scan", "a.hdf5", "--rig", "none.toml"), "none.toml"),
+    (("bank", "info", "none.hdf5"), "there is no such file or folder"),
+    (("bank", "info", "a.csv"), "the column intensity is missing"),
+    (("bank", "info", "broken.hdf5"), "no bank in HDF5 that can be read"),
+    (("bank", "info", "good.csv", "--plot", "--out", "a.csv"), "the picture cannot be written"),
+    (("bank", "import", "good.csv", "b.mat"), r"must end in .hdf5 or .h5"),
+    (("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0), "for an .npy of frames"),
+    (("bank", "import", "frames.npy", "b.hdf5"), "give the first angle and the step"),
+    (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0), "go together"),
+    (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 0), "a step not 0"),
+    (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 1), "has 128"),
+    (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 0), "--sampling-mhz is 0"),
+    (("bank", "import", "good.csv", "b.hdf5", "--reference-deg", "nan"), "--reference-deg is nan"),
+    (("bank", "export", "good.csv", "b.nrrd"), "must end in one of"),
+    (("bank", "export", "good.csv", "b.igs.mha"), "no frames to make images of"),
+    (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
+    (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
+    (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
+    (("frame", "frames.npy", "--number", 2), "only Ultrasonix files"),
+    (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
+]
+
+
+@pytest.mark.parametrize(("words", "sentence"), WRONG, ids=[" ".join(map(str, words)) for words, _ in WRONG])
+def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, words, sentence):
+    monkeypatch.chdir(tmp_path)
+    Path("a.csv").write_text("angle_deg,amplitude\n1,2\n")
+    Path("good.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
+    Path("broken.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    b8(Path("a.b8"))
+    np.save("frames.npy", np.zeros((4, 2, 3000), np.int16))
+    code, _, err = shell(*words)
+    assert code == 2
+    assert sentence in " ".join(err.split())
+    assert "Traceback" not in err

@@ -1,0 +1,95 @@
+"""Banks that NumPy and MATLAB saved: what is in them comes back in the order of the angles, or a sentence says why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from markerseek.core import RecordError
+from markerseek.records.bank_arrays import ArrayBank, read_arrays
+from markerseek.records.bank_folder import FolderBank
+from markerseek.records.banks import IntensityBank, read_bank
+
+ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
+HEARD = np.array([5.0, 1.0, 3.0, 2.0])
+FRAMES = np.random.default_rng(0).integers(-2048, 2048, (4, 8, 30)).astype(np.int16)
+ORDER = (1, 2, 0, 3)
+
+
+def save(path, **arrays):
+    if path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        np.savez_compressed(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+@pytest.mark.parametrize("names", [("angle_deg", "intensity"), ("trus_angle_deg", "intensities")])
+def test_intensities_come_back(tmp_path, suffix, names):
+    bank = read_arrays(save(tmp_path / f"a{suffix}", **dict(zip(names, (ANGLES, HEARD), strict=True))))
+    assert isinstance(bank, IntensityBank)
+    assert bank.angles_deg == tuple(ANGLES[list(ORDER)])
+    assert bank.intensities == tuple(HEARD[list(ORDER)])
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_frames_come_back(tmp_path, suffix):
+    path = save(tmp_path / f"a{suffix}", angle_deg=ANGLES, frames=FRAMES, sampling_hz=31.25e6, reference_angle_deg=0.7)
+    bank = read_arrays(path)
+    assert isinstance(bank, ArrayBank)
+    for index, row in enumerate(ORDER):
+        np.testing.assert_array_equal(bank.frame(index).samples, FRAMES[row])
+        assert bank.frame(index).header.commanded_deg == ANGLES[row]
+    assert (bank.facts.sampling_hz, bank.facts.reference_angle_deg) == (31.25e6, 0.7)
+    assert bank.frame(0).sampling_hz == 31.25e6
+
+
+def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
+    np.save(tmp_path / "a.npy", np.c_[ANGLES, HEARD])
+    assert read_arrays(tmp_path / "a.npy").intensities == tuple(HEARD[list(ORDER)])
+    np.save(tmp_path / "b.npy", FRAMES)
+    bank = read_arrays(tmp_path / "b.npy", first_and_step_deg=(3.0, -0.5))
+    assert bank.angles_deg == (1.5, 2.0, 2.5, 3.0)
+    np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[3])
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"intensity": HEARD}, "angle_deg is missing, it holds intensity float64"),
+        ({"angle_deg": ANGLES}, "intensity or frames expected"),
+        ({"angle_deg": ANGLES[:2], "intensity": HEARD[:2]}, "2 angles, at least 3"),
+        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": HEARD}, "-1 deg stands there twice"),
+        ({"angle_deg": ANGLES * np.nan, "intensity": HEARD}, "all of them finite"),
+        ({"angle_deg": ANGLES * 1e4, "intensity": HEARD}, "within one turn"),
+        ({"angle_deg": ANGLES, "intensity": HEARD[:3]}, "for 4 angles"),
+        ({"angle_deg": ANGLES, "intensity": -HEARD}, "not negative"),
+        ({"angle_deg": ANGLES, "frames": FRAMES.astype(np.float64)}, "int16 of"),
+        ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
+        ({"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)}, "angles, channels, samples"),
+        ({"angle_deg": ANGLES, "intensity": HEARD, "sampling_hz": HEARD}, "sampling_hz must be one finite number"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_what_cannot_be_a_bank_is_refused(tmp_path, suffix, arrays, message):
+    with pytest.raises(RecordError, match=message):
+        read_arrays(save(tmp_path / f"a{suffix}", **arrays))
+
+
+def test_a_first_angle_is_for_frames_without_angles(tmp_path):
+    with pytest.raises(RecordError, match="for frames without angles"):
+        read_arrays(save(tmp_path / "a.npz", angle_deg=ANGLES, frames=FRAMES), first_and_step_deg=(0.0, 1.0))
+
+
+def test_a_folder_of_frame_files_is_a_bank(tmp_path):
+    for angle, frame in zip(ANGLES, FRAMES, strict=True):
+        np.save(tmp_path / f"angle_{angle:g}deg.npy", frame)
+    (tmp_path / "notes 1.txt").write_text("passed over")
+    bank = read_bank(tmp_path)
+    assert isinstance(bank, FolderBank)
+    assert bank.angles_deg == tuple(ANGLES[list(ORDER)])
+    np.testing.assert_array_equal(bank.frame(2).samples, FRAMES[0])
+    with pytest.raises(RecordError, match="it holds none"):
+        bank.dark_frame(0)
