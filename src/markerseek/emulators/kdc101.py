@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from markerseek.emulators._kdc101_motion import (
     VELOCITY,
     MotionControl,
 )
+from markerseek.emulators._kdc101_settings import Kdc101Settings
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faulty_line import FaultyLine
 from markerseek.emulators.stage_faults import STAGE_FAULTS
@@ -32,45 +32,10 @@ from markerseek.sim.faults import Fault
 from markerseek.wire import apt
 from markerseek.wire.apt_frames import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage
 
+__all__ = ["Kdc101Emulator", "Kdc101Settings"]
+
 _UPDATES_S = 0.1
 _FIRMWARE = (4, 0, 3, 0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kdc101Settings:
-    """How the emulated stage stands there before anybody talks to it.
-
-    Attributes
-    ----------
-    homed
-        Whether it was homed since it was switched on.
-    talking
-        Whether it tells its status ten times a second, unasked.
-    zero_deg
-        The stage's own angle at which the probe points at 0, in degrees.
-    turns
-        Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
-    play_deg
-        Play between motor and probe, in degrees.
-    model, serial_number
-        Who it says it is.
-    """
-
-    homed: bool = True
-    talking: bool = False
-    zero_deg: float = 0.0
-    turns: int = 0
-    play_deg: float = 0.1
-    model: str = "KDC101"
-    serial_number: int = 27000001
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.play_deg <= 5:
-            raise ConfigError(f"emulated stage: play_deg is {self.play_deg} deg, it must lie between 0 and 5 deg")
-        if not -360 <= self.zero_deg <= 360:
-            raise ConfigError(f"emulated stage: zero_deg is {self.zero_deg} deg, it must lie between -360 and 360 deg")
-        if not -10 <= self.turns <= 10:
-            raise ConfigError(f"emulated stage: turns is {self.turns}, it must lie between -10 and 10")
 
 
 class Kdc101Emulator:

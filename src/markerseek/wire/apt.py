@@ -1,35 +1,78 @@
-"""What is said to a KDC101 or TDC001 that turns a PRM1Z8, and what it answers: units, and messages as bytes.
+"""What is said to a KDC101 or TDC001 that turns a PRM1Z8, and what it answers, as bytes.
 
-The messages are packed and parsed by thorlabs-apt-protocol. The units are of this stage with this controller, whose
-clock ticks every 2048/6e6 s: counts per degree, and words for speed and acceleration. They are rounded, never cut off.
+The messages are packed and parsed by thorlabs-apt-protocol.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from markerseek.core import ConfigError, DeviceError, MissingExtraError
+from markerseek.core import DeviceError, MissingExtraError
 from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
+from markerseek.wire.apt_values import (
+    ACCELERATION_WORD,
+    COUNTS_PER_DEG,
+    SPEED_WORD,
+    Answer,
+    Counts,
+    Info,
+    SoftLimits,
+    Status,
+    Velocity,
+    acceleration_word,
+    counts_of,
+    degrees_of,
+    speed_word,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
-CHANNEL = 1
+__all__ = [
+    "ACCELERATION_WORD",
+    "BACKLASH",
+    "CHANNEL",
+    "COUNTS_PER_DEG",
+    "INFO",
+    "LIMITS",
+    "SPEED_WORD",
+    "STATUS",
+    "TARGET",
+    "VELOCITY",
+    "Answer",
+    "Counts",
+    "Info",
+    "SoftLimits",
+    "Status",
+    "Velocity",
+    "acceleration_word",
+    "ask_backlash",
+    "ask_info",
+    "ask_limits",
+    "ask_status",
+    "ask_target",
+    "ask_velocity",
+    "counts_of",
+    "decode",
+    "degrees_of",
+    "move",
+    "set_backlash",
+    "set_limits",
+    "set_target",
+    "set_velocity",
+    "speed_word",
+    "stop",
+    "stop_updates",
+]
 
-COUNTS_PER_DEG = 1919.6418578623391
-SPEED_WORD = 42941.66
-"""Word for one degree per second."""
-ACCELERATION_WORD = 14.6574
-"""Word for one degree per second squared."""
+CHANNEL = 1
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
 """Identities of the answers that `decode` knows."""
 
-_WORD = 2**31
+_UNSIGNED = 2**32
 
 _FAULTS = {
     "motion_error": "motion error",
@@ -44,100 +87,6 @@ _FAULTS = {
     "error": "error",
 }
 """Bits that end a move, and what they mean. The limit switches are not among them: a PRM1Z8 touches one at home."""
-
-
-def counts_of(angle_deg: float) -> int:
-    """Encoder counts of an angle in degrees, to the nearest.
-
-    Raises
-    ------
-    ConfigError
-        If the angle is not finite, or has no 32-bit count.
-    """
-    return _word(angle_deg * COUNTS_PER_DEG, f"{angle_deg} deg")
-
-
-def degrees_of(counts: int) -> float:
-    """Angle in degrees of so many encoder counts."""
-    return counts / COUNTS_PER_DEG
-
-
-def speed_word(speed_deg_s: float) -> int:
-    """Word for a speed in degrees per second, to the nearest."""
-    return _word(speed_deg_s * SPEED_WORD, f"{speed_deg_s} deg/s")
-
-
-def acceleration_word(acceleration_deg_s2: float) -> int:
-    """Word for an acceleration in degrees per second squared, to the nearest."""
-    return _word(acceleration_deg_s2 * ACCELERATION_WORD, f"{acceleration_deg_s2} deg/s^2")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Info:
-    """Who a controller is: model, serial number, firmware."""
-
-    model: str
-    serial_number: int
-    firmware: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Velocity:
-    """How fast it may turn, in words."""
-
-    acceleration: int
-    speed: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SoftLimits:
-    """How far it may turn, in counts, what it does there, and what it does at its limit switches.
-
-    Attributes
-    ----------
-    low, high
-        Ends of the range, in counts.
-    mode
-        1 goes on, 2 stops at once, 3 brakes.
-    switches
-        What both switches do: 4 is made at home and means nothing elsewhere.
-    """
-
-    low: int
-    high: int
-    mode: int = 2
-    switches: int = 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Status:
-    """Where it is and what it does.
-
-    Attributes
-    ----------
-    position
-        Position counter, signed.
-    moving, homing, homed
-        Its own word on that. The first is false for a moment after a move was asked for.
-    faults
-        Errors that it reports, in words.
-    """
-
-    position: int
-    moving: bool
-    homing: bool
-    homed: bool
-    faults: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Counts:
-    """A number of counts that was stored: a target, or a backlash."""
-
-    counts: int
-
-
-Answer = Info | Velocity | SoftLimits | Status | Counts
 
 
 def stop_updates() -> bytes:
@@ -188,8 +137,8 @@ def set_limits(limits: SoftLimits) -> bytes:
         chan_ident=CHANNEL,
         cw_hardlimit=limits.switches,
         ccw_hardlimit=limits.switches,
-        cw_softlimit=limits.high % (2 * _WORD),
-        ccw_softlimit=limits.low % (2 * _WORD),
+        cw_softlimit=limits.high % _UNSIGNED,
+        ccw_softlimit=limits.low % _UNSIGNED,
         soft_limit_mode=limits.mode,
     )
 
@@ -281,13 +230,7 @@ _DECODERS: dict[int, Callable[[dict[str, Any]], Answer]] = {
 
 
 def _signed(word: int) -> int:
-    return word - 2 * _WORD if word >= _WORD else word
-
-
-def _word(value: float, meaning: str) -> int:
-    if not (math.isfinite(value) and -_WORD <= round(value) < _WORD):
-        raise ConfigError(f"{meaning} cannot be said to the stage's controller, whose words have 32 bits")
-    return round(value)
+    return word - _UNSIGNED if word >= _UNSIGNED // 2 else word
 
 
 def _packed(name: str, **fields: int) -> bytes:
