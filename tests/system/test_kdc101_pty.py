@@ -1,0 +1,49 @@
+"""The stage's driver over a real serial port of the system, in real time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.serial_port import SerialPort, SerialSettings
+
+SERVE = """
+from types import SimpleNamespace
+from markerseek.drivers.clock import SystemClock
+from markerseek.emulators import PtyLine
+from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=1.0), settings=Kdc101Settings(talking=True))
+with PtyLine(device=emulator, clock=SystemClock()) as line:
+    print(line.path, flush=True)
+    line.serve(until=lambda: False)
+"""
+
+# A busy machine answers late: what is late is tested in virtual time.
+PATIENT = StageSettings(speed_deg_s=25.0, acceleration_deg_s2=25.0, answer_s=0.5, age_s=1.0)
+
+
+@pytest.fixture
+def path() -> Iterator[str]:
+    with subprocess.Popen([sys.executable, "-c", SERVE], stdout=subprocess.PIPE, text=True) as emulator:
+        try:
+            assert emulator.stdout is not None
+            yield emulator.stdout.readline().strip()
+        finally:
+            emulator.terminate()
+
+
+def test_it_moves_over_a_pseudo_terminal_from_another_process(path: str) -> None:
+    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+        stage = Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT)
+        assert stage.angle_deg == pytest.approx(1.0, abs=1e-3)
+        for target_deg in (4.0, -2.5):
+            assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=1e-3)
+        stage.stop()
+    # Another program finds it where the first left it.
+    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+        assert Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT).angle_deg == pytest.approx(-2.5, abs=1e-3)
