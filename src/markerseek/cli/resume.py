@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
 
 NAME = "resume"
 EXAMPLES = "Examples:\n\n  markerseek resume run.journal\n\n  markerseek resume run.journal --arm --json"
-
-NOT_ARMED = 4
-"""Exit code of a run that can go on and was not armed: nothing moved, nothing was fired."""
 
 
 def command(
@@ -38,16 +34,16 @@ def command(
     far again, and goes on only if that is heard as before. The result of a run that is over is printed.
     """
     from markerseek.cli.hunt import show
+    from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation
     from markerseek.records.journal import read_journal, result_of, standing
-    from markerseek.rigs.again import rig_again
     from markerseek.rigs.journalled import require_reset
 
     held = read_journal(journal)
     stands = standing(held.entries)
     if stands.state == "finished":
         recorder, result = result_of(held)
-        imaging = rig_again(held.configuration).imaging if plot else None
+        imaging = _imaging_again(held) if plot else None
     else:
         require_reset(held.path, stands, reset_fault=reset_fault)
         announce_compilation()
@@ -71,16 +67,16 @@ def command(
 def _go_on(journal: Path, *, reset_fault: bool) -> tuple[Recorder, SearchResult, ImageReader | None]:
     """Lock the journal, put rig and policy together again, and let them go on."""
     from markerseek.cli.hunt import hunt
+    from markerseek.cli.on_rig import person
     from markerseek.records.journal import Journal
     from markerseek.rigs.again import policy_again, rig_again
     from markerseek.rigs.journalled import resumed
     from markerseek.search import method_named
 
     kept, held = Journal.reopen(journal)
-    with kept:
-        begun_with = held.configuration
-        rig = rig_again(begun_with)
-        events = resumed(policy_again(begun_with), rig, kept, held, by=_person(), reset_fault=reset_fault)
+    begun_with = held.configuration
+    with kept, rig_again(begun_with) as rig:
+        events = resumed(policy_again(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
         most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
         recorder, result = hunt(events, begun_with, most=most, journal=kept)
     return recorder, result, rig.imaging
@@ -116,9 +112,10 @@ def _confirmed(held: Recording, *, as_json: bool) -> bool:
     return typer.confirm("Arm the laser and go on?", default=False)
 
 
-def _person() -> str:
-    """Name of the user, for the journal."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return "a user without a name"
+def _imaging_again(held: Recording) -> ImageReader | None:
+    """Imaging chain for the pictures; None where there are intensities only."""
+    from markerseek.rigs.again import reader_again
+    from markerseek.signals import ImageReader
+
+    reader = reader_again(held.configuration)
+    return reader if isinstance(reader, ImageReader) else None

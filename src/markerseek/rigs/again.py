@@ -13,7 +13,7 @@ from markerseek.guard import Limits
 from markerseek.records.journal import Configuration, Entry, Recording
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.journalled import TOLD
-from markerseek.rigs.recipe import Recipe, ReplayedRecipe
+from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
 from markerseek.rigs.retelling import Retelling
 from markerseek.rigs.rig import Rig
@@ -23,26 +23,28 @@ from markerseek.search import build
 
 
 def rig_again(configuration: Configuration) -> Rig:
-    """The rig of a journal, as it was before the run.
+    """The rig of a journal, as it was before the run; of a bench the devices are connected to, and must be closed.
 
     Raises
     ------
     RecordError
         If the rig was not put together from settings, or is not the same any more: its recording was changed.
     """
-    try:
-        recipe = msgspec.json.decode(configuration.recipe, type=Recipe | None)
-    except (msgspec.MsgspecError, RecursionError) as problem:
-        raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    recipe = _recipe(configuration)
     if recipe is None:
         raise RecordError("the journal does not say how to put its rig together; resume it from Python, with the rig")
-    if isinstance(recipe, ReplayedRecipe):
+    if isinstance(recipe, BenchRecipe):
+        from markerseek.rigs.bench import bench
+
+        rig = bench(recipe.settings)
+    elif isinstance(recipe, ReplayedRecipe):
         rig = replayed(
             Path(recipe.path), probe=recipe.probe, reference_deg=recipe.reference_deg, between=recipe.between
         )
     else:
         rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
     if rig.configuration != configuration.fingerprint:
+        rig.close()
         raise RecordError(
             f"the rig is not the same any more ({configuration.description}): its fingerprint was "
             f"{configuration.fingerprint} and is {rig.configuration}; was the recording changed?"
@@ -51,16 +53,29 @@ def rig_again(configuration: Configuration) -> Rig:
 
 
 def reader_again(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig.
+    """The imaging chain of a journal's rig; no device is connected to.
 
     Raises
     ------
     RecordError
         As `rig_again`.
     """
-    if configuration.recipe == b"null":
+    recipe = _recipe(configuration)
+    if recipe is None:
         return IntensityReader()
+    if isinstance(recipe, BenchRecipe):
+        from markerseek.rigs.bench import imaging_of
+
+        return imaging_of(recipe.settings.probe, sampling_hz=recipe.settings.receiver.sampling_hz)
     return rig_again(configuration).imaging or IntensityReader()
+
+
+def _recipe(configuration: Configuration) -> Recipe | None:
+    try:
+        recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
+    except (msgspec.MsgspecError, RecursionError) as problem:
+        raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    return recipe
 
 
 def policy_again(configuration: Configuration) -> Policy:

@@ -15,6 +15,7 @@ from markerseek.drivers.serial_port import SerialPort, SerialSettings
 from markerseek.drivers.settings import BenchProbe, BenchSettings
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.guard import Admission, Guard
+from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.rigs.simulation import DARK_FRAMES
 from markerseek.scan import Scanner
@@ -95,7 +96,7 @@ def bench(settings: BenchSettings) -> Rig:
     MissingExtraError
         If the packages for serial devices are not installed.
     """
-    imaging = _imaging(settings.probe, sampling_hz=settings.receiver.sampling_hz)
+    imaging = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz)
     devices = OpenDevices(settings)
     try:
         return _assembled(settings, devices, imaging)
@@ -135,6 +136,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         face_radius_m=settings.probe.face_radius_m,
         truth_deg=None,
         configuration=fingerprint(settings),
+        recipe=BenchRecipe(settings=settings),
         devices=devices,
     )
 
@@ -183,7 +185,16 @@ def _receiver(settings: BenchSettings) -> SonixDaqSettings:
     )
 
 
-def _imaging(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
+def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
+    """Imaging chain of a bench.
+
+    Parameters
+    ----------
+    probe
+        Its probe.
+    sampling_hz
+        Sampling frequency of its receiver in Hz.
+    """
     preset = probe_preset(probe.preset)
     return ImageReader(
         replace(

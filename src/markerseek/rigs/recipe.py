@@ -6,6 +6,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from markerseek.drivers.settings import BenchSettings
 from markerseek.sim import SimulatedSettings
 
 
@@ -26,5 +27,11 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
     between: Literal["nearest", "interpolated"]
 
 
-Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe
+class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
+    """Arguments of `markerseek.rigs.bench.bench`."""
+
+    settings: BenchSettings
+
+
+Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
 """Any of them."""

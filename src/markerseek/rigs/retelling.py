@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from markerseek.core import AcquisitionError, Clock, ConfigError, Measured, RecordError, Refused, Sample, Started
-from markerseek.guard import Limits
+from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.journal import Entry
 from markerseek.scan import Scanner
 
@@ -87,8 +87,8 @@ class Retelling(Scanner):
         self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
         self._told = ToldClock(first.clock_s)
         self.clock: Clock = self._told
-        if live is not None:
-            self.guard = live.guard
+        idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
+        self.guard = idle if live is None else live.guard
 
     @property
     def limits(self) -> Limits:
