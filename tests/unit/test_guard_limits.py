@@ -6,7 +6,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError
@@ -16,6 +16,7 @@ from markerseek.guard.exposure import CAVEAT, correction_c_a
 NAN, INF = math.nan, math.inf
 
 
+@settings(deadline=None)
 @given(angle_deg=st.floats(allow_nan=True, allow_infinity=True))
 def test_an_angle_is_let_through_exactly_when_it_is_inside(angle_deg: float) -> None:
     limits = Limits()

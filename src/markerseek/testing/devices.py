@@ -71,6 +71,21 @@ class StageContract:
         stage.stop()
         assert stage.angle_deg == before
 
+    def test_it_moves_again_after_a_stop(self) -> None:
+        """A stop at rest holds nothing up."""
+        stage = self.make()
+        stage.stop()
+        target = stage.limits.centre_deg
+        assert abs(stage.move_to(target) - target) <= self.resolution_deg
+
+    def test_its_readback_is_inside_its_limits(self) -> None:
+        """Before and after a move to either end."""
+        stage = self.make()
+        assert stage.angle_deg in stage.limits
+        for target in (stage.limits.low_deg, stage.limits.high_deg):
+            stage.move_to(target)
+            assert abs(stage.angle_deg - target) <= self.resolution_deg
+
 
 class LaserContract:
     """What every laser promises; subclasses say how one is made."""
@@ -142,3 +157,27 @@ class ReceiverContract:
         except AcquisitionError:
             return
         raise AssertionError("the receiver gave a frame that nobody had armed it for")
+
+    def test_a_frame_is_handed_over_once(self) -> None:
+        """The same acquisition asked for again is refused: it would be a duplicate."""
+        receiver, laser = self.make()
+        permit = _permit("once")
+        receiver.arm(permit)
+        laser.fire(permit)
+        receiver.acquire(permit)
+        try:
+            receiver.acquire(permit)
+        except AcquisitionError:
+            return
+        raise AssertionError("the receiver handed over one acquisition twice")
+
+    def test_arming_anew_forgets_what_it_was_armed_for(self) -> None:
+        """Only the permit that it was armed for last has a frame."""
+        receiver, _laser = self.make()
+        receiver.arm(_permit("first"))
+        receiver.arm(_permit("second"))
+        try:
+            receiver.acquire(_permit("first"))
+        except AcquisitionError:
+            return
+        raise AssertionError("the receiver gave a frame for a permit that a later one had replaced")
