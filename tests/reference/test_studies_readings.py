@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from markerseek.core import Reading
 from markerseek.sim import LaserSettings, NoiseSettings, SimulatedSettings
-from markerseek.studies import PolicySettings, Study, cells
+from markerseek.studies import PolicySettings, Study, cells, run_row
 from markerseek.studies.window_world import FLOOR_SCATTER, noise_free
 from markerseek.studies.worlds import draw_trial, marker_window, study_rig
 
@@ -81,3 +82,19 @@ def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:
     for off_deg in (1.5, 5.0):
         heard = np.mean([reading.intensity for reading in readings(loud, 1, off_deg)]) / top
         assert noise_free(window, off_deg=off_deg) == pytest.approx(heard, rel=0.05, abs=0.01)
+
+
+def test_searches_are_as_wrong_from_readings_as_from_frames() -> None:
+    """Errors of the posterior over the same rigs and markers, by rank: both levels have the same distribution."""
+    study = replace(
+        STUDY,
+        policies=(PolicySettings(method="posterior", acquisitions=7, early_end=False),),
+        trials=14,
+        rig=SimulatedSettings(noise=NoiseSettings(peak_snr_db=35.0), start_deg=-35.0),
+    )
+    errors = [
+        [run_row(replace(study, level=level), trial).error_deg for trial in range(study.trials)]  # type: ignore[arg-type]
+        for level in ("readings", "frames")
+    ]
+    assert stats.mannwhitneyu(*errors).pvalue > 0.01
+    assert max(np.median(each) for each in errors) < 1
