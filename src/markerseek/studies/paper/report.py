@@ -41,6 +41,7 @@ table {{ border-collapse: collapse; font-size: 13px; }}
 th, td {{ text-align: left; vertical-align: top; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
 th {{ color: #4a505a; }} td {{ font-variant-numeric: tabular-nums; }}
 td.n {{ text-align: right; white-space: nowrap; }} td.s {{ white-space: nowrap; }} th {{ vertical-align: bottom; }}
+th.n {{ text-align: right; }}
 caption {{ text-align: left; font-weight: 600; padding: .3rem 0; }}
 nav a {{ margin-right: 1rem; }} .files {{ color: #6a707a; font-size: 13px; }}
 </style>
@@ -225,7 +226,10 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{html.escape(name.replace('_', ' '))}</th>" for name in table.columns)
+    head = ""
+    for place, name in enumerate(table.columns):
+        kind = ' class="n"' if any(isinstance(row[place], float | int) for row in table.rows) else ""
+        head += f"<th{kind}>{html.escape(name.replace('_', ' '))}</th>"
     body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in table.rows)
     return (
         f'<div class="wide"><table id="{html.escape(table.name)}"><caption>{html.escape(table.caption)}</caption>'
