@@ -10,8 +10,11 @@ import math
 import numpy as np
 import pytest
 
-from markerseek.core import Ambiguous, AtBound, Found, NotFound, Reading, Sample, Unsure
+from markerseek.core import Ambiguous, AtBound, Found, Interval, NotFound, Reading, Sample, Unsure
 from markerseek.search.posterior import Posterior
+from markerseek.search.posterior.modes import rival_deg
+from markerseek.search.posterior.reach import acquisitions_needed
+from markerseek.search.posterior.shapes import log_curve
 
 CELLS = 12_800
 
@@ -117,3 +120,49 @@ def test_two_markers_are_never_one():
         assert near < 1 or not isinstance(answer, Found)
         if isinstance(answer, Ambiguous):
             assert len(answer.modes_deg) > 1
+
+
+def test_two_markers_at_two_places_along_the_array():
+    """15 deg and 20 mm apart, both heard often: ambiguous, both named. A burst of one frame is none."""
+    policy = Posterior(acquisitions=12, target_sigma_deg=0.0)
+
+    def reading(angle_deg, markers):
+        intensity, lateral_m = max((shape(angle_deg - middle, 8.0, 1.3), place) for middle, place in markers)
+        return Reading(intensity=float(intensity), noise_sigma=0.01, cells=CELLS, lateral_m=lateral_m)
+
+    while (angle_deg := policy.ask()) is not None:
+        policy.tell(Sample(angle_deg=angle_deg, reading=reading(angle_deg, [(-6.0, 5e-3), (9.0, -15e-3)])))
+    answer = policy.estimate()
+    assert not isinstance(answer, Found) or min(abs(answer.mean_deg + 6), abs(answer.mean_deg - 9)) < 1
+    burst = Reading(intensity=0.9, lateral_m=-15e-3)
+    steady = [Sample(angle_deg=float(angle), reading=reading(angle, [(0.0, 5e-3)])) for angle in range(-4, 5)]
+    assert rival_deg([*steady, Sample(angle_deg=20.0, reading=burst)], level=0.06, marker_m=5e-3) is None
+    other = [Sample(angle_deg=angle, reading=burst) for angle in (20.0, 22.0)]
+    assert rival_deg([*steady, *other], level=0.06, marker_m=5e-3) == 22.0
+
+
+@pytest.mark.parametrize("peak", [10.0, 31.6])
+def test_the_number_that_would_do(peak):
+    """With it no marker of that height lies where all samples are below the level; with two fewer some do."""
+    limits, level = Interval(low_deg=-35.0, high_deg=35.0), 6.4
+    needed = acquisitions_needed(limits, level=level, peak=peak, fwhm_deg=3.0)
+    markers_deg = np.linspace(-35, 35, 1401)
+
+    def heard(count):
+        angles_deg = limits.low_deg + limits.width_deg * (np.arange(count) + 0.5) / count
+        near_deg = np.abs(markers_deg[:, None] - angles_deg).min(axis=1)
+        return peak * np.exp(log_curve(near_deg, fwhm_deg=3.0, tail=1.2, knee=2.4)) >= level * (1 - 1e-9)
+
+    assert heard(needed).all()
+    assert not heard(needed - 2).all()
+
+
+def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
+    rng = np.random.default_rng(8)
+    few, _ = search(Posterior(acquisitions=8), rng=rng, sigma=1.0, markers=[])
+    assert "8 acquisitions may have missed a marker 20 dB above the noise" in few.reason
+    needed = int(few.reason.split(" would not")[0].split()[-1])
+    assert 25 <= needed <= 40
+    enough, _ = search(Posterior(acquisitions=needed + 2), rng=rng, sigma=1.0, markers=[])
+    assert isinstance(enough, NotFound)
+    assert "missed" not in enough.reason

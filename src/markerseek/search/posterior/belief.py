@@ -33,9 +33,6 @@ COARSE_STEPS = 140
 FINE_ANGLES = 49
 """Angles of a fine grid."""
 
-SAME_PLACE_M = 3e-3
-"""Largest lateral distance between peaks of one marker, for the arrival to count; in metres."""
-
 
 def _spread(angle_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]) -> tuple[float, float]:
     """Mean and standard deviation on an even grid, its step in it."""
@@ -58,6 +55,8 @@ class Belief:
         Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
     fwhm_deg
         Mean of the curve's full width at half maximum, in degrees.
+    marker_m
+        Lateral position of the marker in metres; None while no sample is clear of the noise.
     middle_sigma_deg
         Standard deviation of the middle of the curve: what more samples can still reduce.
     """
@@ -70,6 +69,7 @@ class Belief:
     member: Int64[np.ndarray, " particles"]
     log_snr: Float64[np.ndarray, " particles"]
     fwhm_deg: float
+    marker_m: float | None
     middle_sigma_deg: float
 
     @property
@@ -171,6 +171,7 @@ class Evidence:
             member=grid.members[best.drawn[:, 1]],
             log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(basis.unit) - math.log(basis.sigma),
             fwhm_deg=fwhm_deg,
+            marker_m=basis.marker_m,
             middle_sigma_deg=_spread(grid.angles_deg, best.angle)[1],
         )
 
@@ -249,7 +250,9 @@ class Evidence:
             if (reading := sample.reading).centroid_s is not None
             and reading.spread_s is not None
             and reading.intensity > CLEAR * sigma
-            and (marker_m is None or reading.lateral_m is None or abs(reading.lateral_m - marker_m) < SAME_PLACE_M)
+            and (
+                marker_m is None or reading.lateral_m is None or abs(reading.lateral_m - marker_m) < middle.SAME_PLACE_M
+            )
         ]
         if len(telling) < 2:
             return None

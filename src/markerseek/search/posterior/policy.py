@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -29,6 +27,8 @@ from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.belief import Belief, Evidence
 from markerseek.search.posterior.choice import most_telling_deg, planned_deg
+from markerseek.search.posterior.modes import modes_deg, rival_deg
+from markerseek.search.posterior.reach import unheard
 from markerseek.search.posterior.shapes import Shapes, family
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
@@ -39,9 +39,6 @@ TARGET_SIGMA_DEG = 0.1
 
 LEAST_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for being sure."""
-
-MODE_SHARE = 0.05
-"""Probability from which a second peak of the posterior is a mode."""
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end from which an angle that is not known is said to be at that end."""
@@ -149,11 +146,14 @@ class Posterior:
         belief, floor = state.belief, state.noise.floor
         mean_deg = min(max(belief.mean_deg, self._limits.low_deg), self._limits.high_deg)
         if state.missing is not None:
-            return NotFound(mean_deg=mean_deg, reason=state.missing, floor=floor)
+            return NotFound(mean_deg=mean_deg, reason=state.missing + self._missed(state.noise), floor=floor)
         side = self._side(belief)
         if side is not None:
             return AtBound(mean_deg=mean_deg, side=side, floor=floor)
-        modes = self._modes(belief)
+        modes = modes_deg(belief, limits=self._limits)
+        rival = rival_deg(self._lit, level=floor.level or 0.0, marker_m=belief.marker_m)
+        if rival is not None:
+            modes = (mean_deg, rival)
         if len(modes) > 1:
             return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor)
         interval = Interval(low_deg=belief.quantile_deg(0.025), high_deg=belief.quantile_deg(0.975))
@@ -173,6 +173,13 @@ class Posterior:
             reason=self._doubt(belief),
             floor=floor,
         )
+
+    def _missed(self, noise: Noise) -> str:
+        """What may have been there unheard; nothing where something was heard, or the noise is unknown."""
+        level = noise.floor.level
+        if level is None or noise.sigma is None or max(sample.reading.intensity for sample in self._lit) > level:
+            return ""
+        return unheard(self._limits, made=len(self._lit), level=level, sigma=noise.sigma)
 
     def _doubt(self, belief: Belief) -> str:
         said = f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
@@ -227,16 +234,3 @@ class Posterior:
         if max(below, above) <= least:
             return None
         return "low" if below > above else "high"
-
-    def _modes(self, belief: Belief) -> tuple[float, ...]:
-        """Peaks of the posterior with gaps between them, the likeliest first, in degrees."""
-        share = belief.coarse_share
-        above = share > 1e-4 * share.max()
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(np.int64), [0]])))
-        modes = []
-        for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-            mass = float(share[first:end].sum())
-            if mass > MODE_SHARE:
-                middle_deg = float(share[first:end] @ belief.coarse_deg[first:end]) / mass
-                modes.append((mass, min(max(middle_deg, self._limits.low_deg), self._limits.high_deg)))
-        return tuple(middle_deg for _, middle_deg in sorted(modes, reverse=True))
