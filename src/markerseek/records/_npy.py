@@ -23,6 +23,10 @@ def read_npy(file: IO[bytes], *, size: int) -> np.ndarray:
     ValueError
         If it is none, holds anything but numbers, or is not as long as it says.
     """
+    head = file.read(12)
+    if int.from_bytes(head[8:10] if head[6:7] == b"\x01" else head[8:12], "little") > _HEADER_BYTES:
+        raise ValueError("no valid .npy header; save it again with numpy.save")
+    file.seek(0)
     try:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

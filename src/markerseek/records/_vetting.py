@@ -13,7 +13,7 @@ from pathlib import Path
 
 from markerseek.core import RecordError
 
-LIMIT_S, COMPUTING_S = 60.0, 10
+LIMIT_S, COMPUTING_S = 60.0, 5
 """Longest time for one file, and of it for computing, in seconds."""
 
 _ROOM_BYTES = 1 << 28

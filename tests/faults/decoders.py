@@ -1,0 +1,158 @@
+"""The decoders of files as functions of bytes, a small whole file for each, and how either may end."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.io import savemat
+
+from markerseek.core import RecordError
+from markerseek.records.bank_arrays import read_arrays
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.frame_files import load_frame
+from markerseek.records.ipasc import BankWriter
+from markerseek.records.ipasc_reading import read_unvetted, walk_frames
+from markerseek.records.ultrasonix_files import open_ultrasonix
+from markerseek.wire import sonixdaq
+from markerseek.wire.ultrasonix import UltrasonixHeader, encode_header
+
+_FRAME = np.arange(2 * 6, dtype=np.int16).reshape(2, 6)
+_ANGLES = np.array([-1.0, 0.0, 2.0])
+
+
+def _whole_daq() -> bytes:
+    return sonixdaq.encode_file(_FRAME, number=5)
+
+
+def _whole_ultrasonix(kind: str) -> bytes:
+    header = UltrasonixHeader(
+        kind=kind,
+        frames=2,
+        width=3,
+        height=4,
+        corners_px=((0, 0), (2, 0), (2, 3), (0, 3)),
+        probe=1,
+        transmit_hz=5_000_000,
+        sampling_hz=40_000_000,
+        frame_rate_hz=20,
+        line_density=128,
+        tagged=False,
+    )
+    return encode_header(header) + bytes(range(24)) * (1 if kind == "b-mode" else 2)
+
+
+def _whole_mat() -> bytes:
+    stream = io.BytesIO()
+    savemat(stream, {"angle_deg": _ANGLES, "frames": np.stack([_FRAME] * 3)})
+    return stream.getvalue()
+
+
+def _whole_frame_mat() -> bytes:
+    stream = io.BytesIO()
+    frame = np.arange(32 * 2 * 4, dtype=np.int16).reshape(32, 2, 4)
+    savemat(stream, {"AdcData_frame000": frame, "SampleNum": 2.0}, do_compression=True)
+    return stream.getvalue()
+
+
+def _whole_npy() -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, _FRAME)
+    return stream.getvalue()
+
+
+def _whole_npz() -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(stream, angle_deg=_ANGLES, intensity=_ANGLES**2)
+    return stream.getvalue()
+
+
+def _whole_csv() -> bytes:
+    return b'angle_deg,intensity,note\n-1,2.5,"a"\n0,3,b\n2,1e-3,c\n'
+
+
+def _whole_hdf5() -> bytes:
+    from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
+    from markerseek.records.banks import BankFacts
+
+    header = FrameHeader(sequence=1, token="a", pulses=16, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    frame = ChannelFrame(header=header, samples=_FRAME, sampling_hz=40e6)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.hdf5"
+        facts = BankFacts(description="simulated", sampling_hz=40e6, pitch_m=0.43e-3, sound_speed_m_s=1540.0)
+        with BankWriter(path, angles=4, dark_frames=1, facts=facts) as writer:
+            writer.add(Sample(angle_deg=0.0, reading=Reading(intensity=0.0), dark=True, frame=frame))
+            for angle_deg in _ANGLES:
+                writer.add(Sample(angle_deg=float(angle_deg), reading=Reading(intensity=1.0), frame=frame))
+        return path.read_bytes()
+
+
+def _frames_of(bank: IntensityBank | FrameBank) -> None:
+    if isinstance(bank, FrameBank):
+        for index in range(len(bank.angles_deg)):
+            bank.frame(index)
+        for index in range(bank.dark_frames):
+            bank.dark_frame(index)
+
+
+def _read_daq(path: Path) -> None:
+    data = path.read_bytes()
+    header = sonixdaq.decode_header(data[: sonixdaq.HEADER_BYTES], size=len(data), name=path.name)
+    sonixdaq.decode_samples(data[header.length :], header)
+
+
+def _read_ultrasonix(path: Path) -> None:
+    file = open_ultrasonix(path)
+    for index in range(min(file.header.frames, 3)):
+        (file.b_mode if file.header.kind == "b-mode" else file.rf)(index)
+
+
+def _read_unvetted_hdf5(path: Path) -> None:
+    bank = read_unvetted(path)
+    walk_frames(bank)
+    _frames_of(bank)
+
+
+DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
+    "daq": ("CH005.daq", _whole_daq, _read_daq),
+    "b8": ("a.b8", lambda: _whole_ultrasonix("b-mode"), _read_ultrasonix),
+    "rf": ("a.rf", lambda: _whole_ultrasonix("rf"), _read_ultrasonix),
+    "mat": ("a.mat", _whole_mat, lambda path: _frames_of(read_arrays(path))),
+    "mat-frame": ("a.mat", _whole_frame_mat, load_frame),
+    "npy": ("a.npy", _whole_npy, load_frame),
+    "npz": ("a.npz", _whole_npz, lambda path: _frames_of(read_arrays(path))),
+    "csv": ("a.csv", _whole_csv, read_bank),
+    "hdf5": ("a.hdf5", _whole_hdf5, lambda path: _frames_of(read_bank(path))),
+}
+"""File's name, a whole file, and what reads it, by the decoder's name."""
+
+UNVETTED = {**DECODERS, "hdf5": ("a.hdf5", _whole_hdf5, _read_unvetted_hdf5)}
+"""The same, HDF5 without the process of its own that would shield it: for fuzzing that library."""
+
+
+def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:
+    """``read`` or ``refused``; any other error comes through."""
+    path.write_bytes(data)
+    try:
+        read(path)
+    except RecordError as refusal:
+        if not str(refusal):
+            raise AssertionError("a refusal without a sentence") from refusal
+        return "refused"
+    return "read"
+
+
+def zip_bomb() -> bytes:
+    """An ``.npz`` of some kilobytes that says it holds a hundred megabytes of zeros."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        inner = io.BytesIO()
+        np.lib.format.write_array_header_1_0(
+            inner, {"descr": "<f8", "fortran_order": False, "shape": (100_000_000 // 8,)}
+        )
+        archive.writestr("intensity.npy", inner.getvalue() + bytes(100_000_000))
+    return stream.getvalue()

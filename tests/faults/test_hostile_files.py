@@ -1,0 +1,264 @@
+"""Files that somebody damaged, or made to do harm: a `RecordError` with a sentence, or what they say; nothing else.
+
+No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once did
+otherwise, by the name of the decoder; ``tests/faults/fuzz.py`` looks for more of them.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from markerseek.core import RecordError
+from markerseek.records._vetting import vet
+from markerseek.records.banks import read_bank
+from markerseek.records.ipasc_reading import read_unvetted
+
+sys.path.insert(0, str(Path(__file__).parent))
+from decoders import DECODERS, UNVETTED, outcome, zip_bomb
+
+CORPUS = Path(__file__).parent / "corpus"
+IN_PROCESS = sorted(set(DECODERS) - {"hdf5"})
+ROOM_BYTES = 3_000_000
+
+
+@pytest.mark.parametrize("decoder", sorted(UNVETTED))
+def test_a_whole_file_is_read(tmp_path, decoder):
+    """Without it the other tests could not fail: a reader that refused everything would pass them."""
+    name, whole, read = UNVETTED[decoder]
+    assert outcome(read, tmp_path / name, whole()) == "read"
+
+
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    derandomize=True,
+)
+@given(data=st.data(), decoder=st.sampled_from(IN_PROCESS))
+def test_damaged_bytes_are_read_or_refused(tmp_path, data, decoder):
+    name, whole, read = DECODERS[decoder]
+    damaged = bytearray(whole())
+    for _ in range(data.draw(st.integers(1, 8))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    length = data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))
+    more = data.draw(st.binary(max_size=40))
+    assert outcome(read, tmp_path / name, bytes(damaged[:length]) + more) in ("read", "refused")
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.binary(max_size=300), decoder=st.sampled_from(IN_PROCESS))
+@example(data=b"", decoder="csv")
+def test_any_bytes_are_read_or_refused(tmp_path, data, decoder):
+    name, _, read = DECODERS[decoder]
+    assert outcome(read, tmp_path / name, data) in ("read", "refused")
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=st.text(alphabet=",.\n\r\"'-+0123456789einfa_dgtsy \x00\ufeff", max_size=200))
+def test_any_table_is_read_or_refused(tmp_path, text):
+    name, _, read = DECODERS["csv"]
+    data = b"angle_deg,intensity\n" + text.encode("utf-8")
+    assert outcome(read, tmp_path / name, data) in ("read", "refused")
+
+
+def corpus():
+    return sorted(CORPUS.glob("*/*"))
+
+
+@pytest.mark.parametrize("path", corpus(), ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_what_once_did_harm_is_refused(tmp_path, path):
+    name, _, read = DECODERS[path.parent.name]
+    assert outcome(read, tmp_path / name, path.read_bytes()) == "refused"
+
+
+@pytest.mark.parametrize(
+    ("decoder", "data"),
+    [
+        ("daq", b"\x05\0\0\0\xff\xff\xff\x7f\xff\xff\xff\x7f" + bytes(40)),
+        ("rf", b"\x10\0\0\0" + b"\xff\xff\xff\x7f" * 3 + b"\x10\0\0\0" + bytes(56)),
+        ("npz", zip_bomb()),
+        (
+            "npy",
+            b"\x93NUMPY\x01\0\x76\0{'descr': '<i2', 'fortran_order': False, 'shape': (9, 99999999999999), }".ljust(128),
+        ),
+        ("npy", b"\x93NUMPY\x02\0\xff\xff\xff\x7f{'descr'" + bytes(90)),
+        ("mat", b"MATLAB".ljust(124) + b"\0\1IM" + b"\x0f\0\0\0\xff\xff\xff\xff" + zlib.compress(bytes(30_000_000))),
+        ("csv", b"angle_deg,intensity\n" + b"1" * 200_000),
+        ("csv", b'angle_deg,intensity\n"' + b"\n" * 200_000),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_file_that_promises_much_costs_little(tmp_path, decoder, data):
+    name, _, read = DECODERS[decoder]
+    tracemalloc.start()
+    told = outcome(read, tmp_path / name, data)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert told == "refused"
+    assert most < 40 * len(data) + ROOM_BYTES
+
+
+def bank(path):
+    path.write_bytes(UNVETTED["hdf5"][1]())
+    return path
+
+
+def link_outside(file, path):
+    secret = path.with_name("secret.hdf5")
+    with h5py.File(secret, "w") as other:
+        other["angles"] = np.arange(4.0)
+    del file["meta_data/trus_angle_deg"]
+    file["meta_data/trus_angle_deg"] = h5py.ExternalLink(str(secret), "angles")
+
+
+def link_round(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file["meta_data/trus_angle_deg"] = h5py.SoftLink("/meta_data/trus_angle_deg")
+
+
+def link_within(file, _path):
+    del file["meta_data"]["intensity"]
+    file["meta_data/intensity"] = h5py.SoftLink("/meta_data/trus_angle_deg")
+
+
+def folder_link(file, path):
+    with h5py.File(path.with_name("secret.hdf5"), "w") as other:
+        other["trus_angle_deg"] = np.arange(4.0)
+    del file["meta_data"]
+    file["meta_data"] = h5py.ExternalLink("secret.hdf5", "/")
+
+
+def external_bytes(file, path):
+    del file["binary_time_series_data"]
+    path.with_name("secret").write_bytes(bytes(96))
+    file.create_dataset(
+        "binary_time_series_data", (2, 6, 1, 4), "i2", external=[(str(path.with_name("secret")), 0, 96)]
+    )
+
+
+def virtual(file, path):
+    with h5py.File(path.with_name("secret.hdf5"), "w") as other:
+        other["frames"] = np.zeros((2, 6, 1, 4), np.int16)
+    layout = h5py.VirtualLayout((2, 6, 1, 4), "i2")
+    layout[...] = h5py.VirtualSource(str(path.with_name("secret.hdf5")), "frames", (2, 6, 1, 4))
+    del file["binary_time_series_data"]
+    file.create_virtual_dataset("binary_time_series_data", layout)
+
+
+def references(file, _path):
+    reference = file["meta_data"].ref
+    del file["meta_data/trus_angle_deg"]
+    file.create_dataset("meta_data/trus_angle_deg", (4,), h5py.ref_dtype)[:] = reference
+
+
+def bomb_of_angles(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file.create_dataset("meta_data/trus_angle_deg", (200_000_000,), "f8", chunks=(1 << 20,), compression="gzip")
+
+
+def bomb_of_one_chunk(file, _path):
+    del file["binary_time_series_data"]
+    file.create_dataset(
+        "binary_time_series_data", (2, 50_000_000, 1, 3), "i2", chunks=(2, 50_000_000, 1, 1), compression="gzip"
+    )
+
+
+def bomb_without_chunks(file, _path):
+    del file["meta_data/intensity"]
+    file.create_dataset("meta_data/intensity", (10**12,), "f8", chunks=(1024,))
+
+
+def other_filter(file, _path):
+    values = file["meta_data/trus_angle_deg"][()]
+    del file["meta_data/trus_angle_deg"]
+    file.create_dataset("meta_data/trus_angle_deg", data=values, chunks=(2,), scaleoffset=3)
+
+
+def compound(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file["meta_data/trus_angle_deg"] = np.zeros(4, [("a", "f8"), ("b", "f8")])
+
+
+def group_instead(file, _path):
+    del file["meta_data/trus_angle_deg"]
+    file.create_group("meta_data/trus_angle_deg")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        link_outside,
+        link_round,
+        link_within,
+        folder_link,
+        external_bytes,
+        virtual,
+        references,
+        bomb_of_angles,
+        bomb_of_one_chunk,
+        bomb_without_chunks,
+        other_filter,
+        compound,
+        group_instead,
+    ],
+)
+def test_hdf5_that_leads_elsewhere_or_promises_much_is_refused(tmp_path, change):
+    path = bank(tmp_path / "a.hdf5")
+    with h5py.File(path, "r+") as file:
+        change(file, path)
+    tracemalloc.start()
+    with pytest.raises(RecordError, match=r"a\.hdf5"):
+        read_unvetted(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 40 * path.stat().st_size + ROOM_BYTES
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_damaged_hdf5_is_read_or_refused(tmp_path, seed):
+    """In this process, what the library merely dislikes; what it hangs on is in the corpus, and needs the other."""
+    whole = bank(tmp_path / "a.hdf5").read_bytes()
+    rng = np.random.default_rng(seed)
+    damaged = np.frombuffer(whole, np.uint8).copy()
+    # The first blocks hold the structure; of the global heap, on which HDF5 2.0 hangs, the last part.
+    damaged[rng.integers(0, 2000, 1 + seed % 4)] = rng.integers(0, 256, 1 + seed % 4)
+    name, _, read = UNVETTED["hdf5"]
+    assert outcome(read, tmp_path / name, damaged.tobytes()) in ("read", "refused")
+
+
+def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch):
+    path = bank(tmp_path / "a.hdf5")
+    vet(path)
+    monkeypatch.setattr("markerseek.records._vetting.LIMIT_S", 0.01)
+    with pytest.raises(RecordError, match="takes more than"):
+        vet(path)
+    monkeypatch.setattr("markerseek.records._vetting.sys.executable", "/bin/false")
+    monkeypatch.setattr("markerseek.records._vetting.LIMIT_S", 60)
+    with pytest.raises(RecordError, match="breaks down"):
+        vet(path)
+
+
+@pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
+def test_pipes_are_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(RecordError, match="no ordinary file"):
+        read_bank(tmp_path / name)
+
+
+def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):
+    def forbidden(_path):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    with pytest.raises(RecordError, match="Permission denied"):
+        read_bank(tmp_path)
