@@ -14,6 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from markerseek.core import Permit
+from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.records.frame_files import load_frame
+
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
@@ -52,11 +58,12 @@ def markerseek(*words: object) -> list[str]:
 
 
 @contextmanager
-def emulation(folder: Path, *, seed: int) -> Iterator[Emulation]:
+def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emulation]:
     world = folder / "world.toml"
     world.write_text(WORLD)
     process = subprocess.Popen(
-        markerseek("emulate", "bench", "--dir", folder / "bench", "--rig", world, "--seed", seed, "--pace", 0.01),
+        markerseek("emulate", device, "--dir", folder / "bench", "--rig", world, "--seed", seed, "--pace", 0.01),
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -92,9 +99,13 @@ def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does
 
 def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell: Shell, tmp_path: Path) -> None:
     with emulation(tmp_path, seed=4) as devices:
-        code, _, err = shell("search", "--rig", devices.rig, *SEARCH)
-        assert code == 4
-        assert "not armed: nothing moved and nothing was fired" in err
+        bare = tmp_path / "bare.toml"
+        bare.write_text(devices.rig.read_text() + "[supervisor]\nenabled = false\n")
+        for rig, said in ((bare, "WITHOUT a supervisor"), (devices.rig, "stands at 0.000 deg")):
+            code, _, err = shell("search", "--rig", rig, *SEARCH)
+            assert code == 4
+            assert said in err
+            assert "not armed: nothing moved and nothing was fired" in err
         process = subprocess.Popen(
             markerseek("search", "--rig", devices.rig, "--arm", *SEARCH),
             stdout=subprocess.DEVNULL,
@@ -116,6 +127,34 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
     # besides those of the whole search: one or two acquisitions, the second perhaps cut short
     assert 16 <= pulses - 16 * json.loads(out)["acquisitions"] <= 48
     assert -36.5 <= low_deg <= high_deg <= 36.5
+
+
+def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=1, device="laser") as devices:
+        clock = SystemClock()
+        with SerialPort(SerialSettings(path=str(tmp_path / "bench" / "laser"))) as port:
+            box = LaserBox(port=port, clock=clock)
+            assert box.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=clock.now_s() + 5)) == 7
+            box.disarm()
+        devices.process.send_signal(signal.SIGTERM)
+        _, told = devices.process.communicate(timeout=20)
+    assert "7 pulses of light were fired" in told
+    assert not (tmp_path / "bench" / "laser").is_symlink()
+
+
+def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=1, device="daq") as devices:
+        assert devices.process.stdin is not None
+        devices.process.stdin.write("\n")
+        devices.process.stdin.flush()
+        last = tmp_path / "bench" / "daq" / "CH127.daq"
+        while not last.exists():
+            assert devices.process.poll() is None
+            time.sleep(0.02)
+        devices.process.send_signal(signal.SIGINT)
+        _, told = devices.process.communicate(timeout=20)
+    assert "the marker is at 6.400 deg" in told
+    assert load_frame(tmp_path / "bench" / "daq").header.pulses == 16
 
 
 @pytest.mark.parametrize(
