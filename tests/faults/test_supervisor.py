@@ -346,6 +346,44 @@ def test_a_supervisor_that_is_killed_is_noticed_and_what_remains_is_the_devices_
             refused()
 
 
+def test_a_supervisor_that_hangs_does_not_hang_the_control_process(held: Supervisor) -> None:
+    os.kill(held.pid, signal.SIGSTOP)
+    port = held.port("laser")
+
+    def go_on() -> None:
+        for _ in range(10_000):
+            port.write(b"x" * 4000)
+
+    with pytest.raises(NotConnectedError, match="the supervisor is gone"):
+        go_on()
+    held.close()
+    assert gone(held.pid)
+
+
+def test_a_device_that_floods_does_not_hang_the_control_process(held: Supervisor, laser: Device) -> None:
+    over = threading.Event()
+    os.set_blocking(laser.fd, False)
+
+    def flood() -> None:
+        while not over.is_set():
+            if select.select([], [laser.fd], [], 0.05)[1]:
+                os.write(laser.fd, b"x" * 256)
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    began_s = time.monotonic()
+    try:
+        held.hold()
+        read = held.port("laser").read(10**9, timeout_s=0.5)
+        held.release()
+        held.port("stage").write(b"?")
+    finally:
+        over.set()
+        thread.join()
+    assert set(read) == {ord("x")}
+    assert time.monotonic() - began_s < 0.5 + SOON_S
+
+
 def test_a_line_that_is_pulled_out_silences_the_other_and_cannot_be_armed(
     held: Supervisor, laser: Device, stage: Device
 ) -> None:

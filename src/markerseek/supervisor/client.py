@@ -21,7 +21,10 @@ from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked
 
 _CHUNK = 65536
+_MOST_CHUNKS = 16
+"""Most that is read at once: a device that floods must not hold up the control loop."""
 _ANSWER_S = 2.0
+"""Longest time for the supervisor to answer, to take in what it is sent, or to end."""
 
 
 class Supervisor:
@@ -64,6 +67,7 @@ class Supervisor:
             for number, name in enumerate(names)
         }
         self._socket, other = socket.socketpair()
+        self._socket.settimeout(_ANSWER_S)
         with other:
             self._process = subprocess.Popen(  # noqa: S603  our own module, by the interpreter that runs
                 [
@@ -208,7 +212,9 @@ class Supervisor:
         """Take in what has come, waiting at most so long for the first of it."""
         ended = False
         try:
-            while not ended and select.select([self._socket], [], [], timeout_s)[0]:
+            for _ in range(_MOST_CHUNKS):
+                if ended or not select.select([self._socket], [], [], timeout_s)[0]:
+                    break
                 data = self._socket.recv(_CHUNK)
                 ended = not data
                 self._heard += data
