@@ -137,7 +137,7 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     if len(height) < 8 or not 2 <= best < len(height) - 2:
         raise SearchError(
             f"calibration: {len(height)} angles hear the source well, the strongest is number {best + 1}; at least 8 "
-            "are needed, with two on each side of the strongest: scan further, or average more pulses"
+            "are needed, with two on each side of the strongest: scan in finer steps, or average more pulses"
         )
     plane, middle_us = _in_plane(waves, best, height)
     speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NAME = "calibrate"
 EXAMPLES = (
     "Examples:\n\n"
-    "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 1\n\n"
+    "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5\n\n"
     "  markerseek calibrate point.hdf5 --source-deg 12.5\n\n"
     "  markerseek calibrate point.hdf5 --json"
 )

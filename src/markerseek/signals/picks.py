@@ -24,7 +24,7 @@ HALF_WINDOW_S = 1.6e-6
 _STEP_SAMPLES = 2.0
 """Most that the delay may differ from the one extrapolated, in samples: less than half a period of the carrier."""
 
-_LEAST_LIKENESS = 0.8
+_LEAST_LIKENESS = 0.6
 """Correlation coefficient with the common wave below which a channel is not used."""
 
 LEAST_CHANNELS = 24
