@@ -5,7 +5,8 @@ the control process: it says each line's farewell when the socket closes, when t
 while the lease is held, and when it is told to end itself. It relays bytes and knows no device's language.
 """
 
-from markerseek.supervisor.client import SupervisedPort, Supervisor
+from markerseek.supervisor.client import Supervisor
 from markerseek.supervisor.lines import Line
+from markerseek.supervisor.port import SupervisedPort
 
 __all__ = ["Line", "SupervisedPort", "Supervisor"]

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -19,6 +19,7 @@ from markerseek.core import ConfigError, NotConnectedError
 from markerseek.guard.lease import Lease
 from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked
+from markerseek.supervisor.port import SupervisedPort
 
 _CHUNK = 65536
 _MOST_CHUNKS = 16
@@ -233,25 +234,6 @@ class Supervisor:
                 self._lapsed = content.decode(errors="replace")
         if ended:
             raise _gone("its socket is closed")
-
-
-class SupervisedPort:
-    """A line that the supervisor holds, as a `markerseek.wire.port.Port`; `Supervisor.port` hands it out."""
-
-    def __init__(self, *, write: Callable[[bytes], None], read: Callable[[int, float], bytes]) -> None:
-        self._write = write
-        self._read = read
-
-    def write(self, data: bytes) -> None:
-        """Send one message of the device; `NotConnectedError` once the supervisor has let go."""
-        self._write(data)
-
-    def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes, fewer (perhaps none) once the time has gone by; the lease is renewed meanwhile."""
-        return self._read(size, timeout_s)
-
-    def close(self) -> None:
-        """Nothing to do: the supervisor holds the line until it is closed itself."""
 
 
 def _gone(reason: object) -> NotConnectedError:
