@@ -127,7 +127,7 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
     rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
     rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
-        rows.append(("time", f"{result.elapsed_s:.0f} s (virtual)"))
+        rows.append(("time", f"{result.elapsed_s:.0f} s" + (" (virtual)" if result.rig == "simulated" else "")))
     if result.confirmation is not None:
         confirmation = result.confirmation
         verdict = "confirmed" if result.confirmed else "NOT confirmed: weaker than it should be"
