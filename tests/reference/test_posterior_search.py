@@ -13,7 +13,7 @@ import pytest
 from markerseek.core import Ambiguous, AtBound, Found, Interval, NotFound, Reading, Sample, Unsure
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.modes import rival_deg
-from markerseek.search.posterior.reach import acquisitions_needed
+from markerseek.search.posterior.reach import acquisitions_needed, hiding_deg
 from markerseek.search.posterior.shapes import log_curve
 
 CELLS = 12_800
@@ -166,3 +166,31 @@ def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
     enough, _ = search(Posterior(acquisitions=needed + 2), rng=rng, sigma=1.0, markers=[])
     assert isinstance(enough, NotFound)
     assert "missed" not in enough.reason
+
+
+def test_clutter_is_not_taken_for_the_marker():
+    """A faint source is heard first, a marker eight times as loud lies unheard: found, or nothing is claimed."""
+    rng = np.random.default_rng(9)
+    for _ in range(6):
+        clutter_deg = rng.uniform(-30, -20)
+
+        def reading(angle_deg, clutter_deg=clutter_deg):
+            there = 0.12 * shape(angle_deg - clutter_deg, 3.0, 1.3), shape(angle_deg - 11.0, 3.0, 2.5)
+            largest = int(np.argmax(there))
+            signal = abs(there[largest] + 0.01 * complex(*rng.standard_normal(2)))
+            return Reading(intensity=signal, noise_sigma=0.01, cells=CELLS, lateral_m=(-9e-3, 5e-3)[largest])
+
+        policy = Posterior(acquisitions=12)
+        while (angle_deg := policy.ask()) is not None:
+            policy.tell(Sample(angle_deg=angle_deg, reading=reading(angle_deg)))
+        answer = policy.estimate()
+        assert not isinstance(answer, Found) or abs(answer.mean_deg - 11) < 1
+
+
+def test_where_a_louder_marker_may_hide():
+    limits = Interval(low_deg=-35.0, high_deg=35.0)
+    heard = {"level": 6.4, "fwhm_deg": 3.0}
+    assert hiding_deg([-23.0, 0.0, 23.0], limits, peak=40.0, **heard) is None
+    assert hiding_deg([-23.0, -22.0, 0.0], limits, peak=40.0, **heard) == 35.0
+    assert hiding_deg([-23.0, 0.0, 23.0], limits, peak=7.0, **heard) == -35.0
+    assert hiding_deg(np.arange(-34.0, 35.0, 2.0).tolist(), limits, peak=7.0, **heard) is None

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
+import numpy as np
+
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -28,7 +30,7 @@ from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.belief import Belief, Evidence
 from markerseek.search.posterior.choice import most_telling_deg, planned_deg
 from markerseek.search.posterior.modes import modes_deg, rival_deg
-from markerseek.search.posterior.reach import unheard
+from markerseek.search.posterior.reach import hiding_deg, unheard
 from markerseek.search.posterior.shapes import Shapes, family
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
@@ -59,6 +61,7 @@ class _State:
     noise: Noise
     missing: str | None
     belief: Belief
+    hiding_deg: float | None
 
 
 class Posterior:
@@ -157,7 +160,7 @@ class Posterior:
         if len(modes) > 1:
             return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor)
         interval = Interval(low_deg=belief.quantile_deg(0.025), high_deg=belief.quantile_deg(0.975))
-        if belief.sigma_deg <= SIGMA_LIMIT_DEG:
+        if belief.sigma_deg <= SIGMA_LIMIT_DEG and state.hiding_deg is None:
             return Found(
                 mean_deg=mean_deg,
                 sigma_deg=belief.sigma_deg,
@@ -170,7 +173,7 @@ class Posterior:
             sigma_deg=belief.sigma_deg,
             interval95_deg=interval,
             interval_kind="posterior",
-            reason=self._doubt(belief),
+            reason=self._doubt(state),
             floor=floor,
         )
 
@@ -181,7 +184,13 @@ class Posterior:
             return ""
         return unheard(self._limits, made=len(self._lit), level=level, sigma=noise.sigma)
 
-    def _doubt(self, belief: Belief) -> str:
+    def _doubt(self, state: _State) -> str:
+        belief = state.belief
+        if belief.sigma_deg <= SIGMA_LIMIT_DEG:
+            return (
+                "what was heard is faint, and may be clutter of a louder marker unheard about "
+                f"{state.hiding_deg:.0f} deg; take more acquisitions"
+            )
         said = f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
         if belief.middle_sigma_deg <= SIGMA_LIMIT_DEG:
             return (
@@ -194,8 +203,17 @@ class Posterior:
         if self._known is None:
             noise = noise_of(self._lit, dark=self._dark)
             missing = missing_evidence(self._lit, dark=self._dark, noise=noise)
-            self._known = _State(noise=noise, missing=missing, belief=self._evidence.belief(self._lit, noise))
+            belief = self._evidence.belief(self._lit, noise)
+            self._known = _State(noise=noise, missing=missing, belief=belief, hiding_deg=self._hiding(belief, noise))
         return self._known
+
+    def _hiding(self, belief: Belief, noise: Noise) -> float | None:
+        """Where a much louder marker than the one known may be unheard; None while none is known, or no noise."""
+        if noise.floor.level is None or noise.sigma is None or belief.sigma_deg > SIGMA_LIMIT_DEG:
+            return None
+        heard_deg = [sample.angle_deg for sample in self._lit]
+        peak = noise.sigma * math.exp(float(np.mean(belief.log_snr)))
+        return hiding_deg(heard_deg, self._limits, level=noise.floor.level, peak=peak, fwhm_deg=belief.fwhm_deg)
 
     def _decide(self) -> float | None:
         count = len(self._lit)
@@ -207,6 +225,8 @@ class Posterior:
         state = self._state()
         if count >= LEAST_ACQUISITIONS and self._knows_enough(state.belief):
             return None
+        if state.hiding_deg is not None:
+            return state.hiding_deg
         return most_telling_deg(state.belief, _family(), heard_deg, limits=self._limits, floor=FLOOR_SNR)
 
     def _knows_enough(self, belief: Belief) -> bool:
