@@ -4,7 +4,7 @@ The paper's numbers are data in `printed`; what cannot be had is said there, and
 """
 
 from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
-from markerseek.studies.paper.offline import Recording
+from markerseek.studies.paper.recordings import Recording
 from markerseek.studies.paper.report import REPORT, write_report, write_section
 from markerseek.studies.paper.reported import REPORTED, Reported, reported
 from markerseek.studies.paper.reproduce import OFFLINE, Reproduction

@@ -13,9 +13,10 @@ from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig6 import fig6, table1
 from markerseek.studies.paper.fig8 import fig8
-from markerseek.studies.paper.offline import Answer, Recording, answers, as_intensities, simulated_banks
+from markerseek.studies.paper.offline import Answer, answers
 from markerseek.studies.paper.online import fig7, table2
 from markerseek.studies.paper.online_runs import OnlineRun, online_runs
+from markerseek.studies.paper.recordings import Recording, as_intensities, simulated_banks
 from markerseek.studies.paper.reported import reported
 from markerseek.studies.paper.section import Section
 from markerseek.studies.paper.travel import travel
