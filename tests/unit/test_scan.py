@@ -498,3 +498,42 @@ def test_a_device_that_does_not_stop_is_a_fault(verb: str) -> None:
     with pytest.raises(OSError, match="jammed"):
         made.stop()
     assert made.guard.state is State.FAULT
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"late_s": 6.0}, "the limit of age is 5.0 s"),
+        ({"early_s": -1.0}, "permitted at"),
+        ({"early_s": 1.0}, "permitted at"),
+        ({"early_s": float("nan")}, "taken from nan"),
+        ({"intensity": 7.0}, "those of the frame before"),
+        ({"sequence": 0}, "frame out of order"),
+        ({"pulses": 15}, "15 pulses were seen"),
+        ({"after_deg": 0.06}, "the probe moved by 0.060 deg"),
+    ],
+)
+def test_a_frame_of_another_time_place_or_light_never_reaches_the_policy(
+    changes: dict[str, float], reason: str
+) -> None:
+    class Late(Bench):
+        def acquire(self, permit: Permit) -> Frame:
+            frame = super().acquire(permit)
+            assert isinstance(frame, ReadingFrame)
+            taken_s = self.time_s + changes.get("early_s", 0.0)
+            self.time_s += changes.get("late_s", 0.0)
+            self.angle_deg += changes.get("after_deg", 0.0)
+            header = replace(
+                frame.header,
+                sequence=changes.get("sequence", frame.header.sequence),
+                pulses=changes.get("pulses", permit.pulses),
+                started_s=taken_s,
+                ended_s=taken_s,
+            )
+            return replace(frame, header=header, intensity=changes.get("intensity", frame.intensity))
+
+    policy = Tour(0.0, 1.0)
+    events = drain(run(policy, scanner(Late())), AcquisitionError)
+    reasons = [event.reason for event in events if isinstance(event, Refused)]
+    assert reason in reasons[-1]
+    assert len(policy.told) <= 1
