@@ -11,7 +11,8 @@ from scipy import stats
 from markerseek.core import Reading
 from markerseek.sim import LaserSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Study, cells, run_row
-from markerseek.studies.window_world import FLOOR_SCATTER, noise_free
+from markerseek.studies.window import noise_free
+from markerseek.studies.window_world import FLOOR_SCATTER
 from markerseek.studies.worlds import draw_trial, marker_window, study_rig
 
 COUNT = 24

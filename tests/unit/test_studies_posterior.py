@@ -39,6 +39,7 @@ DRAWN = Study(
         ({"marks": (2, 2)}, "must be positive and rise"),
         ({"marks": (0, 2)}, "must be positive and rise"),
         ({"rig": SimulatedSettings(tissue="liver")}, "rig.tissue is drawn anew"),
+        ({"rig": SimulatedSettings(noise=NoiseSettings(coloured=0.5))}, "readings have white noise only"),
         ({"rig": SimulatedSettings(marker=MarkerSettings(radius_m=50e-3))}, "rig.marker.radius_m is drawn anew"),
     ],
 )

@@ -4,8 +4,9 @@ from markerseek.studies.runner import Finish, run_study
 from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, World
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.study_file import read_study
-from markerseek.studies.summary import FAILURE_DEG, Difference, PolicySummary, Summary, summarise
+from markerseek.studies.summary import Difference, Summary, summarise
 from markerseek.studies.table import read_rows
+from markerseek.studies.tally import FAILURE_DEG, PolicySummary
 from markerseek.studies.trial import Row, run_row, run_trial
 from markerseek.studies.worlds import intensity_curve
 

@@ -157,6 +157,10 @@ def cells(study: Study) -> tuple[Cell, ...]:
             world = _changed(world, key.split("."), value, whole=key)
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
+        if world.rig.noise.coloured and study.level == "readings":
+            raise ConfigError(
+                'rig.noise.coloured: readings have white noise only; leave it out, or set level = "frames"'
+            )
         if study.drawn == "everything":
             _require_default(world.rig)
         digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")

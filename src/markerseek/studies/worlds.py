@@ -28,7 +28,8 @@ from markerseek.sim import (
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns, draw_unknowns
-from markerseek.studies.window_world import HeardReader, Window, WindowWorld, window_of
+from markerseek.studies.window import Window, window_of
+from markerseek.studies.window_world import HeardReader, WindowWorld
 
 _LOUDEST_COUNTS = 1800.0
 """Largest count of a marker in a channel, noise apart, that the converter's full scale of 2047 allows."""

@@ -32,7 +32,7 @@ from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import build_policy
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns
-from markerseek.studies.window_world import noise_free
+from markerseek.studies.window import noise_free
 from markerseek.studies.worlds import draw_trial, marker_window, study_rig
 
 _OFF_DEG = np.concatenate(

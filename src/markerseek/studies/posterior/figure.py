@@ -9,7 +9,8 @@ from markerseek.core import ConfigError
 from markerseek.pictures import Line, Panel, panels_figure
 from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Study
-from markerseek.studies.summary import PolicySummary, Summary
+from markerseek.studies.summary import Summary
+from markerseek.studies.tally import PolicySummary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

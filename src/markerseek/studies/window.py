@@ -1,0 +1,145 @@
+"""Where in the record a marker can be heard: the window that is kept of each frame, and how it is read.
+
+Shared by all searches for one marker on one rig, of which everything was drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float32
+
+from markerseek.acoustics import Absorber, AcousticModel
+from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Interval
+from markerseek.signals import ImageReader
+from markerseek.studies.unknowns import Unknowns
+
+PEAK_COUNTS = 25_000.0
+"""Largest count that the marker alone gives a channel with the probe on it, of the 32,767 that a frame holds."""
+
+_BEFORE_S, _AFTER_S = 4e-6, 6e-6
+"""Kept before the earliest and after the latest arrival at the middle of the aperture, in seconds: the edge waves of
+an element, the pulse, what the reader gathers about a peak, and (after) the way to the aperture's edge."""
+
+_MARGIN_SAMPLES = 80
+"""Samples that the filter fades in or out at each end of the cut."""
+
+_NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Window:
+    """What of a rig and its marker is the same for every search; made once.
+
+    Attributes
+    ----------
+    model
+        How the marker is heard.
+    marker
+        The marker, scaled to `PEAK_COUNTS`.
+    first, last
+        Samples of the record that are kept: the first, and the one behind the last.
+    reader
+        Reads the cut frames.
+    peak
+        Intensity of the marker without noise, with the probe on it, in counts.
+    cells
+        Independent cells of a whole image.
+    share
+        Share of the image's depths that lies in the window.
+    """
+
+    model: AcousticModel
+    marker: Absorber
+    first: int
+    last: int
+    reader: ImageReader
+    peak: float
+    cells: int
+    share: float
+
+
+def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> Window:
+    """Prepare a rig and its marker.
+
+    Parameters
+    ----------
+    unknowns
+        The rig and the marker.
+    imaging
+        Reads whole frames of this probe.
+    travel
+        Angles that the probe can have.
+
+    Raises
+    ------
+    ConfigError
+        If the marker is not heard with the probe on it.
+    """
+    model, marker, preset = unknowns.model, unknowns.marker, imaging.preset
+    on_marker = model.channel_data([marker], angle_deg=marker.angle_deg)
+    loudest = float(np.abs(on_marker).max())
+    if not loudest > 0:
+        raise ConfigError(f"marker: at radius_m {marker.radius_m} m it is not heard in {model.samples} samples")
+    marker = replace(marker, strength=marker.strength * PEAK_COUNTS / loudest)
+    frame = frame_of(on_marker * (PEAK_COUNTS / loudest), sampling_hz=preset.sampling_hz)
+    reading = imaging.read(frame)
+    farthest_deg = max(abs(travel.low_deg - marker.angle_deg), abs(travel.high_deg - marker.angle_deg))
+    arrivals = [_arrival_s(unknowns, off_deg) for off_deg in (0.0, min(farthest_deg, 90.0))]
+    rate = preset.sampling_hz
+    metres = preset.sound_speed_m_s
+    low_s, high_s = min(arrivals) - _BEFORE_S, max(arrivals) + _AFTER_S
+    first = max(0, math.floor(low_s * rate) - _MARGIN_SAMPLES)
+    last = min(model.samples, math.ceil(1.04 * high_s * rate) + _MARGIN_SAMPLES)
+    cut = replace(preset, pickup_samples=0, trigger_offset_s=preset.trigger_offset_s - first / rate, full_scale=32767)
+    whole_m = (model.samples - preset.pickup_samples) / rate * metres
+    low_m = max(low_s * metres, preset.pickup_samples / rate * metres)
+    high_m = min(high_s, (last - 1) / rate) * metres
+    return Window(
+        model=model,
+        marker=marker,
+        first=first,
+        last=last,
+        reader=ImageReader(cut, min_depth_m=low_m, max_depth_m=high_m),
+        peak=reading.intensity,
+        cells=reading.cells or 1,
+        share=min(1.0, (high_m - low_m) / whole_m),
+    )
+
+
+def noise_free(window: Window, *, off_deg: float) -> float:
+    """Intensity of the marker without noise, over that with the probe on it.
+
+    Parameters
+    ----------
+    window
+        The rig and the marker.
+    off_deg
+        Angle of the probe less that of the marker, in degrees.
+    """
+    heard = window.model.channel_data([window.marker], angle_deg=window.marker.angle_deg + off_deg)
+    reading = window.reader.read(frame_of(heard[:, window.first : window.last], sampling_hz=window.model.sampling_hz))
+    return reading.intensity / window.peak
+
+
+def frame_of(counts: Float32[np.ndarray, "channels samples"], *, sampling_hz: float) -> ChannelFrame:
+    """Frame of these counts, rounded, and held where 16 bits end.
+
+    Parameters
+    ----------
+    counts
+        Channel data, shape (channels, samples).
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+    held = np.clip(np.rint(counts), -32767, 32767).astype(np.int16)
+    return ChannelFrame(header=_NO_HEADER, samples=held, sampling_hz=sampling_hz)
+
+
+def _arrival_s(unknowns: Unknowns, off_deg: float) -> float:
+    """When sound of the marker reaches the middle of the face, in seconds after the trigger."""
+    model = unknowns.model
+    elevation_m, axial_m = model.probe.in_probe_frame(radius_m=unknowns.marker.radius_m, off_plane_deg=off_deg)
+    return math.hypot(elevation_m, axial_m) / model.medium.sound_speed_m_s + model.trigger_offset_s
