@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -106,6 +107,7 @@ sys.path.insert(0, {tests!r})
 import test_ipasc_banks as here
 from markerseek.records.ipasc import BankWriter
 from pathlib import Path
+from types import SimpleNamespace
 writer = BankWriter(Path({path!r}), angles=40, dark_frames=2, facts=here.FACTS)
 writer.add(here.sample(0.0, seed=8, dark=True))
 for seed in range(7):
@@ -249,7 +251,23 @@ def test_a_folder_that_cannot_be_written_is_said_to_be_so(tmp_path):
         writer.add(sample(0.0))
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_disk_without_room_for_it_all_is_refused_before_anything_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=2_000_000))
+    with (
+        pytest.raises(RecordError, match=r"needs 2\.1 MB, 2\.0 MB are free; nothing was written"),
+        BankWriter(tmp_path / "a.hdf5", angles=1300, dark_frames=2, facts=FACTS) as writer,
+    ):
+        writer.add(sample(0.0))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_the_room_is_taken_with_the_first_frame(tmp_path):
+    with BankWriter(tmp_path / "a.hdf5", angles=1300, dark_frames=2, facts=FACTS) as writer:
+        writer.add(sample(0.0))
+        status = (tmp_path / "a.hdf5").stat()
+        assert status.st_blocks * 512 >= status.st_size > 1300 * 2 * 8 * 50
+
+
 def test_a_pipe_or_a_device_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "a.hdf5")
     with pytest.raises(RecordError, match="no ordinary file"):

@@ -63,7 +63,7 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import BankWriter
+    from markerseek.records.ipasc import BankWriter, require_new_bank
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
@@ -75,6 +75,7 @@ def command(
     }
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
+    require_new_bank(to)
     bank = _read(source, first_deg=first_deg, step_deg=step_deg)
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
     announce_compilation()

@@ -57,8 +57,10 @@ def command(
     Stopped at any moment, the file holds what was taken.
     """
     from markerseek.cli.on_rig import arm_rig, open_rig
+    from markerseek.records.ipasc import require_new_bank
     from markerseek.rigs.bank_scan import scan_angles, scan_bank
 
+    require_new_bank(out)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     with open_rig(rig, seed=seed) as (assembled, _start_deg):

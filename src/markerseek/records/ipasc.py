@@ -9,6 +9,8 @@ opens. An angle of NaN has not been measured. `BankWriter.close` cuts off what w
 from __future__ import annotations
 
 import math
+import os
+import shutil
 import uuid
 from pathlib import Path
 from types import TracebackType
@@ -41,7 +43,30 @@ SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
 WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
 DETECTORS = "meta_data_device/detectors"
 
+_ROOM_BYTES = 1 << 20
+"""Room for everything but frames."""
+
 _BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, PULSE_ENERGY)
+
+
+def require_new_bank(path: Path) -> None:
+    """Refuse a place where no bank can be written, before anything is done for it.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is another than .hdf5 and .h5.
+    RecordError
+        If there is a file already.
+    MissingExtraError
+        If h5py or pacfish is not installed.
+    """
+    require_h5py()
+    _pacfish()
+    if path.suffix.lower() not in HDF5_SUFFIXES:
+        raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
+    if path.exists():
+        raise RecordError(f"{path}: there is a file already; name another, or delete it")
 
 
 class BankWriter:
@@ -69,12 +94,7 @@ class BankWriter:
     """
 
     def __init__(self, path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> None:
-        require_h5py()
-        _pacfish()
-        if path.suffix.lower() not in HDF5_SUFFIXES:
-            raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
-        if path.exists():
-            raise RecordError(f"{path}: there is a file already; name another, or delete it")
+        require_new_bank(path)
         self._path = path
         self._planned, self._planned_dark = angles, dark_frames
         self._facts = facts
@@ -137,6 +157,7 @@ class BankWriter:
 
         self._shape = (0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1])
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._require_room()
         pacfish = _pacfish()
         elements, samples = self._shape
         facts = self._facts
@@ -149,7 +170,21 @@ class BankWriter:
         _reserve(self._file, FRAMES, (*self._shape, 1), self._planned)
         if self._shape != (0, 0):
             _reserve(self._file, DARK_FRAMES, self._shape, self._planned_dark)
+        self._file.flush()
+        if hasattr(os, "posix_fallocate"):
+            with self._path.open("r+b") as plain:
+                os.posix_fallocate(plain.fileno(), 0, self._path.stat().st_size)
         return self._file
+
+    def _require_room(self) -> None:
+        """Refuse a disk that cannot hold it all: the library says nothing of a write that fails, and dies of it."""
+        needed = 2 * math.prod(self._shape) * (self._planned + self._planned_dark) + _ROOM_BYTES
+        free = shutil.disk_usage(self._path.parent).free
+        if free < needed:
+            raise RecordError(
+                f"{self._path}: the bank needs {needed / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
+                "nothing was written: make room, or name another place"
+            )
 
     def _require_same(self, frame: ChannelFrame | None) -> None:
         shape = (0, 0) if frame is None else frame.samples.shape
@@ -164,8 +199,10 @@ class BankWriter:
         if row >= planned:
             raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it")
         if frame is not None:
-            place = np.s_[:, :, row] if sample.dark else np.s_[:, :, 0, row]
-            file[DARK_FRAMES if sample.dark else FRAMES][place] = frame.samples
+            # Past the library's cache, which loses what it cannot write without a word.
+            place = (0, 0, row) if sample.dark else (0, 0, 0, row)
+            counts = frame.samples.astype("<i2").tobytes()
+            file[DARK_FRAMES if sample.dark else FRAMES].id.write_direct_chunk(place, counts)
         if sample.dark:
             file[DARK_TAKEN][()] = row + 1
             return
