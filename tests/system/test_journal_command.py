@@ -1,0 +1,203 @@
+"""Journals from the command line: kept by a search, shown, verified, worked out again, resumed after any end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import Measured
+from markerseek.records.journal import Interrupted, Journal, read_journal, standing
+
+Shell = Callable[..., tuple[int, str, str]]
+
+SEARCH = ("search", "--seed", 3, "--method", "ternary", "--acquisitions", 8)
+
+
+def journals(folder: Path) -> list[Path]:
+    return sorted((folder / "data" / "markerseek" / "journals").glob("*.journal"))
+
+
+def command(*words: object) -> list[str]:
+    return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
+
+
+def killed_search(path: Path, number: signal.Signals, *, after: int) -> subprocess.CompletedProcess[str]:
+    """`markerseek search` in a process of its own, which sends itself a signal at its n-th acquisition."""
+    program = (
+        "import os, sys\n"
+        "from markerseek.cli import hunt, main\n"
+        "hear = hunt.Recorder.hear\n"
+        "def heard(self, event):\n"
+        "    hear(self, event)\n"
+        f"    if len(self.samples) == {after} and type(event).__name__ == 'Asked':\n"
+        f"        os.kill(os.getpid(), {int(number)})\n"
+        "hunt.Recorder.hear = heard\n"
+        "main()\n"
+    )
+    words = [*map(str, SEARCH), "--journal", str(path)]
+    return subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
+
+
+def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_path: Path) -> None:
+    code, _, err = shell(*SEARCH)
+    (path,) = journals(tmp_path)
+    assert f"journal: {path}" in err.replace("\n", "")
+    assert standing(read_journal(path).entries).state == "finished"
+    code, out, _ = shell("journal", "verify", path)
+    assert (code, "nothing is wrong" in out) == (0, True)
+    code, out, _ = shell("journal", "replay", path)
+    assert (code, "come out equal, bit for bit" in out) == (0, True)
+    shell(*SEARCH, "--no-journal")
+    assert journals(tmp_path) == [path]
+
+
+def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    searched = shell(*SEARCH, "--journal", path, "--json")
+    resumed = shell("resume", path, "--json")
+    assert resumed[:2] == searched[:2]
+    code, out, _ = shell("journal", "show", path, "--json")
+    shown = json.loads(out)
+    assert (code, shown["state"], shown["damage"]) == (0, "finished", None)
+    assert shown["configuration"]["recipe"]["settings"]["tissue"] == "plastisol-phantom"
+    kinds = [entry["kind"] for entry in shown["entries"]]
+    assert (kinds[0], kinds[-1]) == ("started", "finished")
+    angles = [e["body"]["angle_deg"] for e in shown["entries"] if e["kind"] == "measured" and not e["body"]["dark"]]
+    told = json.loads(searched[1])
+    assert angles[: told["acquisitions"]] == [sample["angle_deg"] for sample in told["samples"]]
+    assert json.loads(shell("journal", "verify", path, "--json")[1]) == {
+        "ok": True,
+        "entries": len(kinds),
+        "faults": [],
+    }
+    assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
+
+
+def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    shell(*SEARCH, "--journal", path)
+    code, out, _ = shell("journal", "show", path)
+    assert code == 0
+    assert "measured: search 8" in out
+    assert "state: finished" in out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_a_signal_stops_a_search_that_can_be_resumed(number: signal.Signals, shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    ended = killed_search(path, number, after=3)
+    assert ended.returncode == 128 + number
+    assert "the laser is disarmed" in ended.stderr
+    assert f"markerseek resume {path}" in ended.stderr.replace("\n", "")
+    assert not Path(f"{path}-wal").exists()
+    held = read_journal(path)
+    assert held.entries[-1].event == Interrupted(reason=number.name)
+    assert sum(isinstance(entry.event, Measured) and not entry.event.sample.dark for entry in held.entries) == 3
+    _, out, _ = shell("resume", path, "--arm", "--json")
+    assert out == shell(*SEARCH, "--no-journal", "--json")[1]
+
+
+def test_a_killed_search_is_resumed_once_it_is_armed(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    ended = killed_search(path, signal.SIGKILL, after=3)
+    assert ended.returncode == -signal.SIGKILL
+    before = len(read_journal(path).entries)
+    code, out, _ = shell("resume", path)
+    assert code == 4
+    assert "3 acquisitions are kept; the next is at" in out
+    assert "nothing moved and nothing was fired; add --arm" in out
+    code, out, _ = shell("resume", path, "--json")
+    told = json.loads(out)
+    assert (code, told["armed"], told["acquisitions"]) == (4, False, 3)
+    assert len(read_journal(path).entries) == before
+    assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
+    resumed = shell("resume", path, "--arm", "--json")
+    whole = shell(*SEARCH, "--no-journal", "--json")
+    assert resumed[:2] == whole[:2]
+    assert told["next_deg"] == pytest.approx(json.loads(whole[1])["samples"][3]["angle_deg"], abs=0.001)
+    assert shell("resume", path, "--json")[:2] == whole[:2]
+
+
+def test_a_picture_of_a_run_that_is_over(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    shell(*SEARCH, "--journal", path)
+    code, _, err = shell("resume", path, "--plot", "--out", tmp_path, "--json")
+    assert (tmp_path / "resume.png").stat().st_size > 10_000, (code, err)
+
+
+def test_a_named_journal_that_cannot_be_written_is_an_error_before_anything_moves(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    path.write_text("mine")
+    code, out, err = shell(*SEARCH, "--journal", path)
+    assert (code, out) == (2, "")
+    assert "exists already" in err
+    code, _, err = shell(*SEARCH, "--journal", tmp_path / "nowhere" / "run.journal")
+    assert code == 2
+    assert "cannot be written" in err.replace("\n", " ")
+    code, _, err = shell(*SEARCH, "--journal", tmp_path / "other.journal", "--no-journal")
+    assert (code, "leave one of them out" in err.replace("\n", " ")) == (2, True)
+
+
+def test_a_data_folder_that_cannot_be_written_is_a_warning_on_a_simulated_rig(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
+    code, out, err = shell(*SEARCH, "--json")
+    assert code in (0, 3)
+    assert json.loads(out)["acquisitions"] == 8
+    assert "no journal is kept" in err
+
+
+def test_a_recorded_scan_can_be_kept_as_well(shell: Shell, tmp_path: Path) -> None:
+    scan = tmp_path / "scan.csv"
+    rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
+    scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
+    path = tmp_path / "run.journal"
+    replayed = shell("replay", scan, "--method", "golden-section", "--journal", path, "--json")
+    assert shell("resume", path, "--json")[:2] == replayed[:2]
+    assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
+    assert journals(tmp_path) == []
+
+
+def test_a_damaged_journal_is_shown_as_far_as_it_is_whole(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    shell(*SEARCH, "--journal", path)
+    samples = next(
+        e.event.sample.frame.samples for e in read_journal(path).entries[9:] if isinstance(e.event, Measured)
+    )
+    data = bytearray(path.read_bytes())
+    data[data.index(samples.tobytes()[5000:5100])] ^= 1
+    path.write_bytes(data)
+    code, out, err = shell("journal", "show", path)
+    assert code == 2
+    assert "measured: dark 1" in out
+    assert "does not agree with its checksum" in err.replace("\n", " ")
+    code, out, _ = shell("journal", "verify", path)
+    assert (code, "wrong:" in out) == (1, True)
+    code, _, err = shell("resume", path, "--arm")
+    assert (code, "error:" in err) == (2, True)
+
+
+@pytest.mark.parametrize("words", [("journal", "show"), ("journal", "verify"), ("journal", "replay"), ("resume",)])
+def test_what_is_no_journal_is_an_error_in_words(words: tuple[str, ...], shell: Shell, tmp_path: Path) -> None:
+    assert shell(*words, tmp_path / "missing.journal")[0] == 2
+    (tmp_path / "text").write_text("text" * 999)
+    code, out, err = shell(*words, tmp_path / "text")
+    assert (code, out, "error:" in err) == (2, "", True)
+
+
+def test_a_running_search_is_left_alone(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    killed_search(path, signal.SIGKILL, after=2)
+    other, _ = Journal.reopen(path)
+    with other:
+        for words in (("resume", path, "--arm"), ("journal", "show", path)):
+            code, _, err = shell(*words)
+            assert (code, "another markerseek has it open" in err.replace("\n", " ")) == (2, True)
