@@ -116,7 +116,7 @@ class Move:
         while True:
             status = self.look()
             now_s = self._clock.now_s()
-            if self._settles(status, target, settled) and aim == target:
+            if self._settles(status, target, settled):
                 return status.position
             if heading * (status.position - farthest) > _STABLE_COUNTS:
                 farthest, advanced_s = status.position, now_s

@@ -103,7 +103,7 @@ class MotionControl:
         """Its status bits."""
         motor = self._motor
         bits = _CONNECTED | _ENABLED
-        if not motor.at_rest:
+        if not motor.at_rest and not self._fault("hides its moves"):
             bits |= _MOVING_UP if motor.target_deg > motor.angle_deg else _MOVING_DOWN
         for flag, bit in ((self._homing, _HOMING), (self._homed, _HOMED), (self._error, _ERROR)):
             bits |= bit if flag else 0

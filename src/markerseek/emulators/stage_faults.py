@@ -21,6 +21,7 @@ _ALL = (
     _fault("garbled commands", FaultKind.GARBAGE, "a bit is flipped in this share of the bytes it hears", amount=0.01),
     _fault("done too early", FaultKind.WRONG, "it says that a move is done, and begins it later, by s", amount=0.3),
     _fault("says it is there", FaultKind.WRONG, "it says that it is where it was sent, and does not move"),
+    _fault("hides its moves", FaultKind.WRONG, "its moving bits are clear while it moves"),
     _fault("says done", FaultKind.WRONG, "it says that a move is done, and does not move"),
     _fault("readback jump", FaultKind.WRONG, "the position counter jumps by this angle, deg", amount=2.0),
     _fault("overshoot", FaultKind.WRONG, "it goes this far beyond its target, deg", amount=0.5),
