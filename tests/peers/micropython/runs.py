@@ -1,0 +1,87 @@
+"""Random steps for a laser box, and what the emulator says and fires: ``python runs.py FILE``."""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+from pathlib import Path
+
+from markerseek.core import FrameHeader, ReadingFrame
+from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.sim import Flash
+from markerseek.wire import laserbox as wire
+
+RUNS, STEPS = 400, 25
+
+
+class Dark:
+    angle_deg = 0.0
+
+    def __init__(self) -> None:
+        self.flashes: list[Flash] = []
+
+    def flash(self, *, pulses: int, at_s: float) -> None:
+        """Let no light fall on anything."""
+
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
+        return ReadingFrame(header=header, intensity=0.0)
+
+
+def permit(rng: random.Random) -> wire.PermitPulses:
+    pulses = rng.randint(0, 12)
+    return wire.PermitPulses(
+        token=rng.randint(1, 8),
+        pulses=pulses,
+        rate_hz=rng.choice([10, 20, 50, 100, 200, 500]),
+        expiry_ms=rng.randint(1, 300),
+        triggers=max(1, pulses + rng.randint(0, 3)),
+    )
+
+
+def told(rng: random.Random) -> bytes:
+    allowed = permit(rng)
+    text = "".join(rng.choices("ABDEFHILMOPRSTKN 0123456789*-", k=rng.randint(0, 20))).encode()
+    return rng.choice(
+        [
+            wire.encode(wire.Hello()),
+            wire.encode(wire.Disarm()),
+            wire.encode(wire.Beat(step=rng.randint(1, 30))),
+            wire.encode(wire.Beat(step=rng.randint(1, 30))),
+            wire.encode(wire.Fire(token=rng.randint(1, 8))),
+            wire.encode(allowed),
+            wire.encode(allowed) + wire.encode(wire.Fire(token=allowed.token)),
+            rng.randbytes(rng.randint(0, 90)),
+            text + b"*%04X\n" % wire.crc16(text),
+        ]
+    )
+
+
+def one_run(rng: random.Random) -> dict[str, object]:
+    box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None)
+    steps: list[tuple[str, object]] = []
+    said: list[bytes] = []
+    now_ms, closed = 0, True
+    for _ in range(STEPS):
+        match rng.choices(["feed", "ms", "interlock"], weights=[6, 3, 1])[0]:
+            case "feed":
+                data = told(rng)
+                steps.append(("feed", data.hex()))
+                said.append(box.feed(data))
+            case "ms":
+                times_ms = range(now_ms + 1, now_ms + 1 + rng.randint(1, 120))
+                now_ms = times_ms[-1]
+                steps.append(("ms", len(times_ms)))
+                said.append(b"".join(box.advance(at_ms / 1e3) for at_ms in times_ms))
+            case _:
+                closed = not closed
+                (box.close_interlock if closed else box.open_interlock)()
+                steps.append(("interlock", closed))
+                said.append(box.feed(b""))
+    pulses_ms = [round(1e3 * pulse.at_s) for pulse in box.pulses]
+    return {"steps": steps, "said": [answer.hex() for answer in said], "pulses_ms": pulses_ms}
+
+
+if __name__ == "__main__":
+    generator = random.Random(1)
+    Path(sys.argv[1]).write_text(json.dumps([one_run(generator) for _ in range(RUNS)]))
