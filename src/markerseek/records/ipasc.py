@@ -11,37 +11,32 @@ from __future__ import annotations
 import math
 import os
 import shutil
-import uuid
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, ConfigError, LinearArray, MissingExtraError, RecordError, Sample
+from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
 from markerseek.records._hdf5 import require_h5py
 from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
+from markerseek.records.ipasc_fields import (
+    ANGLES,
+    DARK_FRAMES,
+    DARK_TAKEN,
+    FRAMES,
+    INTENSITIES,
+    PULSE_ENERGY,
+    PULSES,
+    SIZES,
+    TIMES,
+    acquisition_fields,
+    device_fields,
+    pacfish_package,
+)
 
 if TYPE_CHECKING:
     import h5py
-
-BANK_VERSION = 1
-"""Version of the fields that are ours; a reader refuses a newer one."""
-
-FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
-"""Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
-
-pacfish drops axes of length 1 of all but the first when it reads.
-"""
-
-VERSION = "meta_data/markerseek_bank_version"
-ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
-PULSES, TIMES = "meta_data/pulses", "meta_data/measurement_timestamps"
-DARK_TAKEN = "meta_data/dark_frames_taken"
-FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
-SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
-WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
-DETECTORS = "meta_data_device/detectors"
 
 _ROOM_BYTES = 1 << 20
 """Room for everything but frames."""
@@ -62,7 +57,7 @@ def require_new_bank(path: Path) -> None:
         If h5py or pacfish is not installed.
     """
     require_h5py()
-    _pacfish()
+    pacfish_package()
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
     if path.exists():
@@ -158,13 +153,13 @@ class BankWriter:
         self._shape = (0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1])
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._require_room()
-        pacfish = _pacfish()
+        pacfish = pacfish_package()
         elements, samples = self._shape
         facts = self._facts
         sampling_hz = facts.sampling_hz if frame is None else frame.sampling_hz
         data = pacfish.PAData(np.zeros((elements, samples, 1, 0), np.int16))
-        data.meta_data_acquisition = _acquisition_fields(facts, self._planned, self._shape, sampling_hz)
-        data.meta_data_device = _device_fields(facts, self._shape, sampling_hz)
+        data.meta_data_acquisition = acquisition_fields(facts, self._planned, self._shape, sampling_hz)
+        data.meta_data_device = device_fields(facts, self._shape, sampling_hz)
         pacfish.write_data(str(self._path), data)
         self._file = h5py.File(self._path, "r+")
         _reserve(self._file, FRAMES, (*self._shape, 1), self._planned)
@@ -230,14 +225,6 @@ class BankWriter:
         )
 
 
-def _pacfish() -> Any:
-    try:
-        import pacfish
-    except ImportError as problem:
-        raise MissingExtraError(package="pacfish", extra="records", purpose="a bank in IPASC HDF5") from problem
-    return pacfish
-
-
 def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> None:
     """A dataset that has its place on the disk at once, one chunk a frame."""
     import h5py
@@ -254,61 +241,3 @@ def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> 
     kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     room = h5py.h5s.create_simple(dims, (*shape, h5py.h5s.UNLIMITED))
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)
-
-
-def _acquisition_fields(
-    facts: BankFacts, count: int, shape: tuple[int, int], sampling_hz: float | None
-) -> dict[str, object]:
-    """Fields of IPASC and ours by name; what is not known is left out."""
-    unmeasured = np.full(count, np.nan)
-    known: dict[str, object | None] = {
-        "meta_data/uuid": str(uuid.uuid4()),
-        "meta_data/encoding": "UTF-8",
-        "meta_data/compression": "raw",
-        "meta_data/data_type": "short",
-        "meta_data/dimensionality": "time",
-        SIZES: np.array([*shape, 1, count]),
-        SAMPLING: sampling_hz,
-        SOUND_SPEED: facts.sound_speed_m_s,
-        # PATATO does without many fields, and not without this one: NaN where nobody said.
-        WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
-        PULSE_ENERGY: None if facts.pulse_energy_j is None else np.full(count, facts.pulse_energy_j),
-        TIMES: unmeasured,
-        "meta_data/measurements_per_image": 1,
-        "meta_data/scanning_method": "rotation of the probe about its long axis",
-        VERSION: BANK_VERSION,
-        ANGLES: unmeasured,
-        INTENSITIES: unmeasured,
-        PULSES: np.zeros(count, np.int64),
-        DARK_TAKEN: np.zeros((), np.int64),
-        REFERENCE: facts.reference_angle_deg,
-        FACE_RADIUS: facts.face_radius_m,
-        PROBE: facts.probe,
-        DESCRIPTION: facts.description or None,
-    }
-    # Python's own numbers: pacfish drops NumPy's without a word.
-    return {
-        name.removeprefix("meta_data/"): float(value) if isinstance(value, np.floating) else value
-        for name, value in known.items()
-        if value is not None
-    }
-
-
-def _device_fields(facts: BankFacts, shape: tuple[int, int], sampling_hz: float | None) -> dict[str, object]:
-    """The probe: x1 along the array from its centre, x3 into the tissue; elements' sizes are not known."""
-    pacfish = _pacfish()
-    elements, samples = shape
-    device = pacfish.DeviceMetaDataCreator()
-    if facts.pitch_m is not None and elements >= 2:
-        for lateral_m in LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m:
-            element = pacfish.DetectionElementCreator()
-            element.set_detector_position(np.array([lateral_m, 0.0, 0.0]))
-            element.set_detector_orientation(np.array([0.0, 0.0, 1.0]))
-            device.add_detection_element(element.get_dictionary())
-    half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
-    depth_m = 0.0
-    if facts.sound_speed_m_s is not None and sampling_hz is not None:
-        depth_m = samples / sampling_hz * facts.sound_speed_m_s
-    device.set_general_information(facts.probe or "unknown", np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]))
-    fields: dict[str, object] = device.finalize_device_meta_data()
-    return fields

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.records import ipasc
+from markerseek.records import ipasc_fields as fields
 from markerseek.records._hdf5 import CarefulFile, opened
 from markerseek.records._ordinary import ordinary_size
 from markerseek.records._vetting import vet
@@ -51,23 +51,23 @@ class IpascBank(FrameBank):
         RecordError
             If they cannot be read, or are no ADC counts.
         """
-        return self._frame(ipasc.FRAMES, self.rows[index], angle_deg=self.angles_deg[index])
+        return self._frame(fields.FRAMES, self.rows[index], angle_deg=self.angles_deg[index])
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
-        return self._frame(ipasc.DARK_FRAMES, index, angle_deg=0.0)
+        return self._frame(fields.DARK_FRAMES, index, angle_deg=0.0)
 
     def _frame(self, name: str, row: int, *, angle_deg: float) -> ChannelFrame:
         if self.facts.sampling_hz is None:
-            raise RecordError(f"{self.path}: {ipasc.SAMPLING} is missing; its frames cannot be read without it")
+            raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
         with opened(self.path) as file:
             samples = _counts(file, name, row)
         header = FrameHeader(
             sequence=row + 1,
             token=self.path.name,
-            pulses=0 if name == ipasc.DARK_FRAMES else 1,
+            pulses=0 if name == fields.DARK_FRAMES else 1,
             commanded_deg=angle_deg,
             started_s=0.0,
             ended_s=0.0,
@@ -100,9 +100,9 @@ def read_unvetted(path: Path) -> IntensityBank | IpascBank:
     """The same of a file that is known to do no harm."""
     with opened(path) as file:
         _require_version(path, file)
-        if not file.has(ipasc.ANGLES):
-            raise RecordError(f"{path}: {ipasc.ANGLES} is missing; without the angles it is no bank of a scan")
-        angles = file.numbers(ipasc.ANGLES)
+        if not file.has(fields.ANGLES):
+            raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
+        angles = file.numbers(fields.ANGLES)
         if angles.size > _MOST_ANGLES:
             raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
         taken = np.flatnonzero(np.isfinite(angles))
@@ -133,7 +133,7 @@ def walk_frames(bank: IntensityBank | IpascBank) -> None:
     """Go through the places of all frames in the file without reading them."""
     if isinstance(bank, IpascBank):
         with opened(bank.path) as file:
-            for name in (ipasc.FRAMES, ipasc.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
+            for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
                 data = file.dataset(name)
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
@@ -141,10 +141,10 @@ def walk_frames(bank: IntensityBank | IpascBank) -> None:
 
 
 def _require_version(path: Path, file: CarefulFile) -> None:
-    version = file.number(ipasc.VERSION)
-    if version is not None and not 1 <= version <= ipasc.BANK_VERSION:
+    version = file.number(fields.VERSION)
+    if version is not None and not 1 <= version <= fields.BANK_VERSION:
         raise RecordError(
-            f"{path}: it is a bank of version {version:g}, this markerseek reads up to {ipasc.BANK_VERSION}; "
+            f"{path}: it is a bank of version {version:g}, this markerseek reads up to {fields.BANK_VERSION}; "
             "install a newer markerseek"
         )
 
@@ -159,9 +159,9 @@ def _require_rising(path: Path, angles: Float64[np.ndarray, " taken"]) -> None:
 
 
 def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarray, " planned"]:
-    if not file.has(ipasc.INTENSITIES):
+    if not file.has(fields.INTENSITIES):
         return np.full(count, np.nan)
-    values = file.numbers(ipasc.INTENSITIES)
+    values = file.numbers(fields.INTENSITIES)
     if values.size != count:
         raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
     if not (values[np.isfinite(values)] >= 0).all():
@@ -171,12 +171,12 @@ def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarra
 
 def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] | None:
     """Elements and samples of the frames; None where there are none."""
-    if not file.has(ipasc.FRAMES):
+    if not file.has(fields.FRAMES):
         return None
-    shape = file.dataset(ipasc.FRAMES).shape
+    shape = file.dataset(fields.FRAMES).shape
     if len(shape) != 4 or shape[2:] != (1, count):
         raise RecordError(
-            f"{path}: {ipasc.FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
+            f"{path}: {fields.FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
             "one wavelength, and one measurement for each angle"
         )
     return None if 0 in shape else (shape[0], shape[1])
@@ -184,13 +184,13 @@ def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] |
 
 def _dark_frames(file: CarefulFile, frames: tuple[int, int]) -> int:
     """Number of dark frames that can be read."""
-    if not file.has(ipasc.DARK_FRAMES):
+    if not file.has(fields.DARK_FRAMES):
         return 0
-    shape: tuple[int, ...] = file.dataset(ipasc.DARK_FRAMES).shape
+    shape: tuple[int, ...] = file.dataset(fields.DARK_FRAMES).shape
     if shape[:2] != frames or not 2 <= len(shape) <= 3:
-        raise ValueError(f"{ipasc.DARK_FRAMES} has the shape {shape}")
+        raise ValueError(f"{fields.DARK_FRAMES} has the shape {shape}")
     room = 1 if len(shape) == 2 else shape[2]
-    taken = file.number(ipasc.DARK_TAKEN)
+    taken = file.number(fields.DARK_TAKEN)
     return room if taken is None else max(0, min(int(taken), room))
 
 
@@ -212,15 +212,15 @@ def _counts(file: CarefulFile, name: str, row: int) -> Int16[np.ndarray, "channe
 
 def _facts(file: CarefulFile) -> BankFacts:
     return BankFacts(
-        description=file.text(ipasc.DESCRIPTION) or "",
-        probe=file.text(ipasc.PROBE),
-        sampling_hz=_positive(file, ipasc.SAMPLING),
-        sound_speed_m_s=_positive(file, ipasc.SOUND_SPEED),
+        description=file.text(fields.DESCRIPTION) or "",
+        probe=file.text(fields.PROBE),
+        sampling_hz=_positive(file, fields.SAMPLING),
+        sound_speed_m_s=_positive(file, fields.SOUND_SPEED),
         pitch_m=_pitch_m(file),
-        wavelength_m=_first(file, ipasc.WAVELENGTH),
-        pulse_energy_j=_first(file, ipasc.PULSE_ENERGY),
-        face_radius_m=_positive(file, ipasc.FACE_RADIUS),
-        reference_angle_deg=file.number(ipasc.REFERENCE),
+        wavelength_m=_first(file, fields.WAVELENGTH),
+        pulse_energy_j=_first(file, fields.PULSE_ENERGY),
+        face_radius_m=_positive(file, fields.FACE_RADIUS),
+        reference_angle_deg=file.number(fields.REFERENCE),
     )
 
 
@@ -241,11 +241,11 @@ def _first(file: CarefulFile, name: str) -> float | None:
 
 def _pitch_m(file: CarefulFile) -> float | None:
     """Distance of the first two elements, where the file says where they are."""
-    names = [f"{ipasc.DETECTORS}/{number:010d}/detector_position" for number in (0, 1)]
+    names = [f"{fields.DETECTORS}/{number:010d}/detector_position" for number in (0, 1)]
     if not all(file.has(name) for name in names):
         return None
     first, second = (file.numbers(name) for name in names)
     if first.size != 3 or second.size != 3:
-        raise ValueError(f"{ipasc.DETECTORS} holds positions of {first.size} numbers, three are expected")
+        raise ValueError(f"{fields.DETECTORS} holds positions of {first.size} numbers, three are expected")
     distance = float(np.linalg.norm(second - first))
     return distance if math.isfinite(distance) and distance > 0 else None
