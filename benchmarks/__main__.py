@@ -19,7 +19,7 @@ def main() -> None:
     machine.hold_to_cores(arguments.cores)
     circumstances = machine.describe(cores=arguments.cores)
 
-    from benchmarks import beamforming, chain, commands, forward, targets, timing
+    from benchmarks import beamforming, chain, commands, forward, journal, targets, timing
     from benchmarks.report import Report
 
     effort = timing.QUICK if arguments.quick else timing.FULL
@@ -31,7 +31,12 @@ def main() -> None:
         found, said = section.compare(effort)
         pairs += found
         remarks += said
-    for name, section in (("the imaging chain", chain), ("simulation", forward), ("commands", commands)):
+    for name, section in (
+        ("the imaging chain", chain),
+        ("simulation", forward),
+        ("the journal", journal),
+        ("commands", commands),
+    ):
         print(f"timing {name} ...", file=sys.stderr)
         measured, said = section.measure(effort)
         singles += measured

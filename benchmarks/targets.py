@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from benchmarks import beamforming, chain, commands, forward
+from benchmarks import beamforming, chain, commands, forward, journal
 from benchmarks.timing import Pair, Single
 
 
@@ -44,6 +44,7 @@ def judge(pairs: Sequence[Pair], singles: Sequence[Single]) -> list[Target]:
         _at_most(commands.SEARCH, times[commands.SEARCH], 3000),
         _at_most(commands.IMPORT, times[commands.IMPORT], 500),
         _at_most(commands.LOOP, times[commands.LOOP], 10),
+        _at_most(journal.FRAME, times[journal.FRAME], 5),
     ]
 
 
