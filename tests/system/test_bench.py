@@ -142,6 +142,20 @@ def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
     assert not (tmp_path / "bench" / "laser").is_symlink()
 
 
+def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(shell: Shell, tmp_path: Path) -> None:
+    with emulation(tmp_path, seed=1) as devices:
+        code, out, _ = shell("doctor", "--rig", devices.rig, "--json")
+        finding = json.loads(out)["findings"][-1]
+        assert (code, finding["state"]) == (0, "ok")
+        assert "KDC101 27000001 at" in finding["detail"]
+        assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
+        assert devices.end() == (0.0, 0.0, 0)
+    code, out, _ = shell("doctor", "--rig", devices.rig, "--json")
+    finding = json.loads(out)["findings"][-1]
+    assert (code, finding["state"]) == (1, "broken")
+    assert "cannot be opened" in finding["detail"]
+
+
 def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_path: Path) -> None:
     with emulation(tmp_path, seed=1, device="daq") as devices:
         assert devices.process.stdin is not None

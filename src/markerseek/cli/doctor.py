@@ -8,6 +8,7 @@ import math
 import platform
 import time
 import warnings
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
@@ -15,10 +16,15 @@ import typer
 from rich.markup import escape
 
 NAME = "doctor"
-EXAMPLES = "Examples:\n\n  markerseek doctor\n\n  markerseek doctor --json"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek doctor\n\n"
+    "  markerseek doctor --json\n\n"
+    "  markerseek doctor --rig examples/rigs/bench.toml"
+)
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
-EXTRAS = {"plot": "matplotlib", "cluster": "distributed"}
+EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "devices": "thorlabs_apt_protocol"}
 
 
 _MARKER_DEG = 10.0
@@ -35,12 +41,17 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def command(
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML): connect to its devices too, without moving or firing.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Look at the installation, and run two simulated searches (which compiles the kernels if need be)."""
+    """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be)."""
     from markerseek.cli.terminal import people, print_json
 
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
+    if rig is not None:
+        findings.append(_rig(rig))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -63,6 +74,19 @@ def _packages() -> list[Finding]:
             version = importlib.metadata.version(package)
             found.append(Finding(what=package, state="ok", detail=f"{version} (extra {extra})", needed=False))
     return found
+
+
+def _rig(path: Path) -> Finding:
+    """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
+    from markerseek.cli.on_rig import open_rig
+    from markerseek.core import DeviceError
+
+    try:
+        with open_rig(path, seed=1) as (rig, stands_deg):
+            detail = f"{rig.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
+    except DeviceError as error:
+        return Finding(what=str(path), state="broken", detail=str(error))
+    return Finding(what=str(path), state="ok", detail=detail)
 
 
 def _search(method: str) -> Finding:
