@@ -78,7 +78,7 @@ def error_figure(
         panels.append(Panel(title=", ".join(f"{key} = {value}" for key, value in settings.items()), lines=tuple(lines)))
     return panels_figure(
         panels,
-        title=f"{first.name}: mean error, whatever the answer ({first.policies[0].trials} simulated markers)",
+        title=f"mean error, whatever the answer ({_markers(runs)} simulated markers)",
         across="acquisitions",
         up="mean error, degrees",
         columns=2,
@@ -113,6 +113,12 @@ def _points(study: Study, summary: Summary, cell: int) -> list[_Points]:
                 )
             )
     return lines
+
+
+def _markers(runs: Sequence[tuple[Study, Summary]]) -> str:
+    """Markers behind each point, from the fewest to the most."""
+    counts = sorted({policy.trials for _, summary in runs for policy in summary.policies})
+    return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
 def _plans_ahead(policy: PolicySummary) -> bool:
