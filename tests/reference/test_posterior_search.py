@@ -192,5 +192,5 @@ def test_where_a_louder_marker_may_hide():
     heard = {"level": 6.4, "fwhm_deg": 3.0}
     assert hiding_deg([-23.0, 0.0, 23.0], limits, peak=40.0, **heard) is None
     assert hiding_deg([-23.0, -22.0, 0.0], limits, peak=40.0, **heard) == 35.0
-    assert hiding_deg([-23.0, 0.0, 23.0], limits, peak=7.0, **heard) == -35.0
+    assert hiding_deg([-22.0, 0.0, 23.0], limits, peak=7.0, **heard) == -35.0
     assert hiding_deg(np.arange(-34.0, 35.0, 2.0).tolist(), limits, peak=7.0, **heard) is None
