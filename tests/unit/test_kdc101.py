@@ -267,6 +267,31 @@ def test_a_computer_that_dies_leaves_the_stage_five_degrees_on_at_most(after_s: 
     assert rig.emulator.largest_lead_deg <= 5.0
 
 
+@pytest.mark.parametrize("number", range(20, 44))
+def test_one_reading_that_is_a_little_wrong_carries_no_target_further(number: int) -> None:
+    rig = bench()
+    stage = rig.stage()
+    read, count = rig.port.read, 0
+
+    def read_wrongly(size: int, *, timeout_s: float) -> bytes:
+        nonlocal count
+        data = read(size, timeout_s=timeout_s)
+        if data[:2] == b"\x91\x04":
+            count += 1
+            if count == number:
+                position = int.from_bytes(data[8:12], "little", signed=True) - 192  # 0.1 deg further on its way
+                data = data[:8] + position.to_bytes(4, "little", signed=True) + data[12:]
+        return data
+
+    rig.port.read = read_wrongly  # type: ignore[method-assign]
+    try:
+        assert stage.move_to(-35.0) == pytest.approx(-35.0, abs=1e-3)
+    except MoveError as refusal:
+        assert "faster than" in str(refusal)
+    assert count > number
+    assert rig.emulator.largest_lead_deg <= 5.0
+
+
 def test_an_interrupted_move_is_stopped_at_once() -> None:
     rig = bench()
     stage = rig.stage()
