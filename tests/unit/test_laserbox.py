@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 from hypothesis import given
@@ -141,6 +141,63 @@ def test_no_box_at_all_is_not_connected() -> None:
     bench.faults.silent = True
     with pytest.raises(NotConnectedError, match="nothing answers HELLO"):
         bench.driver()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 2}, "speaks version 2 of its protocol, 1 is needed"),
+        ({"lease_ms": 40}, "its lease is 40 ms, it must lie between 50 and 100 ms"),
+        ({"lease_ms": 5000}, "its lease is 5000 ms"),
+    ],
+)
+def test_a_box_of_another_kind_is_not_connected(change: dict[str, int], message: str) -> None:
+    greeting = wire.Greeting(identity="other", version=1, lease_ms=100, last_token=0)
+    told = wire.encode(replace(greeting, **change))
+
+    class Other:
+        def advance(self, now_s: float) -> bytes:
+            return b""
+
+        def feed(self, data: bytes) -> bytes:
+            return b"half a line\n" + told if b"HELLO" in data else b""
+
+    clock = VirtualClock()
+    with pytest.raises(NotConnectedError, match=message):
+        LaserBox(port=DirectPort(device=Other(), clock=clock), clock=clock)
+
+
+@pytest.mark.parametrize("answer", [wire.Permitted(token=2), wire.Done(token=9, sent=16, photodiode=16)])
+def test_an_answer_to_something_else_is_no_answer(answer: wire.Reply) -> None:
+    bench = Bench()
+    driver = bench.driver()
+    feed = bench.box.feed
+
+    def confused(data: bytes) -> bytes:
+        wanted = b"PERMIT" if isinstance(answer, wire.Permitted) else b"FIRE"
+        return wire.encode(answer) if data.startswith(wanted) else feed(data)
+
+    bench.box.feed = confused  # type: ignore[method-assign]
+    with pytest.raises(LaserError, match=r"answers the (permit|firing of) 1"):
+        driver.fire(permit())
+    assert bench.box.pulses == []
+
+
+def test_a_second_program_that_asks_for_a_permit_while_it_fires_stops_it() -> None:
+    bench = Bench()
+    bench.say(pulses_of(1), wire.Fire(token=1), at_s=0.0)
+    assert bench.say(pulses_of(2), at_s=0.025) == [
+        wire.Done(token=1, sent=3, photodiode=3),
+        wire.Refusal(reason="BUSY"),
+    ]
+
+
+def test_a_lease_longer_than_the_protocol_s_and_a_dark_frame_without_triggers_are_refused() -> None:
+    with pytest.raises(ConfigError, match="lease_ms is 101 ms"):
+        Bench(lease_ms=101)
+    bench = Bench()
+    with pytest.raises(ConfigError, match="dark_triggers is 0"):
+        LaserBox(port=bench.port, clock=bench.clock, dark_triggers=0)
 
 
 def test_an_open_interlock_fires_nothing_and_closing_it_gives_no_permit_back() -> None:
