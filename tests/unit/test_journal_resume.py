@@ -280,6 +280,29 @@ def test_a_simulated_world_without_its_state_cannot_go_on(tmp_path: Path) -> Non
         go_on(path)
 
 
+def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Path) -> None:
+    """As with real devices: no state is kept, and the clock of another process began at another time."""
+    path = tmp_path / "run.journal"
+    policy, rig, configuration = begin()
+    rig = replace(rig, world=None)
+    rig.scanner.clock.wait(1000.0)
+    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
+        for _ in range(16):
+            next(events)
+    rig.scanner.clock.put_back(5.0)  # type: ignore[attr-defined]
+    heard = go_on(path, rig=rig)
+    held = read_journal(path)
+    times = [at_s for _, at_s in times_and_events(held)]
+    assert times == sorted(times)
+    assert times[0] == 1000.0
+    over = heard[-1]
+    assert isinstance(over, Finished)
+    assert over.acquisitions == ACQUISITIONS
+    assert over.elapsed_s == times[-1] - 1000.0 > 0
+    assert verify(path).faults == []
+    assert differences(held, begin()[0], reader_again(held.configuration)) == []
+
+
 def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     Journal.create(path, begin()[2]).close()
