@@ -46,7 +46,8 @@ from markerseek.acoustics import Probe
 from markerseek.core import AcquisitionError, Frame, LinearArray, Measured, Policy, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Journal, Recording, read_journal, result_of
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import configuration_of, journalled, resumed
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.resuming import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 

@@ -33,7 +33,8 @@ from markerseek.core import (
 from markerseek.guard import State
 from markerseek.records.journal import Configuration, Journal, read_journal, result_of, salvage, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import configuration_of, journalled, resumed
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.resuming import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
 

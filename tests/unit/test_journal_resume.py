@@ -40,8 +40,9 @@ from markerseek.records.journal import (
 )
 from markerseek.rigs import Rig
 from markerseek.rigs.again import differences, next_angle, policy_again, reader_again, rig_again
-from markerseek.rigs.journalled import configuration_of, journalled, resumed
+from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.rigs.resemblance import change_of
+from markerseek.rigs.resuming import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
 

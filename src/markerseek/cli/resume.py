@@ -37,7 +37,7 @@ def command(
     from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation
     from markerseek.records.journal import read_journal, result_of, standing
-    from markerseek.rigs.journalled import require_reset
+    from markerseek.rigs.resuming import require_reset
 
     held = read_journal(journal)
     stands = standing(held.entries)
@@ -70,7 +70,7 @@ def _go_on(journal: Path, *, reset_fault: bool) -> tuple[Recorder, SearchResult,
     from markerseek.cli.on_rig import person
     from markerseek.records.journal import Journal
     from markerseek.rigs.again import policy_again, rig_again
-    from markerseek.rigs.journalled import resumed
+    from markerseek.rigs.resuming import resumed
     from markerseek.search import method_named
 
     kept, held = Journal.reopen(journal)

@@ -12,9 +12,9 @@ from markerseek.core import ChannelFrame, Measured, Policy, Reader, RecordError
 from markerseek.guard import Limits
 from markerseek.records.journal import Configuration, Entry, Recording
 from markerseek.records.replay import IntensityReader
-from markerseek.rigs.journalled import TOLD
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
+from markerseek.rigs.resuming import TOLD
 from markerseek.rigs.retelling import Retelling
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
