@@ -8,10 +8,10 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench docs lock clean
+.PHONY: help demo test check bench mutants peers docs lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
@@ -28,6 +28,12 @@ check: .venv/dev  ## look for faults without running: lint, format, types, impor
 bench: .venv-bench/ready  ## time the kernels side by side with other people's programs
 	.venv-bench/bin/python -m benchmarks $(BENCH)
 
+mutants: .venv/dev  ## change the safety kernel in every small way, and see that its tests notice
+	$(BIN)/python tests/faults/mutants.py
+
+peers: .venv-peers/ready  ## have other people's programs open our files and drive our emulators
+	.venv-peers/bin/python -m pytest -q --confcutdir=tests/peers tests/peers
+
 docs: .venv/dev  ## run the examples of the documentation
 	$(BIN)/python -m pytest -q tests/system/test_examples.py
 
@@ -36,9 +42,10 @@ lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
+	$(COMPILE) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 
 clean:  ## remove the environment and everything made
-	rm -rf .venv .venv-bench out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-bench .venv-peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 # The environment grows in two steps, so that the demo does not wait for the tools of the tests. The last line of the
 # first compiles the kernels once, for good.
@@ -60,4 +67,11 @@ clean:  ## remove the environment and everything made
 	test -x .venv-bench/bin/python || $(PYTHON) -m venv .venv-bench
 	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/bench.txt
 	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv-peers/ready: requirements/peers.txt pyproject.toml
+	@echo "setting up .venv-peers (once)"
+	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/peers.txt
+	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

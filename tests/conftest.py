@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import pkgutil
 
+import hypothesis
 from jaxtyping import install_import_hook
 
-PURE = ("core", "search", "signals", "acoustics")
+PURE = ("core", "search", "signals", "acoustics", "calibration")
+
+# No test is timed: a busy machine is no fault.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 
 def _pure_modules() -> list[str]:
