@@ -1,0 +1,190 @@
+"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --frames 2000 --out docs/explanation/faults-table.md``.
+
+Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed goes on where it
+was; they hold for one commit and one seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import msgspec
+from rich.progress import Progress
+
+from markerseek.core import Measured
+
+from .checker import check
+from .held_lines import HeldLines
+from .points import enumerate_points
+from .report import kinds, observable, observable_keys, promises, uncovered
+from .runs import Campaign, draw_plan
+from .tally import Tally
+
+CHUNK = 250
+
+
+def readings(seed: int, first: int, count: int) -> Tally:
+    """Counts of a chunk of runs with readings."""
+    tally = Tally()
+    with tempfile.TemporaryDirectory(dir=_ram()) as folder, HeldLines() as lines:
+        campaign = Campaign(Path(folder), lines)
+        for number in range(first, first + count):
+            plan = draw_plan(seed, number)
+            trace = campaign.perform(plan)
+            tally.hear(
+                check(trace),
+                number=number,
+                faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),
+                accepted=sum(isinstance(entry.event, Measured) for entry in trace.journal.entries),
+                real_s=trace.real_s,
+                virtual_s=trace.virtual_s,
+            )
+    return tally
+
+
+def _ram() -> str | None:
+    """Where journals are synchronised without a disk."""
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None  # noqa: S108  the system's own folder in memory
+
+
+class _Kept(msgspec.Struct, kw_only=True):
+    """What is kept between two calls: the chunks that are done, by what they were made of."""
+
+    commit: str
+    seed: int
+    chunks: dict[str, Tally] = {}
+
+
+def chunked(
+    what: str,
+    work: Callable[[int, int, int], Tally],
+    *,
+    runs: int,
+    chunk: int,
+    kept: _Kept,
+    save: Callable[[], None],
+    workers: int,
+) -> Tally:
+    """Counts of all chunks, those that are done already taken from what is kept."""
+    parts = {f"{what} {first} {min(chunk, runs - first)}": first for first in range(0, runs, chunk)}
+    todo = {name: first for name, first in parts.items() if name not in kept.chunks}
+    with Progress(disable=not sys.stderr.isatty()) as progress:
+        bar = progress.add_task(what, total=runs, completed=runs - chunk * len(todo))
+        for name, tally in _each(work, kept.seed, todo, workers):
+            kept.chunks[name] = tally
+            progress.advance(bar, tally.runs)
+            save()
+    whole = Tally()
+    for name in parts:
+        whole.add(kept.chunks[name])
+    return whole
+
+
+def _each(
+    work: Callable[[int, int, int], Tally], seed: int, todo: dict[str, int], workers: int
+) -> Iterator[tuple[str, Tally]]:
+    sizes = {name: int(name.rsplit(" ", 1)[1]) for name in todo}
+    if workers == 1:
+        for name, first in todo.items():
+            yield name, work(seed, first, sizes[name])
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        names = list(todo)
+        yield from zip(names, pool.map(partial(work, seed), todo.values(), sizes.values()), strict=True)
+
+
+def main() -> int:
+    """Run the campaign, and write or print its tables; 1 if a promise was broken."""
+    parser = argparse.ArgumentParser(description="fault campaign in virtual time")
+    parser.add_argument("--runs", type=int, default=2000, help="runs with readings instead of frames")
+    parser.add_argument("--frames", type=int, default=50, help="runs with frames, over emulated devices")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--state", type=Path, help="where counts are kept between two calls")
+    parser.add_argument("--out", type=Path, help="where the tables go")
+    words = parser.parse_args()
+    kept = _kept(words.state, seed=words.seed)
+
+    def save() -> None:
+        if words.state is not None:
+            draft = words.state.with_suffix(".part")
+            draft.write_bytes(msgspec.json.encode(kept))
+            draft.replace(words.state)
+
+    began_s = time.monotonic()
+    whole = chunked("readings", readings, runs=words.runs, chunk=CHUNK, kept=kept, save=save, workers=words.workers)
+    points = enumerate_points()
+    page = _page(kept, whole, points, began_s)
+    if words.out is not None:
+        words.out.write_text(page)
+    sys.stdout.write(page)
+    preventable = {"P1", "P3", "P6", "P7", "P8"}
+    return 1 if any(broken.promise in preventable for broken in whole.broken) or any(points.values()) else 0
+
+
+def _kept(path: Path | None, *, seed: int) -> _Kept:
+    commit = _commit()
+    if path is not None and path.is_file():
+        kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
+        if (kept.commit, kept.seed) == (commit, seed):
+            return kept
+    return _Kept(commit=commit, seed=seed)
+
+
+def _commit() -> str:
+    """Commit of the working tree, and whether the package or the campaign was changed since."""
+    here = Path(__file__).parent
+    told = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    root = here.parents[2]
+    changed = subprocess.run(
+        ["git", "status", "--porcelain", "src", "tests/faults/campaign"],
+        cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return told.stdout.strip()[:12] + (" with changes" if changed.stdout.strip() else "")
+
+
+def _page(kept: _Kept, whole: Tally, points: dict[str, list[str]], began_s: float) -> str:
+    lines = [
+        f"Made from commit {kept.commit}, seed {kept.seed}, by `python -m tests.faults.campaign`"
+        f" ({whole.runs:,} runs with readings, {time.monotonic() - began_s:.0f} s).",
+        "",
+        "## Promises, with readings instead of frames",
+        "",
+        *promises(whole, preventable=observable_keys()),
+        "",
+        f"Outcomes: {', '.join(f'{count:,} {name}' for name, count in sorted(whole.outcomes.items()))}; "
+        f"{whole.accepted:,} frames were accepted. The slowest run took {whole.slowest_s:.2f} s of real time, the "
+        f"longest {whole.longest_s:,.0f} s of virtual time.",
+        "",
+        "## Observable faults by kind",
+        "",
+        *kinds(whole),
+        "",
+        "## Observable faults, one by one",
+        "",
+        *observable(whole),
+        "",
+        "## Faults that no program can prevent",
+        "",
+        *uncovered(whole),
+        "",
+        "## Fault points: the n-th call of each verb fails, for all n",
+        "",
+        *(f"- {verb}: {'always a clean stop' if not broken else '; '.join(broken)}" for verb, broken in points.items()),
+    ]
+    for broken in whole.broken[:40]:
+        lines.append(f"<!-- {broken.promise} run {broken.run} {', '.join(broken.faults)}: {broken.said} -->")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

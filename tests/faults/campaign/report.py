@@ -1,0 +1,107 @@
+"""The committed page: each promise with its figure and bound, and each fault with what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .tally import PROMISES, Row, Tally, upper95
+from .vocabulary import FAULTS, Injected
+
+_WORDS = {
+    "P1": "the probe never leaves its limits, in truth",
+    "P3": "pulses ≤ permitted, none while the stage moves",
+    "P6": "every fault that acted is reported, and no faulty frame is accepted",
+    "P7": "FAULT is left only by a person's reset (every verb tried in each run that ended there)",
+    "P8": "every run ends within its caps",
+}
+
+
+def key_of(injected: Injected) -> str:
+    """Name under which a tally holds a fault."""
+    return f"{injected.fault.device} {injected.fault.name}"
+
+
+def observable_keys() -> list[str]:
+    """Faults of which the evidence is in what the devices send, and which do no harm before."""
+    return [key_of(each) for each in FAULTS.values() if each.harm == "none"]
+
+
+def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
+    """Lines of the table of promises."""
+    lines = ["| | promise | broken | runs | upper 95 % limit |", "|---|---|---|---|---|"]
+    for promise in PROMISES:
+        runs = tally.in_fault if promise == "P7" else tally.runs
+        hits = tally.runs_that_broke(promise)
+        lines.append(f"| {promise} | {_WORDS[promise]} | {hits} | {runs:,} | {upper95(hits, runs):.2g} |")
+    single = tally.of(preventable)
+    none = tally.of(["none"])
+    for words, row in (("under a single observable fault", single), ("without fault", none)):
+        limit = upper95(row.off, row.runs)
+        lines.append(
+            f"| P10 | found and off by more than 1°, {words} ({row.found:,} found) | {row.off} | {row.runs:,} | "
+            f"{limit:.2g} |"
+        )
+    reported = single.reported / single.acted if single.acted else 1.0
+    missed = single.acted - single.reported
+    lines.append(
+        f"| P6 | single observable faults that acted and were not reported ({reported:.2%} reported) | {missed} | "
+        f"{single.acted:,} | {upper95(missed, single.acted):.2g} |"
+    )
+    return lines
+
+
+def kinds(tally: Tally) -> list[str]:
+    """Observable faults by device and kind."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for each in FAULTS.values():
+        if each.harm == "none":
+            groups.setdefault((each.fault.device, each.fault.kind.value), []).append(key_of(each))
+    lines = [
+        "| device | kind | runs | acted | reported | found | found and off > 1° | upper 95 % limit |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for (device, kind), keys in sorted(groups.items()):
+        row = tally.of(keys)
+        lines.append(
+            f"| {device} | {kind} | {row.runs:,} | {row.acted:,} | {row.reported:,} | {row.found:,} | {row.off} | "
+            f"{upper95(row.off, row.runs):.2g} |"
+        )
+    return lines
+
+
+def observable(tally: Tally) -> list[str]:
+    """One line for each observable fault."""
+    lines = [
+        "| fault | kind | what happens | runs | acted | reported | found | off |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for each in FAULTS.values():
+        if each.harm != "none":
+            continue
+        row = tally.rows.get(key_of(each), Row())
+        fault = each.fault
+        lines.append(
+            f"| {key_of(each)} | {fault.kind.value} | {fault.meaning} | {row.runs:,} | {row.acted:,} | "
+            f"{row.reported:,} | {row.found:,} | {row.off} |"
+        )
+    return lines
+
+
+def uncovered(tally: Tally) -> list[str]:
+    """One line for each fault that no program can prevent: what it did, and what must cover it."""
+    lines = [
+        "| fault | seen | what happens | runs | farthest beyond the travel, deg | of it more than injected | "
+        "most pulses too many | most pulses while moving | found | off | what covers it |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for each in FAULTS.values():
+        if each.harm == "none":
+            continue
+        row = tally.rows.get(key_of(each), Row())
+        seen = "afterwards" if each.fault.observable else "no"
+        lines.append(
+            f"| {key_of(each)} | {seen} | {each.fault.meaning} | {row.runs:,} | {row.excess_deg:.2f} | "
+            f"{row.beyond_deg:.2f} | {row.excess_pulses} | {row.moving_pulses} | {row.found:,} | {row.off} | "
+            f"{each.covered_by} |"
+        )
+    return lines

@@ -1,0 +1,314 @@
+"""One run of the campaign: drawn from a seed, then searched with real guard, scan, journal and supervisor."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, Sample
+from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+from markerseek.records.journal import Configuration, Journal, Recording, read_journal
+from markerseek.records.replay import IntensityReader
+from markerseek.rigs import Rig
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.scan import RunLimits, Scanner
+from markerseek.search import build
+from markerseek.sim import (
+    CurveWorld,
+    GaussianCurve,
+    IntensityCurve,
+    LaserSettings,
+    NoiseSettings,
+    PowerCurve,
+    SechCurve,
+    SimulatedLaser,
+    SimulatedReceiver,
+    SimulatedSettings,
+    SimulatedStage,
+    VirtualClock,
+)
+from markerseek.sim.faults import Fault
+
+from .devices import FaultyLaser, FaultyReceiver, FaultyStage
+from .held_lines import HeldLines
+from .vocabulary import FAULTS, drawn
+from .world import WatchedWorld
+
+CELLS = 460_000
+CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
+METHODS = (
+    ("weighted-average", (15, 29, 57), 0.40),
+    ("golden-section", (16, 28), 0.40),
+    ("posterior", (6, 8), 0.17),
+    ("endless", (0,), 0.015),
+    ("wild", (0,), 0.015),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Everything about a run that chance decides."""
+
+    number: int
+    seed: int
+    limits: Limits
+    start_deg: float
+    marker_deg: float | None
+    curve: IntensityCurve
+    peak_snr_db: float
+    pulses: int
+    readout_s: float
+    method: str
+    acquisitions: int
+    faults: tuple[Fault, ...]
+
+
+def draw_plan(seed: int, number: int) -> Plan:
+    """The plan of a run."""
+    rng = np.random.default_rng([seed, number])
+    low, high = (-35.0, 35.0) if rng.random() < 0.7 else (rng.uniform(-35, -10), rng.uniform(10, 35))
+    search = Interval(low_deg=float(low), high_deg=float(high))
+    limits = Limits(search=search, travel=Interval(low_deg=float(low) - 1.5, high_deg=float(high) + 1.5))
+    fwhm_deg = float(np.exp(rng.uniform(np.log(5), np.log(30))))
+    curve = (
+        GaussianCurve(fwhm_deg=fwhm_deg),
+        SechCurve(fwhm_deg=fwhm_deg),
+        PowerCurve(fwhm_deg=fwhm_deg, power=float(rng.uniform(1, 3))),
+    )[int(rng.integers(3))]
+    name, counts, _ = METHODS[int(rng.choice(len(METHODS), p=[share for *_, share in METHODS]))]
+    acquisitions = int(rng.choice(counts))
+    steps = 3 + (acquisitions or 20)
+    how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
+    share = np.array([1.0 if each.harm == "none" else 0.3 for each in FAULTS.values()])
+    chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())
+    return Plan(
+        number=number,
+        seed=seed,
+        limits=limits,
+        start_deg=float(rng.uniform(low, high)),
+        marker_deg=None if rng.random() < 0.1 else float(rng.uniform(low, high)),
+        curve=curve,
+        peak_snr_db=float(rng.uniform(30, 50)),
+        pulses=int(rng.integers(4, 33)),
+        readout_s=float(np.exp(rng.uniform(np.log(0.1), np.log(10)))),
+        method=name,
+        acquisitions=acquisitions,
+        faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """What is left of a run for the checker: truth, journal, and the guard after it."""
+
+    plan: Plan
+    world: WatchedWorld
+    acted: tuple[Fault, ...]
+    journal: Recording
+    raised: BaseException | None
+    guard: Guard
+    left_fault: bool
+    told_permits: tuple[tuple[str, int], ...]
+    virtual_s: float
+    real_s: float
+
+
+class Campaign:
+    """Runs one plan after another, with one supervisor for all of them."""
+
+    def __init__(self, folder: Path, lines: HeldLines) -> None:
+        self._folder = folder
+        self._lines = lines
+
+    def perform(self, plan: Plan) -> Trace:
+        """Run a plan to its end."""
+        began_s = time.perf_counter()
+        rig, world, clock, devices = self._rig(plan)
+        guard = rig.scanner.guard
+        path = self._folder / f"{plan.number}.journal"
+        raised: BaseException | None = None
+        left_fault = faulty = False
+        with Journal.create(path, _configuration(rig, plan)) as journal:
+            self._lines.begin()
+            guard.arm(by="the campaign")
+            try:
+                policy = _policy(plan, rig.limits.search)
+                for _ in journalled(policy, rig, journal, limits=CAPS):
+                    left_fault = left_fault or (faulty and guard.state is not State.FAULT)
+                    faulty = faulty or guard.state is State.FAULT
+            except (MarkerseekError, OSError, TypeError) as error:
+                raised = error
+        left_fault = left_fault or (faulty and guard.state is not State.FAULT) or leaves_fault(guard)
+        held = read_journal(path)
+        path.unlink()
+        return Trace(
+            plan=plan,
+            world=world,
+            acted=tuple(fault for device in devices for fault in device.acted),
+            journal=held,
+            raised=raised,
+            guard=guard,
+            left_fault=left_fault,
+            told_permits=self._lines.end(),
+            virtual_s=clock.now_s(),
+            real_s=time.perf_counter() - began_s,
+        )
+
+    def _rig(
+        self, plan: Plan
+    ) -> tuple[Rig, WatchedWorld, VirtualClock, tuple[FaultyStage, FaultyLaser, FaultyReceiver]]:
+        settings = SimulatedSettings(
+            limits=plan.limits,
+            start_deg=plan.start_deg,
+            laser=LaserSettings(pulses=plan.pulses),
+            noise=NoiseSettings(peak_snr_db=plan.peak_snr_db),
+        )
+        clock = VirtualClock()
+        rng = np.random.default_rng([plan.seed, plan.number, 1])
+        mischief = rng.spawn(3)
+        world = WatchedWorld(
+            CurveWorld.of_settings(
+                settings,
+                curve=None if plan.marker_deg is None else plan.curve,
+                marker_deg=plan.marker_deg or 0.0,
+                cells=CELLS,
+                rng=rng,
+            ),
+            clock,
+        )
+        of = {name: tuple(fault for fault in plan.faults if fault.device == name) for name in _DEVICES}
+        stage = FaultyStage(
+            SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=plan.limits.travel),
+            world,
+            clock,
+            of["stage"],
+            mischief[0],
+            turning=lambda: laser.stage_moves(),
+        )
+        laser = FaultyLaser(
+            SimulatedLaser(world=world, clock=clock),
+            world,
+            clock,
+            of["laser"],
+            mischief[1],
+            tell=self._lines.tell_permit,
+            stage_rests=stage.rest,
+            readout_s=plan.readout_s,
+        )
+        receiver = FaultyReceiver(
+            SimulatedReceiver(world=world, clock=clock, readout_s=plan.readout_s),
+            IntensityReader(),
+            clock,
+            of["receiver"],
+            mischief[2],
+            while_reading=laser.due_light,
+            readout_s=plan.readout_s,
+        )
+        guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission())
+        scanner = Scanner(
+            stage=stage,
+            laser=laser,
+            receiver=receiver,
+            reader=receiver,
+            clock=clock,
+            guard=guard,
+            pulses=plan.pulses,
+            dead_man=self._lines,
+        )
+        rig = Rig(
+            kind="simulated",
+            description="the campaign",
+            stage=stage,
+            laser=laser,
+            receiver=receiver,
+            scanner=scanner,
+            imaging=None,
+            dark_frames=3,
+            face_radius_m=None,
+            truth_deg=plan.marker_deg,
+            configuration="",
+        )
+        return rig, world, clock, (stage, laser, receiver)
+
+
+_DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser", "receiver")
+
+
+def leaves_fault(guard: Guard) -> bool:
+    """Whether any verb but a person's reset leads out of FAULT, or reset does not."""
+    if guard.state is not State.FAULT:
+        return False
+    permit = Permit(token="permit-1", angle_deg=0.0, pulses=1, expires_s=math.inf)
+    for step in (
+        lambda: guard.arm(by="a program"),
+        guard.disarm,
+        lambda: guard.begin_move(0.0),
+        lambda: guard.end_move(0.0),
+        lambda: guard.issue(angle_deg=0.0, pulses=1, now_s=0.0),
+        lambda: guard.redeem(permit, angle_deg=0.0, now_s=0.0),
+        lambda: guard.end_fire(0),
+        lambda: guard.fail("once more"),
+        lambda: guard.reset(by=" "),
+    ):
+        with contextlib.suppress(MarkerseekError):
+            step()
+        if guard.state is not State.FAULT or not guard.fault:
+            return True
+    guard.reset(by="a person")
+    out = guard.state is State.DISARMED
+    guard.fail("as it was")
+    return not out
+
+
+def _configuration(rig: Rig, plan: Plan) -> Configuration:
+    return configuration_of(
+        rig,
+        method=plan.method,
+        acquisitions=plan.acquisitions,
+        as_published=False,
+        start_deg=plan.start_deg,
+        dark_frames=3,
+        stay=False,
+        seed=plan.seed,
+    )
+
+
+def _policy(plan: Plan, limits: Interval) -> Policy:
+    if plan.method in ("endless", "wild"):
+        return Unruly(plan)
+    return build(plan.method, limits=limits, acquisitions=plan.acquisitions, start_deg=plan.start_deg)
+
+
+class Unruly:
+    """A policy that never ends; a wild one asks for angles that are none after a while."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._asks = self._angles(plan)
+        self._next = next(self._asks)
+
+    def ask(self) -> float:
+        return self._next
+
+    def tell(self, sample: Sample) -> None:
+        if not sample.dark:
+            self._next = next(self._asks)
+
+    def estimate(self) -> Estimate:
+        return NotFound(mean_deg=0.0, reason="it never ends")
+
+    @staticmethod
+    def _angles(plan: Plan) -> Iterator[float]:
+        rng = np.random.default_rng([plan.seed, plan.number, 2])
+        low, high = plan.limits.search.low_deg, plan.limits.search.high_deg
+        wild = (math.nan, math.inf, -math.inf, math.nextafter(high, math.inf), low - 0.5, 1e9, -400.0)
+        while True:
+            if plan.method == "wild" and rng.random() < 0.2:
+                yield float(rng.choice(wild))
+            yield float(rng.uniform(low, high))

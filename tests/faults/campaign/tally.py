@@ -1,0 +1,124 @@
+"""Counts over runs, added up run by run and chunk by chunk, and kept as JSON between two calls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+from scipy.stats import beta
+
+from .checker import Verdict
+
+PROMISES = ("P1", "P3", "P6", "P7", "P8")
+
+
+class Broken(msgspec.Struct, frozen=True, kw_only=True):
+    """A run that broke a promise."""
+
+    promise: str
+    run: int
+    faults: tuple[str, ...]
+    said: str
+
+
+class Row(msgspec.Struct, kw_only=True):
+    """Runs with one and the same fault, or with none, or with two."""
+
+    runs: int = 0
+    acted: int = 0
+    reported: int = 0
+    answers: int = 0
+    found: int = 0
+    off: int = 0
+    excess_deg: float = 0.0
+    beyond_deg: float = 0.0
+    excess_pulses: int = 0
+    moving_pulses: int = 0
+
+    def add(self, other: Row) -> None:
+        """Add another's counts."""
+        for name in ("runs", "acted", "reported", "answers", "found", "off"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name in ("excess_deg", "beyond_deg", "excess_pulses", "moving_pulses"):
+            setattr(self, name, max(getattr(self, name), getattr(other, name)))
+
+
+class Tally(msgspec.Struct, kw_only=True):
+    """Counts over many runs; ``rows`` by "device name" of the only fault, "none" or "two"."""
+
+    rows: dict[str, Row] = {}
+    broken: list[Broken] = []
+    outcomes: dict[str, int] = {}
+    in_fault: int = 0
+    accepted: int = 0
+    slowest_s: float = 0.0
+    longest_s: float = 0.0
+
+    @property
+    def runs(self) -> int:
+        return sum(row.runs for row in self.rows.values())
+
+    def hear(
+        self,
+        verdict: Verdict,
+        *,
+        number: int,
+        faults: tuple[str, ...],
+        accepted: int,
+        real_s: float,
+        virtual_s: float,
+    ) -> None:
+        """Add one run."""
+        key = "none" if not faults else faults[0] if len(faults) == 1 else "two"
+        row = Row(
+            runs=1,
+            acted=verdict.acted,
+            reported=verdict.acted and verdict.reported,
+            answers=verdict.outcome == "finished",
+            found=verdict.found,
+            off=verdict.off,
+            excess_deg=verdict.excess_deg,
+            beyond_deg=max(0.0, verdict.excess_deg - verdict.injected_deg),
+            excess_pulses=verdict.excess_pulses,
+            moving_pulses=verdict.moving_pulses,
+        )
+        self.rows.setdefault(key, Row()).add(row)
+        self.outcomes[verdict.outcome] = self.outcomes.get(verdict.outcome, 0) + 1
+        self.in_fault += verdict.outcome == "fault"
+        self.accepted += accepted
+        self.slowest_s = max(self.slowest_s, real_s)
+        self.longest_s = max(self.longest_s, virtual_s)
+        for promise, said in verdict.broken[:3]:
+            self.broken.append(Broken(promise=promise, run=number, faults=faults, said=said[:300]))
+        if verdict.off:
+            self.broken.append(
+                Broken(promise="P10", run=number, faults=faults, said="found, and off by more than 1 deg")
+            )
+
+    def add(self, other: Tally) -> None:
+        """Add the counts of another."""
+        for key, row in other.rows.items():
+            self.rows.setdefault(key, Row()).add(row)
+        for outcome, count in other.outcomes.items():
+            self.outcomes[outcome] = self.outcomes.get(outcome, 0) + count
+        self.broken += other.broken
+        self.in_fault += other.in_fault
+        self.accepted += other.accepted
+        self.slowest_s = max(self.slowest_s, other.slowest_s)
+        self.longest_s = max(self.longest_s, other.longest_s)
+
+    def of(self, keys: Iterable[str]) -> Row:
+        """The rows of these keys in one."""
+        whole = Row()
+        for key in keys:
+            whole.add(self.rows.get(key, Row()))
+        return whole
+
+    def runs_that_broke(self, promise: str) -> int:
+        """Number of runs that broke a promise."""
+        return len({broken.run for broken in self.broken if broken.promise == promise})
+
+
+def upper95(hits: int, count: int) -> float:
+    """Upper 95 % limit (one-sided, Clopper-Pearson) of a share: 3/n where nothing was seen in n."""
+    return 1.0 if count == 0 or hits == count else float(beta.ppf(0.95, hits + 1, count - hits))
