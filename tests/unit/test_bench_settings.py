@@ -6,10 +6,11 @@ import math
 import tomllib
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, Interval
 from markerseek.drivers.settings import (
     BenchLaser,
     BenchProbe,
@@ -18,6 +19,7 @@ from markerseek.drivers.settings import (
     BenchStage,
     BenchSupervisor,
 )
+from markerseek.guard import Limits
 from markerseek.rig_file import read_rig_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
@@ -119,3 +121,20 @@ def test_a_picolas_driver_needs_the_supervisor() -> None:
             receiver=BenchReceiver(folder="c"),
             supervisor=BenchSupervisor(enabled=False),
         )
+
+
+@pytest.mark.parametrize(("side", "low_deg", "high_deg"), [("below", -35.6, 35.0), ("above", -35.0, 35.6)])
+def test_a_search_that_could_not_be_approached_from_one_side_is_refused(
+    side: Literal["below", "above"], low_deg: float, high_deg: float
+) -> None:
+    def settings(limits: Limits) -> BenchSettings:
+        return BenchSettings(
+            stage=BenchStage(port="a", zero_deg=0.0, approach_from=side),
+            laser=BenchLaser(port="b"),
+            receiver=BenchReceiver(folder="c"),
+            limits=limits,
+        )
+
+    settings(Limits(search=Interval(low_deg=-35.5, high_deg=35.5)))
+    with pytest.raises(ConfigError, match=f"from {side} it must begin at .*36.6 deg, outside the travel range"):
+        settings(Limits(search=Interval(low_deg=low_deg, high_deg=high_deg)))

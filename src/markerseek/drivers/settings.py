@@ -182,6 +182,16 @@ class BenchSettings:
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}; "
                 "average fewer, or permit more"
             )
+        # Arrived at from the other side, an angle would be off by the gears' play and the marker with it.
+        from_below = self.stage.approach_from == "below"
+        farthest_deg = self.limits.search.low_deg if from_below else self.limits.search.high_deg
+        start_deg = farthest_deg - self.stage.approach_deg if from_below else farthest_deg + self.stage.approach_deg
+        if start_deg not in self.limits.travel:
+            raise ConfigError(
+                f"stage: to arrive at {farthest_deg:g} deg from {self.stage.approach_from} it must begin at "
+                f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
+                "limits.travel, or shorten stage.approach_deg"
+            )
         if self.laser.driver == "picolas" and not self.supervisor.enabled:
             raise ConfigError(
                 "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; leave the supervisor on"
