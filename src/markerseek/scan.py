@@ -257,6 +257,7 @@ def run(
             policy.tell(dark)
         while (asked_deg := policy.ask()) is not None:
             _require_budget(count, scanner.clock.now_s() - began_s, limits)
+            scanner.limits.require_search(asked_deg)
             yield Asked(role="search", index=count + 1, angle_deg=asked_deg)
             sample = yield from _admitted(scanner, _at(scanner, asked_deg), asked_deg, limits.attempts)
             count += 1
