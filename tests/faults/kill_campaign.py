@@ -318,18 +318,19 @@ class Campaign:
         """Kill `markerseek search` itself at random moments, and resume it by the command."""
         command = ["search", "--seed", "7", "--method", "ternary", "--acquisitions", "8", "--json", "--journal"]
         shell = [sys.executable, "-c", "from markerseek.cli import main; main()"]
-        began = time.monotonic()
         whole = subprocess.run([*shell, *command, str(self.new())], capture_output=True, check=False)
-        lasts = time.monotonic() - began
         wanted = json.loads(whole.stdout)
         done = 0
         while done < count:
             path = self.new()
             process = subprocess.Popen(
-                [*shell, *command, str(path), "--pace", "0.001"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+                [*shell, *command, str(path), "--pace", "0.01"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
             )
+            while not path.exists() and process.poll() is None:
+                time.sleep(0.001)
             try:
-                process.wait(self.random.uniform(0.4 * lasts, 1.3 * lasts))
+                # about as long as the search takes at this pace
+                process.wait(self.random.uniform(0.0, 2.0))
             except subprocess.TimeoutExpired:
                 process.kill()
             process.communicate()
@@ -392,7 +393,7 @@ def carry_out(campaign: Campaign, kills: int) -> None:
         campaign.steps(search, spread(third, last=campaign.last_step[name]))
     campaign.writes(SEARCHES["intensities"], kills // 20)
     campaign.writes(SEARCHES["frames"], kills // 20)
-    campaign.times(kills // 40)
+    campaign.times(kills // 50)
     while (left := kills - campaign.kills.total()) > 0:
         search = SEARCHES[campaign.random.choice(list(SEARCHES))]
         first = campaign.random.randrange(campaign.last_step[search.name] // 4, campaign.last_step[search.name] - 8)
