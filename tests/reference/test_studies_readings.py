@@ -70,6 +70,9 @@ def test_readings_of_noise_are_those_of_frames(off_deg: float | None) -> None:
     for each in (cut, whole):
         assert np.std([reading.lateral_m for reading in each]) > 8e-3
         assert np.std([reading.arrival_s for reading in each]) > 6e-6
+    # what a marker's coherence is held against
+    assert apart(*([r.coherence for r in each] for each in (cut, whole)), tolerance=0.05) < 1  # type: ignore[misc]
+    assert max(max(r.coherence for r in each) for each in (cut, whole)) < 0.6  # type: ignore[type-var, operator]
 
 
 def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from markerseek.acoustics import Noise
 from markerseek.core import ConfigError, Frame, FrameHeader, Reading, ReadingFrame
 from markerseek.signals import beamformed_sigma
+from markerseek.signals.features import LEAST_CHANNELS
 from markerseek.sim import Flash
 from markerseek.sim.curve_world import largest_noise
 from markerseek.sim.world import flash_of
@@ -162,7 +163,7 @@ class WindowWorld:
         lateral_m = float(rng.uniform(array.lateral_m[0], array.lateral_m[-1]))
         half_m = depth_m / (2 * preset.f_number)
         heard_by = int(np.sum(np.abs(array.lateral_m - lateral_m) <= half_m))
-        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(4, heard_by)
+        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(LEAST_CHANNELS, heard_by)
         wide = rng.random() < _WIDE
         return Reading(
             intensity=intensity,
