@@ -58,8 +58,8 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
     admit(FRAME, previous=None)
     admit(INTENSITY, previous=None)
     admit(INTENSITY, previous=INTENSITY_BEFORE)
-    Admission().admit_reading(READING, frame=FRAME)
-    Admission().admit_reading(Reading(intensity=0.0), frame=INTENSITY)
+    Admission().admit_reading(READING, frame=FRAME, usual_sigma=None)
+    Admission().admit_reading(Reading(intensity=0.0), frame=INTENSITY, usual_sigma=None)
 
 
 @pytest.mark.parametrize(
@@ -157,12 +157,14 @@ def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None
         (replace(FRAME, samples=np.zeros((128, 8), np.int16)), BEFORE),
         (replace(FRAME, samples=np.zeros((0, 8), np.int16)), None),
         (INTENSITY, replace(INTENSITY_BEFORE, intensity=5.0)),
+        (replace(INTENSITY, intensity=0.0), None),
+        (replace(INTENSITY, intensity=0.0), INTENSITY_BEFORE),
     ],
 )
 def test_old_data_under_a_new_header_are_refused_unless_they_were_recorded(frame: Frame, previous: Frame) -> None:
     with pytest.raises(AcquisitionError) as refusal:
         admit(frame, previous=previous)
-    assert str(refusal.value) == "stale frame: its data are constant, or those of the frame before; take it again"
+    assert str(refusal.value) == "stale frame: its data are constant, 0, or those of the frame before; take it again"
     admit(frame, previous=previous, rules=Admission(repeats=True))
 
 
@@ -180,20 +182,20 @@ FEATURES = ("lateral_m", "depth_m", "arrival_s", "noise_sigma", "coherence", "sa
 @pytest.mark.parametrize("name", FEATURES)
 def test_a_feature_that_is_no_number_is_refused(name: str, value: float) -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        Admission().admit_reading(replace(READING, **{name: value}), frame=FRAME)
+        Admission().admit_reading(replace(READING, **{name: value}), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == f"{name} is {value}, it must be finite; take it again"
 
 
 @pytest.mark.parametrize("intensity", [NAN, math.inf, -1.0, -1e-300])
 def test_an_intensity_that_is_no_measurement_is_refused(intensity: float) -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        Admission().admit_reading(Reading(intensity=intensity), frame=FRAME)
+        Admission().admit_reading(Reading(intensity=intensity), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == f"intensity is {intensity}: it must be finite and at least 0; take it again"
 
 
 def test_too_many_saturated_channels_are_refused() -> None:
     with pytest.raises(SaturationError) as refusal:
-        Admission().admit_reading(Reading(intensity=1.0, saturated_fraction=0.0625), frame=FRAME)
+        Admission().admit_reading(Reading(intensity=1.0, saturated_fraction=0.0625), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == (
         "saturated: 6% of the channels are at full scale in the marker's window, the limit is 5%; "
         "reduce the gain or the laser's energy"
@@ -202,22 +204,66 @@ def test_too_many_saturated_channels_are_refused() -> None:
 
 def test_too_many_dead_channels_are_refused() -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=FRAME)
+        Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == "7 of 128 channels are dead, the limit is 5%; check the probe's connector"
-    Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=INTENSITY)
+    Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=INTENSITY, usual_sigma=None)
 
 
 def test_a_few_saturated_or_dead_channels_are_borne() -> None:
-    Admission().admit_reading(Reading(intensity=1.0, saturated_fraction=0.05, dead_channels=(3, 17)), frame=FRAME)
+    Admission().admit_reading(
+        Reading(intensity=1.0, saturated_fraction=0.05, dead_channels=(3, 17)), frame=FRAME, usual_sigma=None
+    )
     rules = Admission(dead_limit=0.5)
-    rules.admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(64))), frame=FRAME)
+    rules.admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(64))), frame=FRAME, usual_sigma=None)
     with pytest.raises(AcquisitionError, match="65 of 128"):
-        rules.admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(65))), frame=FRAME)
+        rules.admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(65))), frame=FRAME, usual_sigma=None)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "usual_sigma", "believed"),
+    [
+        (0.5, 0.25, True),
+        (0.25, 0.5, True),
+        (0.501, 0.25, False),
+        (0.249, 0.5, False),
+        (8.0, 0.25, False),
+        (1e-300, 0.25, False),
+        (None, 0.25, True),
+        (8.0, None, True),
+        (0.0, 0.25, False),
+        (8.0, 0.0, True),
+    ],
+)
+def test_a_frame_is_as_noisy_as_the_first_of_its_kind(
+    sigma: float | None, usual_sigma: float | None, believed: bool
+) -> None:
+    reading = Reading(intensity=10.0, noise_sigma=sigma)
+    if believed:
+        Admission().admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)
+    else:
+        with pytest.raises(AcquisitionError) as refusal:
+            Admission().admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)
+        assert str(refusal.value) == (
+            f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of 2; "
+            "take it again, and look for what disturbs the receiver"
+        )
+        rules = Admission(noise_ratio=math.inf)
+        rules.admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)
+
+
+def test_the_factor_of_the_noise_can_be_chosen() -> None:
+    rules = Admission(noise_ratio=3.0)
+    rules.admit_reading(Reading(intensity=10.0, noise_sigma=1.5), frame=FRAME, usual_sigma=0.5)
+    with pytest.raises(AcquisitionError, match=r"the noise is 1\.6 and was 0\.5 at first"):
+        rules.admit_reading(Reading(intensity=10.0, noise_sigma=1.6), frame=FRAME, usual_sigma=0.5)
 
 
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
+        ("noise_ratio", 1.0, "it must be a factor above 1"),
+        ("noise_ratio", 0.5, "it must be a factor above 1"),
+        ("noise_ratio", NAN, "it must be a factor above 1"),
         ("settled_deg", 0.0, "it must lie between 0 and 1 deg"),
         ("settled_deg", 1.0, "it must lie between 0 and 1 deg"),
         ("settled_deg", NAN, "it must lie between 0 and 1 deg"),

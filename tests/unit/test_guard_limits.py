@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError
-from markerseek.guard import Lease, Limits, SkinExposure, skin_limit_j_m2
-from markerseek.guard.exposure import CAVEAT, correction_c_a
+from markerseek.guard import Lease, Limits, SkinExposure
+from markerseek.guard.exposure import CAVEAT, correction_c_a, skin_limit_j_m2
 
 NAN, INF = math.nan, math.inf
 

@@ -309,6 +309,32 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
             made.admit_reading(bad, frame=answer)
 
 
+def heard(*, pulses: int) -> ReadingFrame:
+    header = FrameHeader(sequence=1, token="t", pulses=pulses, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    return ReadingFrame(header=header, intensity=1.0)
+
+
+def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
+    made = guard()
+    lit, dark = heard(pulses=1), heard(pulses=0)
+    for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6)):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
+    for one, sigma in ((dark, 3.0), (lit, 1.0), (lit, 6.5), (dark, 0.4)):
+        with pytest.raises(AcquisitionError, match="at first in this run"):
+            made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
+    made.disarm()
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=6.5), frame=lit)
+
+
+def test_a_refused_reading_is_no_measure_of_noise() -> None:
+    made = guard()
+    lit = heard(pulses=16)
+    for bad in (Reading(intensity=-1.0, noise_sigma=9.0), Reading(intensity=1.0, noise_sigma=math.nan)):
+        with pytest.raises(AcquisitionError):
+            made.admit_reading(bad, frame=lit)
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=1.0), frame=lit)
+
+
 @pytest.mark.parametrize("arrival_deg", [0.0, -0.1, 73.0, math.nan])
 def test_an_arrival_that_could_be_anywhere_is_refused(arrival_deg: float) -> None:
     with pytest.raises(ConfigError) as refusal:

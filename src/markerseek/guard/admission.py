@@ -24,14 +24,17 @@ class Admission:
         Most channels at full scale in the marker's window, as a share of all; 1 admits any.
     dead_limit
         Most channels without a signal, as a share of all; 1 admits any.
+    noise_ratio
+        Most by which a frame may be noisier or quieter than the first of its kind (lit, dark) in a run; inf admits any.
     repeats
-        Whether the data may be those of the frame before, or constant: so in a recording, and nowhere else.
+        Whether the data may be those of the frame before, constant or 0: so in a recording, and nowhere else.
     """
 
     settled_deg: float = 0.05
     age_s: float = 5.0
     saturated_limit: float = 0.05
     dead_limit: float = 0.05
+    noise_ratio: float = 2.0
     repeats: bool = False
 
     def __post_init__(self) -> None:
@@ -42,6 +45,8 @@ class Admission:
         for name in ("saturated_limit", "dead_limit"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"admission: {name} is {getattr(self, name)}, it is a share between 0 and 1")
+        if not self.noise_ratio > 1:
+            raise ConfigError(f"admission: noise_ratio is {self.noise_ratio}, it must be a factor above 1")
 
     def admit_frame(
         self, frame: Frame, *, permit: Permit, issued_s: float, now_s: float, previous: Frame | None
@@ -85,13 +90,13 @@ class Admission:
                 f"the frame is {_shape(frame)}, the one before was {_shape(previous)}; was a setting changed in a run?"
             )
         if not self.repeats and _is_old(frame, previous):
-            raise AcquisitionError("stale frame: its data are constant, or those of the frame before; take it again")
+            raise AcquisitionError("stale frame: its data are constant, 0, or those of the frame before; take it again")
 
-    def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
-        """Refuse a reading that cannot be a measurement.
+    def admit_reading(self, reading: Reading, *, frame: Frame, usual_sigma: float | None) -> None:
+        """Refuse a reading that cannot be a measurement; `usual_sigma` is the noise of the run's first of its kind.
 
-        `AcquisitionError` if the intensity is not a finite number of at least 0, another feature is not finite, or too
-        many channels are dead; `SaturationError` if too many are saturated.
+        `AcquisitionError` if the intensity is not a finite number of at least 0, another feature is not finite, the
+        noise is not as it was, or too many channels are dead; `SaturationError` if too many are saturated.
         """
         if not 0 <= reading.intensity < math.inf:
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
@@ -99,6 +104,12 @@ class Admission:
             value = getattr(reading, feature.name)
             if isinstance(value, float | np.floating) and not math.isfinite(value):
                 raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
+        sigma = reading.noise_sigma
+        if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
+            raise AcquisitionError(
+                f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of "
+                f"{self.noise_ratio:g}; take it again, and look for what disturbs the receiver"
+            )
         saturated = reading.saturated_fraction
         if saturated is not None and not saturated <= self.saturated_limit:
             raise SaturationError(
@@ -127,6 +138,5 @@ def _shape(frame: Frame) -> str:
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether no new data can have come."""
     data = _data(frame)
-    if isinstance(frame, ChannelFrame) and not np.any(data.ravel() != data.ravel()[:1]):
-        return True
-    return previous is not None and np.array_equal(data, _data(previous))
+    silence = data.ravel()[:1] if isinstance(frame, ChannelFrame) else 0
+    return not np.any(data.ravel() != silence) or (previous is not None and np.array_equal(data, _data(previous)))

@@ -56,8 +56,7 @@ class SkinExposure:
     @property
     def pulse_share(self) -> float:
         """Radiant exposure of one pulse as a share of its limit."""
-        limit_j_m2 = skin_limit_j_m2(wavelength_nm=self.wavelength_nm, duration_s=self.pulse_s)
-        return self.energy_j / self.spot_m2 / limit_j_m2
+        return self.energy_j / self.spot_m2 / skin_limit_j_m2(wavelength_nm=self.wavelength_nm, duration_s=self.pulse_s)
 
     @property
     def train_share(self) -> float:

@@ -50,6 +50,7 @@ class Guard:
         self._fault: str | None = None
         self._issued_s = math.nan
         self._previous: Frame | None = None
+        self._usual_sigma: dict[bool, float | None] = {}
 
     @property
     def state(self) -> State:
@@ -75,7 +76,7 @@ class Guard:
     def disarm(self) -> None:
         """Any state but FAULT -> DISARMED; open permits are void, and what comes next is a new run."""
         self._permits.void()
-        self._previous = None
+        self._previous, self._usual_sigma = None, {}
         if self._state is not State.FAULT:
             self._state = State.DISARMED
 
@@ -89,8 +90,7 @@ class Guard:
         """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
         self._require_name(by)
         self._require("reset", State.FAULT)
-        self._state = State.DISARMED
-        self._fault = None
+        self._state, self._fault = State.DISARMED, None
 
     def readback(self, angle_deg: float) -> float:
         """The stage's readback in degrees, checked against the travel range wherever it is read."""
@@ -138,8 +138,7 @@ class Guard:
                 f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
             )
             raise self._failed(moved)
-        self._firing = permit.pulses
-        self._state = State.FIRING
+        self._state, self._firing = State.FIRING, permit.pulses
 
     def end_fire(self, fired: int) -> None:
         """FIRING -> ARMED, when as many pulses were fired as were permitted."""
@@ -158,7 +157,9 @@ class Guard:
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
         """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays."""
-        self._admission.admit_reading(reading, frame=frame)
+        lit = frame.header.pulses > 0
+        self._admission.admit_reading(reading, frame=frame, usual_sigma=self._usual_sigma.get(lit))
+        self._usual_sigma.setdefault(lit, reading.noise_sigma)
 
     def _failed(self, error: DeviceError) -> DeviceError:
         self.fail(str(error))

@@ -65,7 +65,7 @@ def replayed(
         # Nothing is fired, and time stands still.
         firing=FiringLimits(pulses_per_second=FiringLimits().pulses_per_session),
         # What was recorded cannot be taken again: saturation, dead channels and repeated data are borne.
-        admission=Admission(saturated_limit=1.0, dead_limit=1.0, repeats=True),
+        admission=Admission(saturated_limit=1.0, dead_limit=1.0, noise_ratio=math.inf, repeats=True),
         arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
     )
     scanner = Scanner(
