@@ -317,13 +317,31 @@ def heard(*, pulses: int) -> ReadingFrame:
 def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
     made = guard()
     lit, dark = heard(pulses=1), heard(pulses=0)
-    for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6)):
+    for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6), (dark, 0.6)):
         made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
     for one, sigma in ((dark, 3.0), (lit, 1.0), (lit, 6.5), (dark, 0.4)):
         with pytest.raises(AcquisitionError, match="at first in this run"):
             made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
     made.disarm()
     made.admit_reading(Reading(intensity=1.0, noise_sigma=6.5), frame=lit)
+
+
+@pytest.mark.parametrize(("dark", "lit", "believed"), [(1.0, 9.0, True), (1.0, 0.5, True), (1.0, 0.49, False)])
+def test_a_lit_frame_may_be_noisier_than_the_dark_ones_and_not_quieter(dark: float, lit: float, believed: bool) -> None:
+    made = guard()
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=dark), frame=heard(pulses=0))
+    reading = Reading(intensity=1.0, noise_sigma=lit)
+    if believed:
+        made.admit_reading(reading, frame=heard(pulses=16))
+    else:
+        with pytest.raises(AcquisitionError, match=r"the noise is 0\.49 and was 1 at first"):
+            made.admit_reading(reading, frame=heard(pulses=16))
+
+
+def test_noise_may_become_known_in_the_middle_of_a_run() -> None:
+    made = guard()
+    for sigma in (None, None, 5.0):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=heard(pulses=16))
 
 
 def test_a_refused_reading_is_no_measure_of_noise() -> None:

@@ -25,7 +25,7 @@ class Admission:
     dead_limit
         Most channels without a signal, as a share of all; 1 admits any.
     noise_ratio
-        Most by which a frame may be noisier or quieter than the first of its kind (lit, dark) in a run; inf admits any.
+        Most by which a frame may be noisier or quieter than the first lit or dark one of the run; inf admits any.
     repeats
         Whether the data may be those of the frame before, constant or 0: so in a recording, and nowhere else.
     """

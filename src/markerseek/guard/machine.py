@@ -83,8 +83,7 @@ class Guard:
     def fail(self, reason: str) -> None:
         """Any state -> FAULT; the first reason is kept."""
         self._permits.void()
-        self._state = State.FAULT
-        self._fault = self._fault or reason
+        self._state, self._fault = State.FAULT, self._fault or reason
 
     def reset(self, *, by: str) -> None:
         """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
@@ -157,8 +156,9 @@ class Guard:
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
         """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays."""
-        lit = frame.header.pulses > 0
-        self._admission.admit_reading(reading, frame=frame, usual_sigma=self._usual_sigma.get(lit))
+        lit, dark_sigma = frame.header.pulses > 0, self._usual_sigma.get(False) or 0
+        usual_sigma = self._usual_sigma.get(lit) or max(reading.noise_sigma or 0, dark_sigma)
+        self._admission.admit_reading(reading, frame=frame, usual_sigma=usual_sigma)
         self._usual_sigma.setdefault(lit, reading.noise_sigma)
 
     def _failed(self, error: DeviceError) -> DeviceError:

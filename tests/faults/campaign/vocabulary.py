@@ -145,7 +145,8 @@ FAULTS: dict[tuple[DeviceName, str], Injected] = {(each.fault.device, each.fault
 def drawn(rng: np.random.Generator, injected: Injected, *, steps: int) -> Fault:
     """The fault with an amount, and the steps at which it holds: from one of so many on, and often not for ever."""
     from_step = int(rng.integers(1, steps + 1))
-    lasts = int(rng.integers(1, 4)) if rng.random() < 0.4 else None
+    # What is loud from its first frame on, and for good, is a loud rig and no burst.
+    lasts = int(rng.integers(1, 4)) if rng.random() < 0.4 or injected.fault.name == "burst" else None
     low, high = injected.amounts
     spread = np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0 else rng.uniform(low, high)
     fault = injected.fault

@@ -1,0 +1,132 @@
+"""The fault campaign in short, with its bound; `python -m tests.faults.campaign` is the long one."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import Found, Interval
+from markerseek.guard import Guard, State
+from markerseek.sim.faults import FaultKind
+
+pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
+
+sys.path.insert(0, str(Path(__file__).parent))
+from campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
+from campaign.__main__ import readings  # type: ignore[import-not-found, unused-ignore]
+from campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
+from campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
+from campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
+from campaign.report import observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
+from campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
+from campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
+
+RUNS = 2000
+
+
+def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
+    tally = readings(2, 0, RUNS)
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(promises(tally, preventable=observable_keys())) + "\n")
+    broken = [broken for broken in tally.broken if broken.promise != "P10"]
+    assert broken == []
+    single = tally.of(observable_keys())
+    assert tally.runs == RUNS
+    assert single.acted > 0.5 * single.runs
+    assert single.reported == single.acted
+    assert single.off == tally.rows["none"].off == 0
+    assert single.found > 100
+
+
+def test_each_device_fails_in_each_of_the_seven_ways() -> None:
+    ways = {(each.fault.device, each.fault.kind) for each in FAULTS.values()}
+    assert ways == {(device, kind) for device in ("stage", "laser", "receiver") for kind in FaultKind}
+    assert all(each.covered_by for each in FAULTS.values() if each.harm != "none")
+    assert {(each.fault.observable, each.harm) for each in FAULTS.values()} >= {(False, "angle"), (False, "pulses")}
+
+
+def test_every_fault_point_of_every_verb_is_a_clean_stop() -> None:
+    points = enumerate_points()
+    assert len(points) == 8
+    assert [broken for broken in points.values() if broken] == []
+
+
+def test_the_bound_is_the_rule_of_three_where_nothing_was_seen() -> None:
+    assert upper95(0, 100_000) == pytest.approx(-math.log(0.05) / 100_000, rel=1e-4)
+    assert upper95(0, 3_000) < 1e-3
+    assert upper95(5, 100) == pytest.approx(0.10225, abs=1e-4)
+
+
+@pytest.fixture
+def healthy(tmp_path: Path) -> campaign_runs.Trace:
+    plan = next(plan for plan in map(lambda number: campaign_runs.draw_plan(1, number), range(500)) if not plan.faults)
+    with HeldLines() as lines:
+        return campaign_runs.Campaign(tmp_path, lines).perform(replace(plan, method="golden-section", acquisitions=16))
+
+
+def seen(trace: campaign_runs.Trace) -> set[str]:
+    return {promise for promise, _ in check(trace).broken}
+
+
+def test_the_checker_finds_nothing_in_a_healthy_run(healthy: campaign_runs.Trace) -> None:
+    assert seen(healthy) == set()
+
+
+def test_the_checker_sees_a_probe_beyond_its_limits(healthy: campaign_runs.Trace) -> None:
+    healthy.world.highest_deg = healthy.plan.limits.travel.high_deg + 0.2
+    assert seen(healthy) == {"P1"}
+
+
+def test_the_checker_sees_pulses_that_nobody_permitted(healthy: campaign_runs.Trace) -> None:
+    lights = healthy.world.lights
+    healthy.world.lights = [*lights, replace(lights[-1], pulses=1)]
+    assert seen(healthy) == {"P3"}
+    healthy.world.lights = [*lights[:-1], replace(lights[-1], moving=True)]
+    assert seen(healthy) == {"P3"}
+    healthy.world.lights = lights
+    assert seen(replace(healthy, told_permits=(*healthy.told_permits, ("permit-99", 1)))) == {"P3"}
+
+
+def test_the_checker_sees_an_accepted_frame_that_was_not_heard_so(healthy: campaign_runs.Trace) -> None:
+    heard = healthy.world.heard
+    for change in ({"token": "x"}, {"intensity": 1.0}, {"angle_deg": 80.0}, {"pulses": 1}):
+        healthy.world.heard = [*heard[:-1], replace(heard[-1], **change)]
+        assert seen(healthy) == {"P6"}
+
+
+def test_the_checker_sees_a_fault_that_was_not_reported(healthy: campaign_runs.Trace) -> None:
+    fault = replace(FAULTS["stage", "stall"].fault, from_step=1)
+    assert seen(replace(healthy, acted=(fault,))) == {"P6"}
+
+
+def test_the_checker_sees_a_run_that_does_not_end_and_a_fault_that_was_left(healthy: campaign_runs.Trace) -> None:
+    assert seen(replace(healthy, virtual_s=1e5)) == {"P8"}
+    cut = replace(healthy.journal, entries=healthy.journal.entries[:-1])
+    assert seen(replace(healthy, journal=cut)) == {"P8"}
+    assert seen(replace(healthy, left_fault=True)) == {"P7"}
+
+
+def test_the_checker_sees_an_angle_that_is_off(healthy: campaign_runs.Trace) -> None:
+    last = healthy.journal.entries[-1]
+    for off_deg, wrong in ((0.9, False), (1.1, True)):
+        mean_deg = (healthy.plan.marker_deg or 0.0) + off_deg
+        found = Found(
+            mean_deg=mean_deg, sigma_deg=0.1, interval95_deg=Interval(low_deg=-1, high_deg=1), interval_kind="bracket"
+        )
+        ended = replace(last, event=replace(last.event, estimate=found))
+        verdict = check(
+            replace(healthy, journal=replace(healthy.journal, entries=(*healthy.journal.entries[:-1], ended)))
+        )
+        assert (verdict.found, verdict.off) == (True, wrong)
+
+
+def test_a_guard_that_leaves_fault_by_itself_is_noticed(monkeypatch: pytest.MonkeyPatch, healthy) -> None:
+    guard = healthy.guard
+    guard.fail("a test")
+    assert not campaign_runs.leaves_fault(guard)
+    monkeypatch.setattr(Guard, "disarm", lambda self: setattr(self, "_state", State.DISARMED))
+    assert campaign_runs.leaves_fault(guard)
