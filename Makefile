@@ -42,7 +42,7 @@ lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
-	$(COMPILE) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
+	$(COMPILE) --extra records --extra devices -c requirements/dev.txt -o requirements/peers.txt pyproject.toml requirements/peers.in
 
 clean:  ## remove the environment and everything made
 	rm -rf .venv .venv-bench .venv-peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
