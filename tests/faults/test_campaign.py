@@ -63,7 +63,7 @@ def test_the_bound_is_the_rule_of_three_where_nothing_was_seen() -> None:
 
 @pytest.fixture
 def healthy(tmp_path: Path) -> campaign_runs.Trace:
-    plan = next(plan for plan in map(lambda number: campaign_runs.draw_plan(1, number), range(500)) if not plan.faults)
+    plan = next(plan for plan in (campaign_runs.draw_plan(1, number) for number in range(500)) if not plan.faults)
     with HeldLines() as lines:
         return campaign_runs.Campaign(tmp_path, lines).perform(replace(plan, method="golden-section", acquisitions=16))
 

@@ -67,7 +67,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
         Whose; of the study only the seed counts, and of the cell only its settings.
     """
     world = cell.world
-    rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))  # noqa: TID251  a study names its seeds
+    rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
     search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
     angle_deg, place_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
@@ -107,7 +107,7 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *, noise_seed: int) -> rigs.Rig:
     """A rig of which everything was drawn, of frames or of readings."""
-    model, rng = unknowns.model, np.random.default_rng(noise_seed)  # noqa: TID251  a study names its seeds
+    model, rng = unknowns.model, np.random.default_rng(noise_seed)
     settings = replace(settings, probe=model.probe, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     reader: Reader
@@ -211,5 +211,5 @@ def _as_heard(rig: SimulatedSettings) -> SimulatedSettings:
 
 @lru_cache(maxsize=256)
 def _acoustic_curve(rig: SimulatedSettings, seed: int, draw: int) -> tuple[RecordedCurve, int]:
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))  # noqa: TID251  a study names its seeds
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))
     return scene_curve(draw_scene(rig, rng), peak_counts=rig.receiver.peak_counts)

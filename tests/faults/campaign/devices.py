@@ -1,7 +1,7 @@
-"""Stage, laser and receiver that fail as they are told: around the simulated ones, so that the truth stays in the world.
+"""Stage, laser and receiver that fail as they are told, around the simulated ones: the truth stays in the world.
 
-A step of the stage is a move, of the laser a firing, of the receiver an acquisition, each counted from 1. ``acted`` of a
-device is set when a fault changes something that a healthy device would not do.
+A step of the stage is a move, of the laser a firing, of the receiver an acquisition, each counted from 1. ``acted``
+holds the faults that changed something that a healthy device would not have done.
 """
 
 from __future__ import annotations
@@ -92,15 +92,16 @@ class FaultyStage(Faulty):
 
     @property
     def angle_deg(self) -> float:
-        true_deg = self._inner.angle_deg
         if self.has("unplugged"):
             raise OSError("device disconnected")
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
             self._clock.wait(ANSWER_S)
             raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
-        if (there := self.has("says it is there", silently=True)) and self._told_deg is not None:
-            self.act(there)
-            return self._told_deg
+        told_deg = self._told(self._inner.angle_deg)
+        return self._stale(told_deg) if told_deg == self._inner.angle_deg else told_deg
+
+    def _told(self, true_deg: float) -> float:
+        """What it makes of its angle."""
         if self.has("NaN readback"):
             return math.nan
         if wild := self.has("wild readback"):
@@ -108,16 +109,21 @@ class FaultyStage(Faulty):
         if (turned := self.has("turned readback", silently=True)) and true_deg < 0:
             self.act(turned)
             return true_deg % 360
-        if (frozen := self.has("frozen readback", silently=True)) and self._frozen_deg is not None:
-            if abs(self._frozen_deg - true_deg) > 0.1:
-                self.act(frozen)
-            return self._frozen_deg
-        if (late := self.has("late readback", silently=True)) is not None:
-            if abs(self._before_deg - true_deg) > 0.1:
-                self.act(late)
-            return self._before_deg
         if (jump := self.has("readback jump")) is not None:
             return true_deg + jump.amount
+        return true_deg
+
+    def _stale(self, true_deg: float) -> float:
+        """An angle of another moment, where it tells one."""
+        for name, told_deg in (
+            ("says it is there", self._told_deg),
+            ("frozen readback", self._frozen_deg),
+            ("late readback", self._before_deg),
+        ):
+            if (fault := self.has(name, silently=True)) is not None and told_deg is not None:
+                if abs(told_deg - true_deg) > 0.1:
+                    self.act(fault)
+                return told_deg
         return true_deg
 
     def move_to(self, angle_deg: float) -> float:

@@ -1,4 +1,4 @@
-"""Enumeration of fault points: the first call of a verb fails, then the second, and so on until the search completes."""
+"""Enumeration of fault points: the first call of a verb fails, then the second, ... until the search completes."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _points(device: str, verb: str, make: Callable[[], Exception], broken: list[
         raised: Exception | None = None
         try:
             for event in run(policy, scanner, dark_frames=2):
-                events.append(event)
+                events.append(event)  # noqa: PERF402  those before an error are wanted too
         except Exception as error:  # noqa: BLE001  whatever comes is what is looked at
             raised = error
         if blown.calls < at:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from markerseek.emulators.stage_faults import STAGE_FAULTS
+
+from .bytes_runs import LASER_AND_DAQ
 from .tally import PROMISES, Row, Tally, upper95
 from .vocabulary import FAULTS, Injected
 
@@ -90,8 +93,10 @@ def observable(tally: Tally) -> list[str]:
 def uncovered(tally: Tally) -> list[str]:
     """One line for each fault that no program can prevent: what it did, and what must cover it."""
     lines = [
-        "| fault | seen | what happens | runs | farthest beyond the travel, deg | of it more than injected | "
-        "most pulses too many | most pulses while moving | found | off | what covers it |",
+        (
+            "| fault | seen | what happens | runs | farthest beyond the travel, deg | of it more than injected | "
+            "most pulses too many | most pulses while moving | found | off | what covers it |"
+        ),
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for each in FAULTS.values():
@@ -103,5 +108,30 @@ def uncovered(tally: Tally) -> list[str]:
             f"| {key_of(each)} | {seen} | {each.fault.meaning} | {row.runs:,} | {row.excess_deg:.2f} | "
             f"{row.beyond_deg:.2f} | {row.excess_pulses} | {row.moving_pulses} | {row.found:,} | {row.off} | "
             f"{each.covered_by} |"
+        )
+    return lines
+
+
+def byte_keys() -> list[str]:
+    """Faults of emulated devices of which the evidence is in their bytes, and which do no harm before."""
+    stage = [f"stage {name}" for name, fault in STAGE_FAULTS.items() if fault.observable]
+    return stage + [fault.name for fault in LASER_AND_DAQ if fault.harm == "none"]
+
+
+def over_the_line(tally: Tally) -> list[str]:
+    """One line for each fault of an emulated device."""
+    seen = set(byte_keys())
+    lines = [
+        (
+            "| fault | to be seen | runs | reported | ended with an answer | found | off | beyond the travel, deg | "
+            "pulses too many |"
+        ),
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, row in sorted(tally.rows.items()):
+        visible = "" if name == "none" else "yes" if name in seen else "no, or too late"
+        lines.append(
+            f"| {name} | {visible} | {row.runs:,} | {row.reported:,} | {row.answers:,} | {row.found:,} | {row.off} | "
+            f"{row.excess_deg:.2f} | {row.excess_pulses} |"
         )
     return lines

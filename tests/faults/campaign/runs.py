@@ -6,7 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -190,7 +190,7 @@ class Campaign:
             clock,
             of["stage"],
             mischief[0],
-            turning=lambda: laser.stage_moves(),
+            turning=lambda: laser.stage_moves(),  # noqa: PLW0108  it is made below
         )
         laser = FaultyLaser(
             SimulatedLaser(world=world, clock=clock),

@@ -69,7 +69,7 @@ _ALL = (
     _fault("laser", "late light", DELAYED, "the light comes later, as a share of the readout", amounts=(0.05, 0.9)),
     _fault("laser", "late answer", DELAYED, "its answer comes later, s", amounts=(0.6, 20)),
     _fault("laser", "slow", SLOW, "it fires this many times as slowly", amounts=(1.5, 100)),
-    _fault("laser", "misfires", INTERMITTENT, "this share of its trains lacks pulses, and it says so", amounts=(0.05, 1)),
+    _fault("laser", "misfires", INTERMITTENT, "this share of its trains lacks pulses; it says so", amounts=(0.05, 1)),
     _fault("receiver", "off", OFF, "no frame comes"),
     _fault("receiver", "unplugged", OFF, "the line is gone"),
     _fault("receiver", "stuck", STUCK, "it hands over the frame before"),
@@ -109,7 +109,7 @@ _ALL = (
         observable=False, harm="result", covered_by="second encoder; its driver's time of travel and moving bits",
     ),
     _fault(
-        "stage", "runaway", WRONG, "it goes this far beyond its target before it can be stopped, deg", amounts=(1.5, 10),
+        "stage", "runaway", WRONG, "it goes this far beyond its target before it is stopped, deg", amounts=(1.5, 10),
         harm="angle", covered_by="hard stop; the controller's own limits; the driver's lead of 5 deg",
     ),
     _fault(

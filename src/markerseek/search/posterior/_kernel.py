@@ -288,7 +288,14 @@ def student_evidence(
                         matrix[m, n] += share * design[k, i, m] * design[k, i, n]
             half_log_det = _solve(matrix, beta)
             for i in range(samples):
-                missed[i] = (value[k, i] - (design[k, i] * beta).sum()) / scale[k, i]
-        out[k] = -half_log_det - 0.5 * (precision * beta**2).sum()
-        out[k] -= (np.log(scale[k]) + (freedom + 1) / 2 * np.log1p(missed**2 / freedom)).sum()
+                rest = value[k, i]
+                for m in range(terms):
+                    rest -= design[k, i, m] * beta[m]
+                missed[i] = rest / scale[k, i]
+        log = -half_log_det
+        for m in range(terms):
+            log -= 0.5 * precision[m] * beta[m] ** 2
+        for i in range(samples):
+            log -= math.log(scale[k, i]) + (freedom + 1) / 2 * math.log1p(missed[i] ** 2 / freedom)
+        out[k] = log
     return out
