@@ -172,7 +172,8 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
         "",
         (
             f"Outcomes: {', '.join(f'{count:,} {name}' for name, count in sorted(whole.outcomes.items()))}; "
-            f"{whole.accepted:,} frames were accepted. The slowest run took {whole.slowest_s:.2f} s of real time, the "
+            f"{whole.accepted:,} frames were accepted. {whole.noticed_later} runs accepted a faulty one, noticed "
+            f"it later and ended without an answer. The slowest run took {whole.slowest_s:.2f} s of real time, the "
             f"longest {whole.longest_s:,.0f} s of virtual time."
         ),
         "",

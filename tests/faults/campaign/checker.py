@@ -32,6 +32,7 @@ class Verdict:
     injected_deg: float = 0.0
     excess_pulses: int = 0
     moving_pulses: int = 0
+    noticed_later: bool = False
     found: bool = False
     off: bool = False
 
@@ -100,17 +101,27 @@ def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
     seen = [fault for fault in trace.acted if fault.name not in silent]
     if seen and not verdict.reported:
         verdict.broken.append(("P6", f"not reported: {', '.join(f'{each.device} {each.name}' for each in seen)}"))
+    faulty = _accepted_faulty(trace)
+    if faulty and verdict.outcome == "finished":
+        verdict.broken += [("P6", said) for said in faulty]
+    verdict.noticed_later = bool(faulty) and verdict.outcome != "finished"
+
+
+def _accepted_faulty(trace: Trace) -> list[str]:
+    """Frames that were accepted and are not what was heard, or not where."""
     truth = {each.token: each for each in trace.world.heard}
+    faulty = []
     for entry in trace.journal.entries:
         if not isinstance(entry.event, Measured):
             continue
         frame, sample = entry.event.sample.frame, entry.event.sample
         heard = truth.get("" if frame is None else frame.header.token)
-        if heard is None or frame is None or not isinstance(frame, ReadingFrame):
-            verdict.broken.append(("P6", "a frame was accepted that nobody heard"))
+        if heard is None or not isinstance(frame, ReadingFrame):
+            faulty.append("a frame was accepted that nobody heard")
         elif not math.isclose(sample.reading.intensity, heard.intensity):
-            verdict.broken.append(("P6", f"accepted {sample.reading.intensity:g}, heard {heard.intensity:g}"))
+            faulty.append(f"accepted {sample.reading.intensity:g}, heard {heard.intensity:g}")
         elif not abs(sample.angle_deg - heard.angle_deg) <= SETTLED_DEG:
-            verdict.broken.append(("P6", f"accepted at {sample.angle_deg:.3f}, heard at {heard.angle_deg:.3f} deg"))
+            faulty.append(f"accepted at {sample.angle_deg:.3f}, heard at {heard.angle_deg:.3f} deg")
         elif heard.pulses != frame.header.pulses:
-            verdict.broken.append(("P6", f"accepted with {frame.header.pulses} pulses, {heard.pulses} were heard"))
+            faulty.append(f"accepted with {frame.header.pulses} pulses, {heard.pulses} were heard")
+    return faulty

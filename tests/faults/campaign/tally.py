@@ -51,6 +51,7 @@ class Tally(msgspec.Struct, kw_only=True):
     outcomes: dict[str, int] = {}
     in_fault: int = 0
     accepted: int = 0
+    noticed_later: int = 0
     slowest_s: float = 0.0
     longest_s: float = 0.0
 
@@ -86,6 +87,7 @@ class Tally(msgspec.Struct, kw_only=True):
         self.outcomes[verdict.outcome] = self.outcomes.get(verdict.outcome, 0) + 1
         self.in_fault += verdict.outcome == "fault"
         self.accepted += accepted
+        self.noticed_later += verdict.noticed_later
         self.slowest_s = max(self.slowest_s, real_s)
         self.longest_s = max(self.longest_s, virtual_s)
         for promise, said in verdict.broken[:3]:
@@ -104,6 +106,7 @@ class Tally(msgspec.Struct, kw_only=True):
         self.broken += other.broken
         self.in_fault += other.in_fault
         self.accepted += other.accepted
+        self.noticed_later += other.noticed_later
         self.slowest_s = max(self.slowest_s, other.slowest_s)
         self.longest_s = max(self.longest_s, other.longest_s)
 
