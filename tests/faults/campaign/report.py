@@ -29,8 +29,8 @@ def observable_keys() -> list[str]:
     return [key_of(each) for each in FAULTS.values() if each.harm == "none"]
 
 
-def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
-    """Lines of the table of promises."""
+def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> list[str]:
+    """Lines of the table of promises; ``acts`` says whether it is known which faults did anything."""
     lines = ["| | promise | broken | runs | upper 95 % limit |", "|---|---|---|---|---|"]
     for promise in PROMISES:
         runs = tally.in_fault if promise == "P7" else tally.runs
@@ -44,6 +44,8 @@ def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
             f"| P10 | found and off by more than 1°, {words} ({row.found:,} found) | {row.off} | {row.runs:,} | "
             f"{limit:.2g} |"
         )
+    if not acts:
+        return lines
     reported = single.reported / single.acted if single.acted else 1.0
     missed = single.acted - single.reported
     lines.append(
