@@ -149,6 +149,7 @@ def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> No
         assert float(rows["no marker", method, ours]["no_angle"]) == 1
         assert float(rows["all frames NaN", method, ours]["no_angle"]) == 1
         assert float(rows["frames one step late", method, ours]["off"]) == 0
+        assert float(rows["bursts of noise in one frame of ten (from frames)", method, ours]["off_by_1_deg"]) == 0
     assert float(rows["all frames NaN", "TS", bare]["off"]) == 1
     assert float(rows["frames one step late", "TS", bare]["off"]) > 0.5
     assert float(rows["intensities clipped at 50 %", "TS", bare]["mean_signed_error_deg"]) < -2

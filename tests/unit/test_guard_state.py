@@ -338,6 +338,12 @@ def test_a_lit_frame_may_be_noisier_than_the_dark_ones_and_not_quieter(dark: flo
             made.admit_reading(reading, frame=heard(pulses=16))
 
 
+@pytest.mark.parametrize("pulses", [0, 16])
+@pytest.mark.parametrize("sigma", [0.0, 1e-6, 1e6])
+def test_the_first_frame_of_a_run_may_be_of_any_noise(pulses: int, sigma: float) -> None:
+    guard().admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=heard(pulses=pulses))
+
+
 def test_noise_may_become_known_in_the_middle_of_a_run() -> None:
     made = guard()
     for sigma in (None, None, 5.0):

@@ -13,6 +13,9 @@ from markerseek.studies.paper.reported import SENSITIVE_DEG
 from markerseek.studies.paper.section import Cell, Section, Table
 from markerseek.studies.statistics import Share, clopper_pearson
 
+CLOSE_DEG = 1.0
+"""Largest error of an angle that may be called found (promise P10)."""
+
 
 def failures(effort: Effort) -> Section:
     """Table of failures: share of runs that are off by more than 4.33°, and share that claim no angle.
@@ -59,15 +62,27 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
                 len(here),
                 off.share,
                 *(off.interval95 or (None, None)),
+                sum(abs(error) > CLOSE_DEG for error in errors) / len(here),
                 1 - len(errors) / len(here),
                 float(np.mean(errors)) if errors else None,
             )
         )
     return Table(
         name="failures",
-        caption="Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share that claim no "
-        "angle, and mean of the signed error",
-        columns=("fault", "method", "rules", "runs", "off", "low95", "high95", "no_angle", "mean_signed_error_deg"),
+        caption="Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share off by "
+        "more than 1°, share that claim no angle, and mean of the signed error",
+        columns=(
+            "fault",
+            "method",
+            "rules",
+            "runs",
+            "off",
+            "low95",
+            "high95",
+            "off_by_1_deg",
+            "no_angle",
+            "mean_signed_error_deg",
+        ),
         rows=tuple(rows),
     )
 
