@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,15 +18,15 @@ pytest.importorskip("serial", reason="the supervisor's lines need the extra devi
 
 sys.path.insert(0, str(Path(__file__).parent))
 from campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
-from campaign.__main__ import readings  # type: ignore[import-not-found, unused-ignore]
+from campaign.__main__ import frames, readings  # type: ignore[import-not-found, unused-ignore]
 from campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
 from campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
-from campaign.report import observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
+from campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
 from campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
 from campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
 
-RUNS = 2000
+RUNS, FRAMES = 2000, 50
 
 
 def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,6 +41,39 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
     assert single.reported == single.acted
     assert single.off == tally.rows["none"].off == 0
     assert single.found > 100
+
+
+def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pytest.CaptureFixture[str]) -> None:
+    tally = frames(2, 0, FRAMES)
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(promises(tally, preventable=byte_keys(), acts=False)) + "\n")
+    assert [broken for broken in tally.broken if broken.promise != "P10"] == []
+    assert tally.runs == FRAMES
+    assert tally.accepted > 3 * FRAMES
+    assert tally.of(byte_keys()).off == 0
+    assert {"fault", "finished"} <= tally.outcomes.keys()
+
+
+def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) -> None:
+    """In real time, unlike the rest: the lease of the supervisor's process lapses, and the search ends in FAULT."""
+
+    def hang(_permit: object) -> None:
+        nonlocal fired
+        fired += 1
+        if fired == 5:
+            time.sleep(0.5)
+
+    fired = 0
+    plan = next(plan for plan in (campaign_runs.draw_plan(1, number) for number in range(500)) if not plan.faults)
+    with HeldLines(period_s=0.1) as lines:
+        tell = lines.tell_permit
+        lines.tell_permit = lambda permit: (tell(permit), hang(permit))[0]
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
+        assert lines.hears_farewell(within_s=5.0)
+    assert "let go of the devices" in str(trace.raised)
+    assert trace.guard.state is State.FAULT
+    assert len(trace.told_permits) <= 5
+    assert check(trace).broken == []
 
 
 def test_each_device_fails_in_each_of_the_seven_ways() -> None:

@@ -41,6 +41,8 @@ class HeldLines:
     def begin(self) -> None:
         """A person arms it."""
         self._supervisor.arm()
+        while select.select([self._fd], [], [], 0)[0]:
+            os.read(self._fd, 65536)
         self._told = 0
         self.heard = b""
 
