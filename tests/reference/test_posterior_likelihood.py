@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, quad_vec
+from scipy.optimize import brentq
 from scipy.stats import norm, rice
 from scipy.stats import t as student
 
@@ -19,7 +20,16 @@ from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.grid import Grid, Heard
 from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables
 from markerseek.search.posterior.middle import offset, uneven_share
-from markerseek.search.posterior.shapes import KNEES, MODEL_ERROR, STEP_DEG, WIDTHS_DEG, family, log_curve
+from markerseek.search.posterior.shapes import (
+    FRESNEL_NUMBERS,
+    KNEES,
+    MODEL_ERROR,
+    STEP_DEG,
+    WIDTHS_DEG,
+    family,
+    log_curve,
+    log_humps,
+)
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.03, 0.2])
@@ -57,9 +67,30 @@ def test_width_and_tail_of_the_family(tail, knee, fwhm_deg):
         assert (near - far) / math.log(2) == pytest.approx(tail, rel=0.01)
 
 
+@pytest.mark.parametrize("fresnel_number", [number for number, _ in FRESNEL_NUMBERS])
+def test_humps_against_quadrature(fresnel_number):
+    """The field of a slit, exp(iπn(η − u)²) summed over −1 < η < 1, its square averaged over the band."""
+    away = np.linspace(-1.5, 1.5, 13)
+    numbers = fresnel_number * (1 + 0.2 * away)
+
+    def heard(across):
+        field = quad_vec(lambda place: np.exp(1j * np.pi * numbers * (place - across) ** 2), -1.0, 1.0)[0]
+        return float(np.sqrt(np.exp(-(away**2) / 2) @ (numbers * np.abs(field) ** 2)))
+
+    log = log_humps(np.array([0.0, 2.0, 3.0, 5.0, 7.0, 10.0]), fwhm_deg=10.0, fresnel_number=fresnel_number)
+    half = brentq(lambda across: heard(across) - heard(0.0) / 2, 0.8, 2.0)
+    expected = [heard(half * share) / heard(0.0) for share in (0.0, 0.4, 0.6, 1.0, 1.4, 2.0)]
+    np.testing.assert_allclose(np.exp(log), expected, rtol=2e-3)
+
+
 @pytest.mark.parametrize(
     ("height_m", "focus_m", "radius_m", "grain_m"),
-    [(5e-3, 30e-3, 60e-3, 0.15e-3), (3e-3, None, 40e-3, 0.1e-3), (6e-3, 22e-3, 68e-3, 0.3e-3)],
+    [
+        (5e-3, 30e-3, 60e-3, 0.15e-3),
+        (3e-3, None, 40e-3, 0.1e-3),
+        (6e-3, 22e-3, 68e-3, 0.3e-3),
+        (5.7e-3, None, 37e-3, 0.05e-3),
+    ],
 )
 def test_the_family_holds_the_acoustic_models_curves(height_m, focus_m, radius_m, grain_m):
     """Some member follows the energy of a middle channel's peak to the model error: 8 % of the top, 25 % below."""

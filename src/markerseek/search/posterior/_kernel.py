@@ -256,6 +256,21 @@ def _solve(matrix: Float64[np.ndarray, "terms columns"], beta: Float64[np.ndarra
 
 
 @compiled
+def _misfit(
+    design: Float64[np.ndarray, "samples terms"],
+    value: Float64[np.ndarray, " samples"],
+    scale: Float64[np.ndarray, " samples"],
+    beta: Float64[np.ndarray, " terms"],
+    out: Float64[np.ndarray, " samples"],
+) -> None:
+    for i in range(value.size):
+        rest = value[i]
+        for m in range(beta.size):
+            rest -= design[i, m] * beta[m]
+        out[i] = rest / scale[i]
+
+
+@compiled
 def student_evidence(
     design: Float64[np.ndarray, "angles samples terms"],
     value: Float64[np.ndarray, "angles samples"],
@@ -287,11 +302,7 @@ def student_evidence(
                     for n in range(terms):
                         matrix[m, n] += share * design[k, i, m] * design[k, i, n]
             half_log_det = _solve(matrix, beta)
-            for i in range(samples):
-                rest = value[k, i]
-                for m in range(terms):
-                    rest -= design[k, i, m] * beta[m]
-                missed[i] = rest / scale[k, i]
+            _misfit(design[k], value[k], scale[k], beta, missed)
         log = -half_log_det
         for m in range(terms):
             log -= 0.5 * precision[m] * beta[m] ** 2

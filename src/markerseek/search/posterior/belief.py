@@ -33,6 +33,9 @@ COARSE_STEPS = 140
 FINE_ANGLES = 49
 """Angles of a fine grid."""
 
+FINE_KNOTS = 17
+"""Angles of a fine grid at which the moments of arrival are worked out."""
+
 
 def _spread(angle_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]) -> tuple[float, float]:
     """Mean and standard deviation on an even grid, its step in it."""
@@ -98,8 +101,13 @@ class _Moments:
     moments_s: Float64[np.ndarray, "samples 2"]
     snr: Float64[np.ndarray, " samples"]
 
-    def log_likelihood(self, angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
-        return arrival.log_likelihood(angles_deg, self.heard_deg, self.moments_s, self.snr)
+    def log_likelihood(
+        self, angles_deg: Float64[np.ndarray, " angles"], *, knots: int
+    ) -> Float64[np.ndarray, " angles"]:
+        """At even angles, by way of so many that are worked out: it bends little over a degree."""
+        every = np.linspace(angles_deg[0], angles_deg[-1], knots)
+        told = arrival.log_likelihood(every, self.heard_deg, self.moments_s, self.snr)
+        return np.asarray(np.interp(angles_deg, every, told))
 
 
 class Evidence:
@@ -142,8 +150,7 @@ class Evidence:
         moments = self._moments(lit)
         log_angle = self._log_prior
         if moments is not None:
-            every = self._coarse_deg[::2]
-            log_angle = log_angle + np.interp(self._coarse_deg, every, moments.log_likelihood(every))
+            log_angle = log_angle + moments.log_likelihood(self._coarse_deg, knots=self._coarse_deg.size // 2 + 1)
         known = coarse.marginals(log_angle, particles=PARTICLES)
         grid, best = coarse, known
         for _ in range(2):
@@ -157,7 +164,7 @@ class Evidence:
             grid = finer(self._shapes, grid, best, self._heard, half_deg=half_deg, angles=FINE_ANGLES)
             fine_prior = np.interp(grid.angles_deg, self._coarse_deg, self._log_prior)
             if moments is not None:
-                fine_prior = fine_prior + moments.log_likelihood(grid.angles_deg)
+                fine_prior = fine_prior + moments.log_likelihood(grid.angles_deg, knots=FINE_KNOTS)
             best = grid.marginals(fine_prior, particles=PARTICLES)
         fwhm_deg = float(best.shape @ self._shapes.fwhm_deg[grid.members])
         angle_deg, share = self._about_the_middle(lit, grid.angles_deg, best.angle, moments, fwhm_deg=fwhm_deg)
@@ -195,7 +202,7 @@ class Evidence:
         angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)
         told = np.zeros_like(angles_deg)
         if moments is not None:
-            told = moments.log_likelihood(angles_deg)
+            told = moments.log_likelihood(angles_deg, knots=2 * FINE_KNOTS)
             told -= told.max()
             share = share * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, told), 30.0))
             share = share / share.sum()

@@ -19,7 +19,7 @@ LEVELS = np.array([math.log(level) if level > 0 else -math.inf for level, _ in M
 ERRORS = np.array([error for _, error in MODEL_ERROR])
 """Relative errors of `MODEL_ERROR`."""
 
-MOST_SHAPES = 48
+MOST_SHAPES = 32
 """Shapes that a finer grid keeps at most."""
 
 LEAST_SHARE = 1e-4
@@ -28,7 +28,7 @@ LEAST_SHARE = 1e-4
 BLURS = (0.01, 0.04, 0.125)
 """Relative errors that the steps of a grid may add."""
 
-AMPLITUDES = 28
+AMPLITUDES = 20
 """Amplitudes of a finer grid."""
 
 

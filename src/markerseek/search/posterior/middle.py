@@ -41,7 +41,7 @@ COHERENT = 0.95
 _COHERENT_ODDS, _ELSE_ODDS = math.log(0.05 / 0.35), math.log(0.95 / 0.65)
 _LATERAL_M, _LATERAL_NOISE_M = 0.02e-3, 1.0e-3
 _COHERENCE, _CHANNELS = 0.03, 60.0
-_SCATTERS = (0.0, 0.0, 0.0, 2.0, 6.0, 18.0)
+_SCATTERS = np.array([0.0, 0.0, 0.0, 2.0, 6.0, 18.0])
 
 
 def uneven_share(lit: Sequence[Sample], *, sigma: float, marker_m: float | None) -> float:
@@ -80,17 +80,13 @@ def _log_scatter(told: Sequence[tuple[float, float]]) -> float:
     if len(told) < 2:
         return 0.0
     value, sigma = np.array(told).T
-
-    def log_density(more: float) -> float:
-        variance = sigma**2 + (more * sigma.min()) ** 2
-        weight = 1 / variance
-        mean = weight @ value / weight.sum()
-        # The mean is unknown and integrated out; squares count as Student's do, for one bad frame.
-        squares = (value - mean) ** 2 / variance
-        return float(-0.5 * np.log(variance).sum() - 2.5 * np.log1p(squares / 4).sum() - 0.5 * math.log(weight.sum()))
-
-    same = log_density(0.0)
-    return math.log(sum(math.exp(min(log_density(more) - same, 300.0)) for more in _SCATTERS) / len(_SCATTERS))
+    variance = sigma**2 + (_SCATTERS[:, None] * sigma.min()) ** 2
+    weight = 1 / variance
+    mean = (weight @ value) / weight.sum(axis=1)
+    # The mean is unknown and integrated out; squares count as Student's do, for one bad frame.
+    squares = (value - mean[:, None]) ** 2 / variance
+    log_density = -0.5 * (np.log(variance) + 5.0 * np.log1p(squares / 4)).sum(axis=1) - 0.5 * np.log(weight.sum(axis=1))
+    return math.log(float(np.exp(np.minimum(log_density - log_density[0], 300.0)).mean()))
 
 
 def offset(

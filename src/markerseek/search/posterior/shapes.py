@@ -6,6 +6,13 @@ with F the full width at half maximum, tails as 1/|t|^p and a knee that is the s
 acoustic model's own curves, every unknown of the physics table drawn anew (150 draws), the family follows the top to
 a few per cent; between 0.05 and 0.5 of the peak the curves have shoulders of their own, 10 to 30 % off any smooth
 member. `MODEL_ERROR` states that, level by level.
+
+A high element close to the marker, or far out of focus, is the exception: its curve has two humps, a third above the
+middle. There S is the field behind a slit of half width 1 with Fresnel number n (Born and Wolf, 8.7),
+
+    |F(√(2n)·(1 + u)) + F(√(2n)·(1 − u))|,       F = C + iS the Fresnel integral, u in proportion to t,
+
+its square averaged over the band.
 """
 
 from __future__ import annotations
@@ -18,13 +25,19 @@ from jaxtyping import Float64
 
 KNEES: tuple[tuple[float, float, float], ...] = (
     (1.0, 2.0, 0.10),
-    (1.2, 2.4, 0.30),
-    (1.2, 5.0, 0.35),
+    (1.2, 2.4, 0.26),
+    (1.2, 5.0, 0.31),
     (1.6, 2.0, 0.15),
     (2.5, 2.0, 0.05),
     (math.inf, 2.0, 0.05),
 )
-"""Tail p, knee q, and prior share of each kind of curve; p infinite is the Gaussian."""
+"""Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
+
+FRESNEL_NUMBERS: tuple[tuple[float, float], ...] = ((1.2, 0.04), (1.5, 0.04))
+"""Fresnel number n of the middle of the band, and prior share, of each kind of curve with shoulders or humps."""
+
+BAND = 0.2
+"""Standard deviation of the band over its middle."""
 
 WIDTHS_DEG = np.exp(np.linspace(math.log(2.0), math.log(35.0), 30))
 """Full widths at half maximum, in degrees, evenly spaced in their logarithm."""
@@ -78,6 +91,34 @@ def log_curve(
     return np.asarray(-tail / knee * np.log1p((2 ** (knee / tail) - 1) * scaled**knee))
 
 
+def log_humps(
+    distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, fresnel_number: float
+) -> Float64[np.ndarray, " distances"]:
+    """Return ln S at distances from the marker, for an element in its near field.
+
+    Parameters
+    ----------
+    distance_deg
+        Distances t in degrees, of either sign.
+    fwhm_deg
+        Distance between the outermost angles at which S is half of S(0), in degrees.
+    fresnel_number
+        Fresnel number n of the middle of the band.
+    """
+    from scipy.special import fresnel
+
+    across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
+    power = np.zeros_like(across)
+    for away in np.linspace(-1.5, 1.5, 13).tolist():
+        scale = math.sqrt(2 * fresnel_number * (1 + BAND * away))
+        sine, cosine = np.add(fresnel(scale * (1 + across)), fresnel(scale * (1 - across)))
+        power += math.exp(-(away**2) / 2) * (sine**2 + cosine**2)
+    log = np.log(power / power[0]) / 2
+    last = int(np.flatnonzero(log >= -math.log(2))[-1])
+    half = np.interp(math.log(2), -log[last : last + 2], across[last : last + 2])
+    return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
+
+
 def family() -> Shapes:
     """Return the family with its prior.
 
@@ -91,6 +132,11 @@ def family() -> Shapes:
     for tail, knee, share in KNEES:
         for fwhm_deg, width in zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True):
             curves.append(np.maximum(log_curve(distance_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), -12.0))
+            widths.append(fwhm_deg)
+            priors.append(math.log(share * width))
+    for fresnel_number, share in FRESNEL_NUMBERS:
+        for fwhm_deg, width in zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True):
+            curves.append(np.maximum(log_humps(distance_deg, fwhm_deg=fwhm_deg, fresnel_number=fresnel_number), -12.0))
             widths.append(fwhm_deg)
             priors.append(math.log(share * width))
     # By columns: a grid asks for all shapes at one distance.
