@@ -244,3 +244,22 @@ def test_the_first_run_says_that_it_compiles_and_the_second_does_not(tmp_path: P
     assert b"compiling" in first.stderr
     assert second.stderr == b""
     assert first.stdout == second.stdout
+
+
+def test_a_folder_that_cannot_take_pictures_is_refused_before_anything_is_measured(
+    shell: Shell, tmp_path: Path
+) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("", encoding="utf-8")
+    code, out, said = shell("search", "--plot", "--out", taken, "--journal", tmp_path / "run.journal")
+    assert code == 2
+    assert "no picture can be written there" in said
+    assert not out
+    assert not (tmp_path / "run.journal").exists()
+
+
+def test_wrong_usage_is_an_object_for_programs_too(shell: Shell) -> None:
+    code, out, said = shell("search", "--seed", "-1", "--json")
+    assert code == 2
+    assert json.loads(out)["kind"] == "UsageError"
+    assert "--seed" in said

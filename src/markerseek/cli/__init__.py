@@ -14,8 +14,11 @@ import typer
 
 from markerseek import __version__
 from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
-from markerseek.cli.terminal import print_error, print_warning
+from markerseek.cli.terminal import print_error, print_json, print_warning
 from markerseek.core import MarkerseekError
+
+WRONG_USAGE = 2
+"""Exit code after arguments that the command does not take."""
 
 STOPPED = {129: "SIGHUP", 130: "the user", 143: "SIGTERM"}
 """Exit codes after a signal, as shells have them, and who sends it."""
@@ -62,6 +65,8 @@ def main() -> None:
     except SystemExit as ended:
         if ended.code in STOPPED:
             print_warning(f"stopped by {STOPPED[ended.code]}: the laser is disarmed, and the probe stays where it was")
+        elif ended.code == WRONG_USAGE and "--json" in sys.argv:
+            print_json({"error": "wrong usage; standard error says what is wrong", "kind": "UsageError"})
         raise
     except OSError as problem:
         print_error(MarkerseekError(f"the output cannot be written: {problem.strerror}"), as_json=False)

@@ -10,7 +10,7 @@ import typer
 NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
-    "  markerseek replay examples/simulated_scan.csv --method golden-section --plot\n\n"
+    "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"
     "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
 )
 
@@ -58,9 +58,12 @@ def command(
     from markerseek.cli.keeping import new_journal, tell_where
     from markerseek.cli.terminal import announce_compilation
     from markerseek.core import ConfigError
+    from markerseek.pictures import require_room_for_pictures
     from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
+    if plot:
+        require_room_for_pictures(out)
     announce_compilation()
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)

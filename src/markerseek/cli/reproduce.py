@@ -16,7 +16,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"
     "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
-    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg 12.5 --out mine\n\n"
+    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine\n\n"
     "  markerseek reproduce table1 --bank /data/scan-2024-05-03 --probe BPL9-5/55 --out mine"
 )
 
@@ -70,6 +70,7 @@ def command(
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
     from markerseek.cli.terminal import people, print_json, stages_bar
     from markerseek.core import ConfigError
+    from markerseek.pictures import require_room_for_pictures
     from markerseek.studies.paper import Effort, Recording, Reproduction, Stopwatch, write_report, write_section
     from markerseek.studies.workers import default_workers
 
@@ -95,6 +96,7 @@ def command(
             workers=default_workers() if workers is None else workers,
             advance=watch.advance,
         )
+        require_room_for_pictures(out)
         reproduction = Reproduction(effort=effort, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]
         sections, files, times = [], [], []

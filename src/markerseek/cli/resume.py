@@ -36,9 +36,12 @@ def command(
     from markerseek.cli.hunt import show
     from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation
+    from markerseek.pictures import require_room_for_pictures
     from markerseek.records.journal import read_journal, result_of, standing
     from markerseek.rigs.resuming import require_reset
 
+    if plot:
+        require_room_for_pictures(out)
     held = read_journal(journal)
     stands = standing(held.entries)
     if stands.state == "finished":

@@ -53,9 +53,12 @@ def command(
     from markerseek.cli.keeping import new_journal, tell_where
     from markerseek.cli.on_rig import arm_rig, open_rig
     from markerseek.cli.terminal import announce_compilation
+    from markerseek.pictures import require_room_for_pictures
     from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
+    if plot:
+        require_room_for_pictures(out)
     most = acquisitions or method_named(method).acquisitions
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
         policy = build(

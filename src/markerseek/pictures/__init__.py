@@ -1,7 +1,7 @@
 """Pictures of searches and frames, as files. Matplotlib is imported when the first one is drawn."""
 
 from markerseek.pictures.bank_picture import bank_figure
-from markerseek.pictures.canvas import png_data_uri, save_png, save_svg
+from markerseek.pictures.canvas import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.heat_map import HeatMap, heat_maps_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
@@ -19,6 +19,7 @@ __all__ = [
     "heat_maps_figure",
     "panels_figure",
     "png_data_uri",
+    "require_room_for_pictures",
     "rf_figure",
     "save_png",
     "save_svg",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,27 @@ def new_figure(*, width_in: float, height_in: float) -> Figure:
     except ImportError as problem:
         raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
     return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def require_room_for_pictures(folder: Path) -> None:
+    """Make the folder and refuse it where no picture could be written, before anything is measured for one.
+
+    Raises
+    ------
+    ConfigError
+        If the folder cannot be made or written.
+    MissingExtraError
+        If Matplotlib is not installed.
+    """
+    new_figure(width_in=1.0, height_in=1.0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        raise ConfigError(
+            f"{folder}: no picture can be written there: {problem.strerror}; name another --out"
+        ) from problem
 
 
 def save_png(figure: Figure, path: Path) -> None:

@@ -80,10 +80,8 @@ def _draw_curve(
     order = np.argsort(angles, kind="stable")
     axes.plot(angles[order], intensities[order], color=QUIET, linewidth=1, zorder=1)
     axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, in order")
-    for number, (angle, intensity) in enumerate(zip(angles, intensities, strict=True), start=1):
-        axes.annotate(
-            str(number), (angle, intensity), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7
-        )
+    for place, numbers in _numbered(angles.tolist(), intensities.tolist()):
+        axes.annotate(numbers, place, xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7)
     if confirmation is not None:
         axes.scatter(
             [confirmation.angle_deg],
@@ -102,6 +100,14 @@ def _draw_curve(
     axes.set_xlabel("probe angle [deg]")
     axes.set_ylabel("intensity (envelope peak)")
     axes.legend(loc="upper left", bbox_to_anchor=(0, 1), fontsize=7, framealpha=0.8)
+
+
+def _numbered(angles_deg: list[float], intensities: list[float]) -> list[tuple[tuple[float, float], str]]:
+    """Points and the numbers of their acquisitions; one that was measured again, as in a replay, is named once."""
+    numbers: dict[tuple[float, float], list[int]] = {}
+    for number, place in enumerate(zip(angles_deg, intensities, strict=True), start=1):
+        numbers.setdefault(place, []).append(number)
+    return [(place, f"{first}" if not more else f"{first} …") for place, (first, *more) in numbers.items()]
 
 
 def _draw_track(
