@@ -14,6 +14,7 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json
+from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
@@ -66,11 +67,13 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
-    from markerseek.records.banks import read_bank
+    from markerseek.records.banks import IntensityBank, read_bank
     from markerseek.rigs.bank_images import bank_curve, dark_intensity
     from markerseek.search.peak import peak_of
 
     held = read_bank(bank)
+    if probe is not None and isinstance(held, IntensityBank):
+        raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     announce_compilation()
     curve = bank_curve(held, probe=probe)
     peak = peak_of(curve)
@@ -79,7 +82,7 @@ def command(
     if as_json:
         print_json(report)
     else:
-        _print(report)
+        _print(report, computed_with=probe)
     if plot:
         path = out / f"{bank.stem if bank.is_file() else bank.name}.png"
         _draw(held, curve.intensity.tolist(), report, path, probe=probe)
@@ -119,7 +122,7 @@ def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: fl
     )
 
 
-def _print(report: BankReport) -> None:
+def _print(report: BankReport, *, computed_with: str | None) -> None:
     people.print(f"[bold]{escape(report.path)}[/]: {report.content}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     cut = "" if report.planned == report.angles else f" of {report.planned} planned: the scan was cut short"
@@ -128,10 +131,11 @@ def _print(report: BankReport) -> None:
         ("angles", f"{report.angles}{cut}"),
         ("range", f"{report.first_deg:g}° to {report.last_deg:g}°, steps of at most {report.largest_step_deg:.3g}°"),
         ("dark frames", None if report.dark_frames == 0 else _dark(report)),
+        ("intensities", None if computed_with is None else f"computed anew with the preset {computed_with}"),
         ("max", f"{report.max_intensity:.4g} at {report.max_deg:.3f}°"),
-        ("com", f"{report.com_deg:.3f}°"),
-        ("cen", _number(report.cen_deg, "{:.3f}°")),
-        ("fwhm", _number(report.fwhm_deg, "{:.3f}°")),
+        ("com, centre of mass", f"{report.com_deg:.3f}°"),
+        ("cen, middle at half height", _number(report.cen_deg, "{:.3f}°")),
+        ("fwhm, width at half height", _number(report.fwhm_deg, "{:.3f}°")),
         ("reference", _number(report.reference_deg, "{:.3f}°")),
         ("probe", report.probe),
         ("sampling", _number(report.sampling_hz, "{:g} MHz", 1e-6)),

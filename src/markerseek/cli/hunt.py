@@ -13,7 +13,7 @@ from rich.table import Table
 
 from markerseek.cli.stopping import StoppedBySignal, stopped_by_signals
 from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar
-from markerseek.core import Event, Measured, PaImage, RecordError, Refused, Sample
+from markerseek.core import Event, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
 from markerseek.records.journal import Configuration, Journal, result_with
 from markerseek.records.result import Recorder, SearchResult
 from markerseek.signals import ImageReader
@@ -47,6 +47,11 @@ def hunt(
         except StoppedBySignal as stop:
             _note_interruption(stop, journal)
             raise typer.Exit(stop.exit_code) from None
+        except MarkerseekError:
+            if journal is not None:
+                path = escape(str(journal.path))
+                aside.print(f"[dim]journal:[/] {path}; once the rig is well: markerseek resume {path} --reset-fault")
+            raise
     return recorder, result_with(recorder, begun_with)
 
 

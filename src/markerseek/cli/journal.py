@@ -20,7 +20,7 @@ _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for p
 
 _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
     ("", "right"),
-    ("time [s]", "right"),
+    ("clock [s]", "right"),
     ("what", "left"),
     ("angle [deg]", "right"),
     ("intensity", "right"),
@@ -124,7 +124,8 @@ def _print_table(held: Recording) -> None:
     people.print(f"[dim]seed {begun_with.seed}, rig {begun_with.fingerprint}, {escape(said)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
-        table.add_column(heading, justify=justify)
+        # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
+        table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(escape, _line(entry)))
     people.print(table)
