@@ -46,10 +46,10 @@ def replayed(
     RecordError
         If the recording cannot be read.
     ConfigError
-        If the preset is unknown, or the reference is no finite number.
+        If the preset is unknown, or the reference lies beyond one turn.
     """
-    if reference_deg is not None and not math.isfinite(reference_deg):
-        raise ConfigError(f"reference_deg is {reference_deg} deg, it must be a finite number")
+    if reference_deg is not None and not -360 <= reference_deg <= 360:
+        raise ConfigError(f"reference_deg is {reference_deg} deg, it must lie within one turn")
     bank = read_bank(path)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)

@@ -60,7 +60,7 @@ class ImageReader:
     ) -> None:
         low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
         if not 0 <= low < high:
-            raise ConfigError(f"depth range {low} to {high} m: it must not be negative, and must rise; swap the two?")
+            raise ConfigError(f"depth range {low:g} to {high:g} m: both must be numbers, not negative, and rise")
         if not 0 < false_found < 1:
             raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
         self.preset = preset
