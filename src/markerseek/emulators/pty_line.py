@@ -103,6 +103,7 @@ class PtyLine:
         except OSError as error:
             self.close()
             raise ConfigError(
-                f"link: {link} cannot be made a link to {self._name} ({error.strerror}); name another place"
+                f"link: {link} cannot be made a link to {self._name} ({error.strerror}); "
+                "name another place, or delete what a killed emulator left there"
             ) from error
         self._link = link

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from markerseek.calibration import Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout
 from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
-from markerseek.rigs.rig import Rig
 from markerseek.signals import ProbePreset
 from markerseek.signals.picks import common_wave
 
@@ -41,12 +40,6 @@ class Calibration:
     noise_sigma: Value
     frames: int
     waves: int
-
-
-def scan_again(rig: Rig, angles_deg: Sequence[float]) -> Iterator[Sample]:
-    """Samples of a recorded scan at its angles, one after the other, through its scanner."""
-    for angle_deg in angles_deg:
-        yield rig.scanner.measure(angle_deg)
 
 
 def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
