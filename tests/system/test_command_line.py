@@ -35,7 +35,7 @@ def test_a_search_finds_the_simulated_marker_and_answers_programs_with_one_objec
     assert result["error_deg"] < 0.75
     low, high = result["interval95_deg"]
     assert low < result["angle_deg"] < high
-    assert result["interval_kind"] == "propagated"
+    assert result["interval_kind"] == "posterior"
     assert len(result["samples"]) == result["acquisitions"]
     assert result["confirmation"]["angle_deg"] == pytest.approx(result["angle_deg"], abs=1e-3)
     assert result["floor"]["source"] == "dark frames"
@@ -58,7 +58,7 @@ def test_a_rig_without_a_marker_is_not_found_and_the_probe_stays(shell: Shell, t
     assert code == 3
     assert (result["found"], result["answer"], result["confirmation"]) == (False, "not found", None)
     assert result["reason"]
-    code, out, _ = shell("search", "--rig", rig, "--json", "--as-published")
+    code, out, _ = shell("search", "--rig", rig, "--json", "--as-published", "--method", "weighted-average")
     assert (code, json.loads(out)["found"]) == (0, True), "the paper's form always answers"
 
 
@@ -111,7 +111,8 @@ def scan_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_scan_in_sonixdaq_folders_of_both_layouts_is_searched(shell: Shell, scan_folder: Path) -> None:
-    words = ("replay", scan_folder, "--acquisitions", 21, "--reference-deg", 2.0, "--json", "--as-published")
+    words = ("replay", scan_folder, "--method", "weighted-average", "--acquisitions", 21)
+    words += ("--reference-deg", 2.0, "--json", "--as-published")
     code, out, _ = shell(*words)
     result = json.loads(out)
     assert code == 0

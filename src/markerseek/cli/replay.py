@@ -22,7 +22,7 @@ def command(
             help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
         ),
     ],
-    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "weighted-average",
+    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[
         int | None, typer.Option(help="Most acquisitions; each method has its own default.")
     ] = None,

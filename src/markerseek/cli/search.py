@@ -18,7 +18,7 @@ EXAMPLES = (
 
 
 def command(
-    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "weighted-average",
+    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[
         int | None, typer.Option(max=500, help="Most acquisitions; each method has its own default.")
     ] = None,

@@ -39,6 +39,12 @@ class Method:
 
 METHODS: tuple[Method, ...] = (
     Method(
+        name="posterior",
+        summary="the next angle for what it will teach, from all that was heard, until the marker is known well enough",
+        acquisitions=16,
+        least=2,
+    ),
+    Method(
         name="weighted-average",
         summary="equal steps, average of the angles weighted by intensity, early end once the peak is passed",
         acquisitions=57,
@@ -73,12 +79,6 @@ METHODS: tuple[Method, ...] = (
         summary="the assistant's way as a script: coarse turns, then back and forth with shrinking steps",
         acquisitions=28,
         least=TURNS + 2,
-    ),
-    Method(
-        name="posterior",
-        summary="the next angle for what it will teach, from all that was heard, until the marker is known well enough",
-        acquisitions=16,
-        least=2,
     ),
 )
 """All methods, in the order in which they are shown."""
@@ -153,7 +153,10 @@ def _posterior(
     limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool, *, as_published: bool
 ) -> Policy:
     if as_published:
-        raise ConfigError("posterior: it is markerseek's own and was not published; leave out as_published")
+        raise ConfigError(
+            "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of the "
+            "paper, for instance weighted-average"
+        )
     # SciPy and the compiled kernels are loaded for whoever wants them.
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
 

@@ -121,7 +121,7 @@ def weigh(
     by_shape: Float64[np.ndarray, " shapes"],
     by_amplitude: Float64[np.ndarray, " amplitudes"],
 ) -> float:
-    """Fill in the weights (zero before) and their marginals; return ln of the largest before scaling.
+    """Fill in the weights and their marginals; return ln of the largest before scaling.
 
     What is `HOPELESS` below the largest without the prior of the angle is given up: three bad frames in a row could not
     bring it back.
@@ -144,17 +144,18 @@ def weigh(
     least = np.float32(-18.0)
     for k in range(angles):
         for j in range(shapes):
+            row = weight[k, j]
             if tops[k, j] - largest < least:
+                row[:] = 0
                 continue
             base = np.float32(log_angle[k] + log_shape[j] - largest)
             total = 0.0
             for a in range(amplitudes):
                 value = cube[k, j, a] + base
-                if value > least:
-                    share = math.exp(value)
-                    weight[k, j, a] = share
-                    total += share
-                    by_amplitude[a] += share
+                share = math.exp(value) if value > least else 0.0
+                row[a] = share
+                total += share
+                by_amplitude[a] += share
             by_angle[k] += total
             by_shape[j] += total
     return largest

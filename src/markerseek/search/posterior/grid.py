@@ -116,6 +116,7 @@ class Grid:
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
             (angles_deg.size, members.size, amplitudes), np.float32
         )
+        self._weight = np.empty_like(self._cube)
         self._alive = np.ones((angles_deg.size, members.size), np.bool_)
 
     @property
@@ -144,7 +145,7 @@ class Grid:
 
     def marginals(self, log_angle: Float64[np.ndarray, " angles"], *, particles: int) -> Marginals:
         """Probabilities under the priors; ``log_angle`` holds the angle's, with whatever else is known of it."""
-        weight = np.zeros_like(self._cube)
+        weight = self._weight
         angle, shape, amplitude = (np.empty(size) for size in self._cube.shape)
         log_shape = self._shapes.log_prior[self.members]
         _kernel.weigh(self._cube, self._alive, log_angle, log_shape, weight, angle, shape, amplitude)

@@ -32,6 +32,7 @@ from markerseek.search.posterior.choice import most_telling_deg, planned_deg
 from markerseek.search.posterior.modes import modes_deg, rival_deg
 from markerseek.search.posterior.reach import hiding_deg, unheard
 from markerseek.search.posterior.shapes import Shapes, family
+from markerseek.search.posterior.warm import load_kernels
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """What of a reading may count."""
@@ -107,6 +108,7 @@ class Posterior:
         chosen = frozenset(cues)
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
+        load_kernels(_family(), cues=CUES, floor=FLOOR_SNR)
         self._limits = limits
         self._budget = acquisitions
         self._target_deg = target_sigma_deg
