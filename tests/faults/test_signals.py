@@ -23,10 +23,11 @@ import numpy as np
 import pytest
 
 from markerseek.cli.emulate import _rig_toml
+from markerseek.core import RecordError
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.bench import EmulatedBench, ServingClock, serve
-from markerseek.records.journal import read_journal
+from markerseek.records.journal import Recording, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -127,13 +128,13 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
             rested = not bench.stage.moving and not bench.laser_box.permitted
             if number is signal.SIGSTOP:
                 search.kill()
-            _, told = search.communicate(timeout=WAIT_S)
+            search.communicate(timeout=WAIT_S)
         finally:
             search.kill()
             search.wait()
             over.set()
             serving.join()
-    held = read_journal(journal) if journal.exists() else None
+    held = _held(journal)
     return Struck(
         code=search.returncode,
         last_pulse_s=last_s,
@@ -142,8 +143,18 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
         rested=rested,
         range_deg=bench.stage.truth_range_deg,
         entries=0 if held is None else len(held.entries),
-        last_entry=told if held is None or not held.entries else type(held.entries[-1].event).__name__,
+        last_entry="none" if held is None or not held.entries else type(held.entries[-1].event).__name__,
     )
+
+
+def _held(journal: Path) -> Recording | None:
+    """What the journal holds; None where the run was struck before it had begun."""
+    try:
+        return read_journal(journal)
+    except RecordError as error:
+        if "its run was never begun" in str(error) or "there is no such journal" in str(error):
+            return None
+        raise
 
 
 def _now_in(phase: str, bench: EmulatedBench, journal: Path) -> Callable[[], bool]:
@@ -196,7 +207,7 @@ if __name__ == "__main__":
         lit_ms, moved_ms = (1e3 * max(getattr(each, name) for each in times) for name in ("last_pulse_s", "moved_s"))
         sys.stdout.write(
             f"| {where} | {how} | {len(times)} | {lit_ms:.0f} | {moved_ms:.0f} | "
-            f"{', '.join(sorted({each.last_entry.strip().splitlines()[-1] for each in times}))} |\n"
+            f"{', '.join(sorted({each.last_entry for each in times}))} |\n"
         )
         sys.stdout.flush()
     os._exit(0)
