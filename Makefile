@@ -42,7 +42,7 @@ lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
-	$(COMPILE) --extra records --extra devices -c requirements/dev.txt -o requirements/peers.txt pyproject.toml requirements/peers.in
+	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 
 clean:  ## remove the environment and everything made
 	rm -rf .venv .venv-bench .venv-peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
@@ -69,9 +69,9 @@ clean:  ## remove the environment and everything made
 	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@
 
-.venv-peers/ready: requirements/peers.txt pyproject.toml
+.venv-peers/ready: requirements/dev.txt requirements/peers.txt pyproject.toml
 	@echo "setting up .venv-peers (once)"
 	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
-	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/peers.txt
+	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/dev.txt -r requirements/peers.txt
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

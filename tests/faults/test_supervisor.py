@@ -262,7 +262,7 @@ def test_after_a_lapse_nothing_is_written_until_it_is_armed_again(held: Supervis
     held.hold()
     laser.heard(b"DISARM*1234\n")
     held.port("stage").read(1, timeout_s=0.1)
-    with pytest.raises(NotConnectedError, match="silent for longer than the lease; a person must arm it again"):
+    with pytest.raises(NotConnectedError, match=r"longer than the lease of .*; a person must arm it again"):
         port.write(b"FIRE 1*0000\n")
     with pytest.raises(NotConnectedError, match="a person must arm it again"):
         held.hold()

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, people, print_json, progress_bar
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -82,6 +82,8 @@ def command(
     frames = isinstance(bank, FrameBank)
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
+    if frames and bank.facts.sampling_hz is None:
+        aside.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
     with (
         BankWriter(to, angles=count, dark_frames=dark, facts=facts) as writer,

@@ -105,6 +105,7 @@ class Keeper:
 
     def __init__(self, control: socket.socket, *, lines: Sequence[Line], period_s: float) -> None:
         self._lease = Lease(period_s=period_s)
+        self._period_s = period_s
         self._lines = [_HeldLine(line) for line in lines]
         self._control = control
         self._control.setblocking(False)
@@ -142,8 +143,12 @@ class Keeper:
         ends_s = self._lease.ends_s
         left_s = _PARENT_S if ends_s is None else max(ends_s - time.monotonic(), 0.0)
         ready = dict(poller.poll(min(left_s, _PARENT_S) * 1e3))
-        if self._lease.lapsed(now_s=time.monotonic()):
-            self._let_go("the control loop was silent for longer than the lease")
+        now_s = time.monotonic()
+        if ends_s is not None and self._lease.lapsed(now_s=now_s):
+            self._let_go(
+                f"the control loop was silent for {now_s - ends_s + self._period_s:.2f} s, longer than the lease of "
+                f"{self._period_s:g} s (close other programs, or allow more by supervisor.lease_s)"
+            )
         # Whatever a dead process has said before is not read any more.
         dead = ready.get(self._control.fileno(), 0) & (select.POLLHUP | select.POLLERR)
         self._over = self._over or bool(dead) or os.getppid() != self._parent

@@ -108,7 +108,7 @@ def _cure(problem: sqlite3.Error) -> str:
         case ["READONLY"] | ["CANTOPEN"] | ["PERM"]:
             return "check the folder and the rights, or name another place"
         case _:
-            return "it is damaged or no journal; 'markerseek journal verify' says how far it can be read"
+            return "it is damaged or no journal; 'markerseek journal show' prints as much of it as is whole"
 
 
 def connect(path: Path, *, mode: str) -> sqlite3.Connection:
