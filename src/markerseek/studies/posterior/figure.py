@@ -79,7 +79,7 @@ def error_figure(
     return panels_figure(
         panels,
         title=f"mean error, whatever the answer ({_markers(runs)} simulated markers)",
-        across="acquisitions",
+        across="acquisitions, at most",
         up="mean error, degrees",
         columns=2,
         scale="log",
