@@ -8,7 +8,7 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench mutants peers docs lock clean
+.PHONY: help demo test check bench faults kills mutants peers docs lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +27,13 @@ check: .venv/dev  ## look for faults without running: lint, format, types, impor
 
 bench: .venv-bench/ready  ## time the kernels side by side with other people's programs
 	.venv-bench/bin/python -m benchmarks $(BENCH)
+
+faults: .venv/dev  ## break a device in 100,000 simulated runs and judge them by the truth (an hour; goes on where it stopped)
+	$(BIN)/python -m tests.faults.campaign --runs 100000 --frames 2000 --workers 2 --state out/faults.json \
+		--out docs/explanation/faults.md
+
+kills: .venv/dev  ## kill 1,300 searches with -9 and go on with each (some 10 minutes)
+	TMPDIR=/dev/shm $(BIN)/python tests/faults/kill_campaign.py --kills 1300 --seed 1 --out docs/explanation/kills.txt
 
 mutants: .venv/dev  ## change the safety kernel in every small way, and see that its tests notice
 	$(BIN)/python tests/faults/mutants.py

@@ -100,6 +100,8 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
     [
         (BenchLaser, {"port": "a", "pulses": 0}),
         (BenchLaser, {"port": "a", "rate_hz": math.inf}),
+        (BenchReceiver, {"noise_ratio": 1.0}),
+        (BenchReceiver, {"noise_ratio": math.nan}),
         (BenchProbe, {"face_radius_m": 0.0}),
         (BenchProbe, {"face_radius_m": math.nan}),
         (BenchProbe, {"sound_speed_m_s": 1.54}),
@@ -110,7 +112,7 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
 )
 def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=next(name for name in change if name != "port")):
-        kind(**change)
+        kind(**{"folder": "a"} | change if kind is BenchReceiver else change)
 
 
 def test_a_picolas_driver_needs_the_supervisor() -> None:

@@ -87,6 +87,8 @@ class BenchReceiver:
         Longest time to the complete files, and how long they must be left alone, in seconds.
     start_command, start_timeout_s
         Program and arguments that get it ready for a trigger, and how long that may take, in seconds.
+    noise_ratio
+        Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`.
     """
 
     folder: str
@@ -96,6 +98,11 @@ class BenchReceiver:
     stable_s: float = 0.2
     start_command: tuple[str, ...] | None = None
     start_timeout_s: float = 10.0
+    noise_ratio: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 1 < self.noise_ratio < math.inf:
+            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

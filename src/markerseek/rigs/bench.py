@@ -116,7 +116,11 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         receiver=receiver,
         reader=imaging,
         clock=clock,
-        guard=Guard(limits=settings.limits, firing=settings.firing, admission=Admission()),
+        guard=Guard(
+            limits=settings.limits,
+            firing=settings.firing,
+            admission=Admission(noise_ratio=settings.receiver.noise_ratio),
+        ),
         pulses=settings.laser.pulses,
         dead_man=devices.supervisor,
     )
