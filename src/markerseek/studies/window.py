@@ -16,7 +16,7 @@ from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Interval
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
 
-PEAK_COUNTS = 25_000.0
+PEAK_COUNTS = 20_000.0
 """Largest count that the marker alone gives a channel with the probe on it, of the 32,767 that a frame holds."""
 
 _BEFORE_S, _AFTER_S = 4e-6, 6e-6
