@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import pkgutil
+import signal
 
 import hypothesis
 from jaxtyping import install_import_hook
 
 PURE = ("core", "search", "signals", "acoustics", "calibration")
+
+# A program started with signals ignored (by nohup, or in the background) would hand that on to those that tests strike.
+for each in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+    if signal.getsignal(each) is signal.SIG_IGN:
+        signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
 
 # No test is timed: a busy machine is no fault.
 hypothesis.settings.register_profile("untimed", deadline=None)

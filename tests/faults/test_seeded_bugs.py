@@ -507,7 +507,7 @@ BUGS = {
     ),
     "a lease that nobody looks at": Bug(
         where="supervisor.keeper:Keeper._turn",
-        old="if self._lease.lapsed(now_s=time.monotonic()):",
+        old="if ends_s is not None and self._lease.lapsed(now_s=now_s):",
         new="if False:",
         check=a_line_is_silenced_after_a_stop,
     ),
