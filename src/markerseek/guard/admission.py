@@ -9,6 +9,8 @@ import numpy as np
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading, SaturationError
 
+_FEATURES = tuple(feature.name for feature in fields(Reading))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Admission:
@@ -100,10 +102,10 @@ class Admission:
         """
         if not 0 <= reading.intensity < math.inf:
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
-        for feature in fields(reading):
-            value = getattr(reading, feature.name)
+        for name in _FEATURES:
+            value = getattr(reading, name)
             if isinstance(value, float | np.floating) and not math.isfinite(value):
-                raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
+                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
             raise AcquisitionError(
@@ -125,18 +127,16 @@ class Admission:
                 )
 
 
-def _data(frame: Frame) -> np.ndarray:
-    return frame.samples if isinstance(frame, ChannelFrame) else np.array(frame.intensity)
-
-
 def _shape(frame: Frame) -> str:
     """What must stay the same within a run, in words."""
-    rate = f" at {frame.sampling_hz:g} Hz" if isinstance(frame, ChannelFrame) else ""
-    return f"of shape {_data(frame).shape}{rate}"
+    if isinstance(frame, ChannelFrame):
+        return f"of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
+    return "a number"
 
 
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
-    """Whether no new data can have come."""
-    data = _data(frame)
-    silence = data.ravel()[:1] if isinstance(frame, ChannelFrame) else 0
-    return not np.any(data.ravel() != silence) or (previous is not None and np.array_equal(data, _data(previous)))
+    """Whether no new data can have come; `previous` is of the same kind and shape."""
+    if isinstance(frame, ChannelFrame):
+        data, before = frame.samples.ravel(), getattr(previous, "samples", None)
+        return not np.any(data != data[:1]) or (before is not None and np.array_equal(frame.samples, before))
+    return frame.intensity in (0, getattr(previous, "intensity", None))
