@@ -1,7 +1,8 @@
 """A study on one worker and on two, in turn: ``python -m benchmarks.scaling [--rounds N] [--trials N] [--no-dask]``.
 
 Each turn is the command as a user types it, from a new process to its end, on processes of this machine or on a Dask
-cluster that is already up. The tables of all turns must be the same, byte for byte.
+cluster that is already up. The tables of all turns must be the same, byte for byte. Beside them stands what the machine
+has to give: the same searches in one bare process, and in two at once that share nothing.
 """
 
 from __future__ import annotations
@@ -21,6 +22,23 @@ STUDY = Path(__file__).with_name("scaling.toml")
 
 TARGET = 1.8
 """Time on one worker over that on two."""
+
+BARE_CHUNKS = 40
+"""Chunks of the study that a bare process computes."""
+
+_BARE = """
+import sys, time
+from pathlib import Path
+from markerseek.studies import chunks, read_study
+study = read_study(Path(sys.argv[1]))
+pieces = [chunks.chunk(study, index) for index in range(int(sys.argv[2]))]
+chunks.run_chunk(study, pieces[0])
+input()
+start = time.perf_counter()
+for piece in pieces:
+    chunks.run_chunk(study, piece)
+print(time.perf_counter() - start)
+"""
 
 LEAST_S = 60.0
 """Time on one worker below which the ratio says nothing about a study."""
@@ -42,6 +60,7 @@ def main() -> None:
         if arguments.trials is not None:
             text = text.replace("trials = 15000", f"trials = {arguments.trials}")
         study.write_text(text, encoding="utf-8")
+        _machine(study)
         tables: set[str] = set()
         for kind, workers in kinds.items():
             print(f"\n{kind}\n\n| round | one worker, s | two, s | ratio |\n| --- | --- | --- | --- |", flush=True)
@@ -55,6 +74,27 @@ def main() -> None:
                 print(f"| {number} | {one_s:.1f} | {two_s:.1f} | {one_s / two_s:.2f} |", flush=True)
             _judge(pairs)
     print(f"\ntables of all turns: {'byte for byte the same' if len(tables) == 1 else 'DIFFERENT'}")
+
+
+def _machine(study: Path) -> None:
+    """Print what two processes that share nothing gain over one, in three pairs."""
+    ratios = []
+    for _ in range(3):
+        one_s, two_s = (_bare(study, count) for count in (1, 2))
+        ratios.append(2 * one_s / two_s)
+    print(f"the machine: two bare processes do {statistics.median(ratios):.2f} times the work of one", flush=True)
+
+
+def _bare(study: Path, count: int) -> float:
+    """Seconds until the last of so many bare processes has done its chunks."""
+    command = [sys.executable, "-c", _BARE, str(study), str(BARE_CHUNKS)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    at_work = [subprocess.Popen(command, **pipes) for _ in range(count)]  # type: ignore[call-overload]
+    time.sleep(3)
+    for process in at_work:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    return max(float(process.communicate()[0]) for process in at_work)
 
 
 def _processes(count: int) -> Iterator[list[str]]:

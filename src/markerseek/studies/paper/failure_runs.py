@@ -21,7 +21,7 @@ from markerseek.sim import IntensityCurve, SimulatedSettings
 from markerseek.studies.paper import faults
 from markerseek.studies.paper.bare_rules import bare_answer, bare_listener
 from markerseek.studies.paper.curve_runs import Condition
-from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
 from markerseek.studies.paper.methods import BUILT, NAMES, Name, searched
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.worlds import intensity_curve
@@ -45,9 +45,14 @@ FADING = 0.97
 """Factor on the intensity from one acquisition to the next: half is left after 23."""
 
 RUNS, FRAMED_RUNS = 120, 30
-"""Markers of each fault, and of one that needs frames."""
+"""Markers of each fault, and of one that needs frames, for as many markers as the paper has."""
 
 Rules: TypeAlias = Literal["the paper's", "ours"]
+
+Method: TypeAlias = Name | Literal["posterior"]
+
+METHODS: dict[Rules, tuple[Method, ...]] = {"the paper's": NAMES, "ours": (*NAMES, "posterior")}
+"""Who searches by which rules."""
 
 _Spoil: TypeAlias = Callable[[int, Frame, Frame | None], Frame]
 
@@ -136,7 +141,7 @@ class Outcome:
 
     fault: str
     rules: Rules
-    method: Name
+    method: Method
     error_deg: float | None
 
 
@@ -151,7 +156,7 @@ def outcomes_of(effort: Effort) -> list[Outcome]:
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
     runs = []
     for name, fault in FAULTS.items():
-        count = max(1, round((FRAMED_RUNS if fault.frames else RUNS) * effort.share))
+        count = max(1, round((FRAMED_RUNS if fault.frames else RUNS) * effort.markers / PAPER_MARKERS))
         for number, marker_deg in enumerate(rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)):
             runs.append(_Run(fault=name, marker_deg=float(marker_deg), number=number, seed=int(rng.integers(2**31))))
     parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]
@@ -161,18 +166,12 @@ def outcomes_of(effort: Effort) -> list[Outcome]:
 def _outcomes(runs: tuple[_Run, ...]) -> list[Outcome]:
     outcomes = []
     for run in runs:
-        for name in NAMES:
-            for rules, answer in (("the paper's", _bare), ("ours", _guarded)):
-                angle_deg = answer(run, name)
-                truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
-                outcomes.append(
-                    Outcome(
-                        fault=run.fault,
-                        rules="ours" if rules == "ours" else "the paper's",
-                        method=name,
-                        error_deg=None if angle_deg is None else angle_deg - truth_deg,
-                    )
-                )
+        truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
+        answers: list[tuple[Rules, Method, float | None]] = [("the paper's", name, _bare(run, name)) for name in NAMES]
+        answers += [("ours", method, _guarded(run, method)) for method in METHODS["ours"]]
+        for rules, method, angle_deg in answers:
+            error_deg = None if angle_deg is None else angle_deg - truth_deg
+            outcomes.append(Outcome(fault=run.fault, rules=rules, method=method, error_deg=error_deg))
     return outcomes
 
 
@@ -185,7 +184,7 @@ def _bare(run: _Run, name: Name) -> float | None:
     return None if math.isnan(angle_deg) else angle_deg
 
 
-def _guarded(run: _Run, name: Name) -> float | None:
+def _guarded(run: _Run, method: Method) -> float | None:
     rig, receiver, settings = _rig(run)
     scanner = Scanner(
         stage=rig.stage,
@@ -197,7 +196,8 @@ def _guarded(run: _Run, name: Name) -> float | None:
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    policy = build(BUILT[name], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    built = "posterior" if method == "posterior" else BUILT[method]
+    policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
         _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
     except MarkerseekError:
