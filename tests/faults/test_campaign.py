@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -18,8 +19,8 @@ pytest.importorskip("serial", reason="the supervisor's lines need the extra devi
 
 sys.path.insert(0, str(Path(__file__).parent))
 from campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
-from campaign.__main__ import frames, readings  # type: ignore[import-not-found, unused-ignore]
 from campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
+from campaign.chunks import frames, readings  # type: ignore[import-not-found, unused-ignore]
 from campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
 from campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
@@ -52,6 +53,17 @@ def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pyt
     assert tally.accepted > 3 * FRAMES
     assert tally.of(byte_keys()).off == 0
     assert {"fault", "finished"} <= tally.outcomes.keys()
+
+
+def test_the_long_campaign_runs_on_two_processes_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    root, state = Path(__file__).parents[2], tmp_path / "state.json"
+    command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4", "--frames", "2", "--state", str(state)]
+    pages = [
+        subprocess.run([*command, "--workers", workers], cwd=root, capture_output=True, text=True, check=True).stdout
+        for workers in ("2", "1")
+    ]
+    assert pages[0] == pages[1]
+    assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
 
 
 def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) -> None:

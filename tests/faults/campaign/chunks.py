@@ -1,0 +1,46 @@
+"""Runs of a campaign in pieces: functions of a module that a process of its own finds under its name."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from markerseek.core import Measured
+
+from .bytes_runs import with_frames
+from .checker import check
+from .held_lines import HeldLines
+from .runs import Campaign, draw_plan
+from .tally import Tally
+
+CHUNK, FRAMES_CHUNK = 250, 10
+
+
+def readings(seed: int, first: int, count: int) -> Tally:
+    """Counts of a chunk of runs with readings."""
+    tally = Tally()
+    with tempfile.TemporaryDirectory(dir=_ram()) as folder, HeldLines() as lines:
+        campaign = Campaign(Path(folder), lines)
+        for number in range(first, first + count):
+            plan = draw_plan(seed, number)
+            trace = campaign.perform(plan)
+            tally.hear(
+                check(trace),
+                number=number,
+                faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),
+                accepted=sum(isinstance(entry.event, Measured) for entry in trace.journal.entries),
+                real_s=trace.real_s,
+                virtual_s=trace.virtual_s,
+            )
+    return tally
+
+
+def frames(seed: int, first: int, count: int) -> Tally:
+    """Counts of a chunk of runs with frames, over emulated devices."""
+    with tempfile.TemporaryDirectory(dir=_ram()) as folder:
+        return with_frames(seed, first, count, folder=Path(folder))
+
+
+def _ram() -> str | None:
+    """Where journals are synchronised without a disk."""
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None
