@@ -32,12 +32,15 @@ NEAREST_M = 1e-3
 """Distance in front of the face's plane within which, as behind it, nothing is heard, in metres."""
 
 
+_rule = lru_cache(maxsize=512)(roots_legendre)
+
+
 @lru_cache(maxsize=64)
 def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.ndarray, "rules points"]]:
     """Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row; the weights of a rule sum to 1."""
     nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
     for points in range(1, most + 1):
-        nodes[points, :points], weights[points, :points] = roots_legendre(points)
+        nodes[points, :points], weights[points, :points] = _rule(points)
     return nodes, weights / 2
 
 

@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from markerseek.core.compiled import compiled
 
 HOPELESS = 30.0
 """Log-likelihood below the largest from which a place of the grid is given up."""
+
+LEAST = np.float32(-18.0)
+"""Ln of a cell's weight over the largest from which it counts."""
+
+_PER_OCTAVE, _OCTAVE, _BIAS = np.float32(1 / math.log(2)), np.float32(math.log(2)), np.float32(127)
+_ONE, _HALF, _SIXTH, _24TH, _120TH = (np.float32(1 / math.factorial(order)) for order in range(1, 6))
 
 
 @compiled
@@ -64,7 +70,8 @@ def add_sample(
 ) -> None:
     """Add ln p of one sample to each cell that is alive.
 
-    ``first`` is ln(lowest amplitude / y) − LOW. A cell's height in the table is that plus ln S plus its amplitude.
+    ``first`` is ln(lowest amplitude / y) − LOW. A cell's height in the table is that plus ln S plus its amplitude. At
+    either end a table goes on by as many heights as there are amplitudes, so that every row of cells lies inside.
     """
     amplitudes = cube.shape[2]
     phases, heights = tables.shape[1], tables.shape[2]
@@ -76,38 +83,70 @@ def add_sample(
         for j in range(members.size):
             if not alive[k, j]:
                 continue
-            curve = log_curve[members[j]]
-            level = (1 - part) * curve[near] + part * curve[near + 1]
+            member = members[j]
+            level = (1 - part) * log_curve[member, near] + part * log_curve[member, near + 1]
             row = 0
             while level < levels[row]:
                 row += 1
             start = math.floor((first + level) / table_step + 0.5)
-            shift, phase = start // phases, start % phases
-            table = tables[row, phase]
-            low = min(max(0, -shift), amplitudes)
-            high = max(low, min(amplitudes, heights - shift))
+            height = math.floor((start + 0.5) / phases)
+            shift = min(max(height + amplitudes, 0), heights - amplitudes)
             # Slices that begin at 0 run in vector registers.
-            below, inside, above = cube[k, j, :low], cube[k, j, low:high], cube[k, j, high:]
-            known = table[low + shift : high + shift]
-            for a in range(below.size):
-                below[a] += table[0]
-            for a in range(inside.size):
-                inside[a] += known[a]
-            for a in range(above.size):
-                above[a] += table[heights - 1]
+            cells, known = cube[k, j], tables[row, start - height * phases, shift : shift + amplitudes]
+            for a in range(amplitudes):
+                cells[a] += known[a]
 
 
 @compiled
-def _give_up(
+def _survey(
+    cube: Float32[np.ndarray, "angles shapes amplitudes"],
     alive: Bool[np.ndarray, "angles shapes"],
-    tops: Float64[np.ndarray, "angles shapes"],
     log_angle: Float64[np.ndarray, " angles"],
-    least: float,
-) -> None:
-    for k in range(tops.shape[0]):
-        for j in range(tops.shape[1]):
-            if tops[k, j] - log_angle[k] < least:
+    log_shape: Float64[np.ndarray, " shapes"],
+    tops: Float64[np.ndarray, "angles shapes"],
+) -> float:
+    """Fill in the largest of each row, and give up the hopeless ones; return the largest of all."""
+    angles, shapes, amplitudes = cube.shape
+    tops[:] = -math.inf
+    largest, best = -math.inf, -math.inf
+    for k in range(angles):
+        for j in range(shapes):
+            if not alive[k, j]:
+                continue
+            cells = cube[k, j]
+            top = cells[0]
+            for a in range(amplitudes):
+                top = max(top, cells[a])
+            tops[k, j] = log_angle[k] + log_shape[j] + top
+            largest = max(largest, tops[k, j])
+            best = max(best, top + log_shape[j])
+    for k in range(angles):
+        for j in range(shapes):
+            if tops[k, j] - log_angle[k] < best - HOPELESS:
                 alive[k, j] = False
+    return largest
+
+
+@compiled
+def _exponential(
+    log: Float32[np.ndarray, " cells"],
+    series: Float32[np.ndarray, " cells"],
+    bits: Int32[np.ndarray, " cells"],
+    out: Float32[np.ndarray, " cells"],
+) -> None:
+    """Exp(log), and 0 from `LEAST` down, in vector registers: to 1e-5.
+
+    ``bits`` are those of ``out``: 2 to a whole power is written as one, and Taylor's series of the rest, which lies
+    within ln 2 / 2 of 0, is multiplied on.
+    """
+    for a in range(log.size):
+        value = max(log[a], LEAST)
+        power = np.int32(value * _PER_OCTAVE + _BIAS + _HALF)
+        rest = value - (np.float32(power) - _BIAS) * _OCTAVE
+        bits[a] = power << np.int32(23)
+        series[a] = _ONE + rest * (_ONE + rest * (_HALF + rest * (_SIXTH + rest * (_24TH + rest * _120TH))))
+    for a in range(log.size):
+        out[a] *= series[a] if log[a] > LEAST else np.float32(0)
 
 
 @compiled
@@ -127,37 +166,37 @@ def weigh(
     bring it back.
     """
     angles, shapes, amplitudes = cube.shape
-    tops = np.full((angles, shapes), -math.inf)
-    largest, best = -math.inf, -math.inf
-    for k in range(angles):
-        for j in range(shapes):
-            if not alive[k, j]:
-                continue
-            top = cube[k, j].max()
-            tops[k, j] = log_angle[k] + log_shape[j] + top
-            largest = max(largest, tops[k, j])
-            best = max(best, top + log_shape[j])
-    _give_up(alive, tops, log_angle, best - HOPELESS)
+    tops = np.empty((angles, shapes))
+    largest = _survey(cube, alive, log_angle, log_shape, tops)
     by_angle[:] = 0
     by_shape[:] = 0
     by_amplitude[:] = 0
-    least = np.float32(-18.0)
+    log, series = np.empty((shapes, amplitudes), np.float32), np.empty(shapes * amplitudes, np.float32)
+    share = np.empty((shapes, amplitudes), np.float32)
+    bits = share.reshape(-1).view(np.int32)
+    counted = np.empty(shapes, np.int64)
     for k in range(angles):
+        count = 0
         for j in range(shapes):
-            row = weight[k, j]
-            if tops[k, j] - largest < least:
-                row[:] = 0
-                continue
-            base = np.float32(log_angle[k] + log_shape[j] - largest)
-            total = 0.0
+            if tops[k, j] - largest >= LEAST:
+                base, cells, row = np.float32(log_angle[k] + log_shape[j] - largest), cube[k, j], log[count]
+                for a in range(amplitudes):
+                    row[a] = cells[a] + base
+                counted[count] = j
+                count += 1
+            else:
+                weight[k, j] = 0
+        size = count * amplitudes
+        _exponential(log.reshape(-1)[:size], series[:size], bits[:size], share.reshape(-1)[:size])
+        for place in range(count):
+            row, known = weight[k, counted[place]], share[place]
+            total = np.float32(0)
             for a in range(amplitudes):
-                value = cube[k, j, a] + base
-                share = math.exp(value) if value > least else 0.0
-                row[a] = share
-                total += share
-                by_amplitude[a] += share
+                row[a] = known[a]
+                total += known[a]
+                by_amplitude[a] += known[a]
             by_angle[k] += total
-            by_shape[j] += total
+            by_shape[counted[place]] += total
     return largest
 
 
@@ -189,125 +228,3 @@ def draw(
                     picked += 1
                     target += step
     return picked
-
-
-@compiled
-def expected_variance(
-    candidates_deg: Float64[np.ndarray, " candidates"],
-    theta_deg: Float64[np.ndarray, " particles"],
-    member: Int64[np.ndarray, " particles"],
-    log_curve: Float64[np.ndarray, "shapes distances"],
-    log_amplitude: Float64[np.ndarray, " particles"],
-    step_deg: float,
-    floor: float,
-    levels: Float64[np.ndarray, " errors"],
-    errors: Float64[np.ndarray, " errors"],
-    out: Float64[np.ndarray, " candidates"],
-) -> None:
-    """Expected variance of the angle after one more sample at each candidate, in deg²; amplitudes in units of σ."""
-    count = theta_deg.size
-    height = np.empty(count)
-    spread = np.empty(count)
-    distances = log_curve.shape[1]
-    for c in range(candidates_deg.size):
-        for p in range(count):
-            place = abs(candidates_deg[c] - theta_deg[p]) / step_deg
-            near = min(int(place), distances - 2)
-            part = min(place - near, 1.0)
-            level = (1 - part) * log_curve[member[p], near] + part * log_curve[member[p], near + 1]
-            row = 0
-            while level < levels[row]:
-                row += 1
-            mu = math.exp(min(log_amplitude[p] + level, 300.0))
-            height[p] = 0.5 * math.log(mu * mu + floor * floor)
-            spread[p] = errors[row] ** 2 + 1 / (mu * mu + floor * floor)
-        total = 0.0
-        for p in range(count):
-            mass, mean, square = 0.0, 0.0, 0.0
-            for other in range(count):
-                away = (height[p] - height[other]) ** 2 / (spread[p] + spread[other])
-                near_by = 1 / (1 + away / 8)
-                near_by *= near_by
-                near_by *= near_by
-                offset = theta_deg[other] - theta_deg[p]
-                mass += near_by
-                mean += near_by * offset
-                square += near_by * offset * offset
-            total += square / mass - (mean / mass) ** 2
-        out[c] = total / count
-
-
-@compiled
-def _solve(matrix: Float64[np.ndarray, "terms columns"], beta: Float64[np.ndarray, " terms"]) -> float:
-    """Solve the symmetric system whose last column is its right side, by elimination; return half of ln of its det."""
-    terms = beta.size
-    half_log_det = 0.0
-    for m in range(terms):
-        half_log_det += 0.5 * math.log(matrix[m, m])
-        for lower in range(m + 1, terms):
-            part = matrix[lower, m] / matrix[m, m]
-            for n in range(m, terms + 1):
-                matrix[lower, n] -= part * matrix[m, n]
-    for m in range(terms - 1, -1, -1):
-        total = matrix[m, terms]
-        for n in range(m + 1, terms):
-            total -= matrix[m, n] * beta[n]
-        beta[m] = total / matrix[m, m]
-    return half_log_det
-
-
-@compiled
-def _misfit(
-    design: Float64[np.ndarray, "samples terms"],
-    value: Float64[np.ndarray, " samples"],
-    scale: Float64[np.ndarray, " samples"],
-    beta: Float64[np.ndarray, " terms"],
-    out: Float64[np.ndarray, " samples"],
-) -> None:
-    for i in range(value.size):
-        rest = value[i]
-        for m in range(beta.size):
-            rest -= design[i, m] * beta[m]
-        out[i] = rest / scale[i]
-
-
-@compiled
-def student_evidence(
-    design: Float64[np.ndarray, "angles samples terms"],
-    value: Float64[np.ndarray, "angles samples"],
-    scale: Float64[np.ndarray, "angles samples"],
-    precision: Float64[np.ndarray, " terms"],
-    freedom: float,
-    rounds: int,
-) -> Float64[np.ndarray, " angles"]:
-    """Ln of the likelihood of value = design·β + scale·Student for each angle, β integrated out by Laplace's method.
-
-    β has independent normal priors about 0. The mode is found by reweighted least squares.
-    """
-    angles, samples, terms = design.shape
-    out = np.empty(angles)
-    matrix = np.empty((terms, terms + 1))
-    beta = np.zeros(terms)
-    missed = np.empty(samples)
-    for k in range(angles):
-        missed[:] = 0.0
-        half_log_det = 0.0
-        for _ in range(rounds):
-            matrix[:, :] = 0.0
-            for m in range(terms):
-                matrix[m, m] = precision[m]
-            for i in range(samples):
-                share = (freedom + 1) / (freedom + missed[i] ** 2) / scale[k, i] ** 2
-                for m in range(terms):
-                    matrix[m, terms] += share * design[k, i, m] * value[k, i]
-                    for n in range(terms):
-                        matrix[m, n] += share * design[k, i, m] * design[k, i, n]
-            half_log_det = _solve(matrix, beta)
-            _misfit(design[k], value[k], scale[k], beta, missed)
-        log = -half_log_det
-        for m in range(terms):
-            log -= 0.5 * precision[m] * beta[m] ** 2
-        for i in range(samples):
-            log -= math.log(scale[k, i]) + (freedom + 1) / 2 * math.log1p(missed[i] ** 2 / freedom)
-        out[k] = log
-    return out

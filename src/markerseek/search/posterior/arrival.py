@@ -17,10 +17,13 @@ tails of a Student distribution (150 draws of the physics table, 125 angles each
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float64
 
-from markerseek.search.posterior import _kernel
+from markerseek.core.compiled import compiled
+from markerseek.search.posterior._student import student_evidence
 
 FACE_RADIUS_M = 10e-3
 """Middle of the distances R of the face from the axis in the physics table, in metres."""
@@ -46,8 +49,9 @@ FREEDOM = 4.0
 _ROUNDS = 3
 
 
+@compiled
 def off_plane(
-    distance_deg: Float64[np.ndarray, "*shape"], *, face_radius_m: float = FACE_RADIUS_M, depth_m: float
+    distance_deg: Float64[np.ndarray, "*shape"], face_radius_m: float, depth_m: float
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
     """Return how much later sound arrives off plane than on it, in seconds, and the sine of its incidence.
 
@@ -84,23 +88,48 @@ def log_likelihood(
         Their intensities over σ.
     """
     reference_s = float(moments_s[np.argmax(snr), 0])
-    depth_m = max(SOUND_SPEED_M_S * reference_s, 5e-3)
-    off_deg = heard_deg - angles_deg[:, None]
-    late_s, sine = off_plane(off_deg, depth_m=depth_m)
-    lobes = np.abs(off_deg) / LOBE_DEG
-    later = (moments_s[:, 0] - reference_s - late_s) / EDGES_LATER_S
-    ones = np.ones_like(late_s)
-    design = np.stack([ones, late_s / EDGES_LATER_S, 1 - 1 / (1 + lobes**2)], axis=2)
-    model_s = 15e-9 + 30e-9 * lobes * np.exp(1 - lobes)
-    scale = np.hypot(model_s, 0.22e-6 / snr) / EDGES_LATER_S
+    shape = (angles_deg.size, heard_deg.size)
+    when, spread = ((np.empty((*shape, terms)), np.empty(shape), np.empty(shape)) for terms in (3, 2))
+    _fill_in(angles_deg, heard_deg, moments_s, snr, reference_s, *when, *spread)
     precision = np.array([1 / 50**2, 1 / DELAY_SHARE**2, 1.0])
-    log = _kernel.student_evidence(design, later, scale, precision, FREEDOM, _ROUNDS)
+    log = student_evidence(*when, precision, FREEDOM, _ROUNDS)
+    return np.asarray(log + student_evidence(*spread, np.array([1 / 30**2, 1.0]), FREEDOM, _ROUNDS))
 
+
+@compiled
+def _fill_in(
+    angles_deg: Float64[np.ndarray, " angles"],
+    heard_deg: Float64[np.ndarray, " samples"],
+    moments_s: Float64[np.ndarray, "samples 2"],
+    snr: Float64[np.ndarray, " samples"],
+    reference_s: float,
+    when: Float64[np.ndarray, "angles samples 3"],
+    later: Float64[np.ndarray, "angles samples"],
+    when_scale: Float64[np.ndarray, "angles samples"],
+    spread: Float64[np.ndarray, "angles samples 2"],
+    wide: Float64[np.ndarray, "angles samples"],
+    wide_scale: Float64[np.ndarray, "angles samples"],
+) -> None:
+    """Fill in design, value and scale of the two linear models: of τ over δ's unit, and of s² over that of b."""
+    depth_m = max(SOUND_SPEED_M_S * reference_s, 5e-3)
     height_m2, height_sd_m2 = HEIGHT_M2
-    edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2
     unit = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
-    wide = (moments_s[:, 1] ** 2 - height_m2 * edges) / unit
-    design = np.stack([ones, height_sd_m2 * edges / unit], axis=2)
-    model = 0.05 + 0.2 * height_m2 * edges / unit
-    scale = np.hypot(model, 2.5 / snr * (moments_s[:, 1] ** 2 / unit))
-    return np.asarray(log + _kernel.student_evidence(design, wide, scale, np.array([1 / 30**2, 1.0]), FREEDOM, _ROUNDS))
+    for k in range(angles_deg.size):
+        for i in range(heard_deg.size):
+            off_deg = heard_deg[i] - angles_deg[k]
+            late_s, sine = off_plane(off_deg, FACE_RADIUS_M, depth_m)
+            lobes = abs(off_deg) / LOBE_DEG
+            when[k, i, 0] = 1.0
+            when[k, i, 1] = late_s / EDGES_LATER_S
+            when[k, i, 2] = 1 - 1 / (1 + lobes**2)
+            later[k, i] = (moments_s[i, 0] - reference_s - late_s) / EDGES_LATER_S
+            model_s = 15e-9 + 30e-9 * lobes * math.exp(1 - lobes)
+            when_scale[k, i] = math.hypot(model_s, 0.22e-6 / snr[i]) / EDGES_LATER_S
+
+            edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2
+            variance = moments_s[i, 1] ** 2
+            spread[k, i, 0] = 1.0
+            spread[k, i, 1] = height_sd_m2 * edges / unit
+            wide[k, i] = (variance - height_m2 * edges) / unit
+            model = 0.05 + 0.2 * height_m2 * edges / unit
+            wide_scale[k, i] = math.hypot(model, 2.5 / snr[i] * (variance / unit))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import Interval
-from markerseek.search.posterior import _kernel
+from markerseek.search.posterior._variance import expected_variance
 from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
@@ -70,7 +70,7 @@ def most_telling_deg(
     """
     candidates = _candidates(belief, heard_deg, limits=limits)
     variance = np.empty(candidates.size)
-    _kernel.expected_variance(
+    expected_variance(
         candidates,
         belief.theta_deg,
         belief.member,

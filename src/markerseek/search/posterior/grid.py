@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
@@ -126,9 +127,7 @@ class Grid:
 
     def add(self, heard: Heard) -> None:
         """Take in one sample."""
-        tables = log_tables(noise=heard.noise, cells=heard.cells, errors=self._errors, ratio=heard.ratio)
-        heights = tables.shape[1] // self._phases
-        split = tables[:, : heights * self._phases].reshape(len(tables), heights, self._phases)
+        tables = _tables(heard, self._errors, phases=self._phases, amplitudes=self.log_amplitude.size)
         _kernel.add_sample(
             self._cube,
             self._alive,
@@ -137,7 +136,7 @@ class Grid:
             self._shapes.log_curve,
             STEP_DEG,
             heard.angle_deg,
-            np.ascontiguousarray(split.transpose(0, 2, 1), np.float32),
+            tables,
             LEVELS,
             self.log_amplitude[0] - heard.log_intensity - LOW,
             STEP,
@@ -153,6 +152,21 @@ class Grid:
         count = _kernel.draw(weight, angle, drawn)
         total = angle.sum()
         return Marginals(angle=angle / total, shape=shape / total, amplitude=amplitude / total, drawn=drawn[:count])
+
+
+@lru_cache(maxsize=512)
+def _tables(
+    heard: Heard, errors: tuple[float, ...], *, phases: int, amplitudes: int
+) -> Float32[np.ndarray, "errors phases heights"]:
+    """Tables of a sample as `_kernel.add_sample` wants them: a phase a row, and its ends repeated."""
+    tables = log_tables(noise=heard.noise, cells=heard.cells, errors=errors, ratio=heard.ratio)
+    heights = tables.shape[1] // phases
+    rows = tables[:, : heights * phases].reshape(len(errors), heights, phases).transpose(0, 2, 1)
+    wide = np.empty((len(errors), phases, heights + 2 * amplitudes), np.float32)
+    wide[..., :amplitudes] = rows[..., :1]
+    wide[..., amplitudes:-amplitudes] = rows
+    wide[..., -amplitudes:] = rows[..., -1:]
+    return wide
 
 
 def finer(
