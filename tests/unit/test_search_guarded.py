@@ -168,6 +168,15 @@ def test_coherence_must_exceed_that_of_noise():
     assert isinstance(marker, Found)
 
 
+@pytest.mark.parametrize(("spread_m", "found"), [(1e-3, True), (8e-3, False)])
+def test_a_sound_from_one_place_need_not_be_coherent(spread_m, found):
+    """A marker in tissue with another speed of sound; noise would not come from one place again."""
+    darks = [dark(0.04, noise_sigma=0.01, cells=12_800, coherence=0.1)]
+    places = {"lateral_m": lambda _: 0.01, "depth_m": lambda angle: 0.05 + spread_m * math.sin(37 * angle)}
+    _, answer = run(build("weighted-average"), lorentzian(7.3), darks=darks, coherence=lambda _: 0.09, **places)
+    assert isinstance(answer, Found) == found
+
+
 def test_unknown_floor_asks_for_ten_times_the_smallest():
     _, weak = run(build("golden-section", acquisitions=8), lambda angle: 1 + lorentzian(3.0)(angle))
     assert isinstance(weak, NotFound)

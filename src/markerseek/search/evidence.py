@@ -30,6 +30,9 @@ LATERAL_M = 3e-3
 DEPTH_M = 4e-3
 """Largest distance in depth: off plane the slant range grows by 1.6 mm at 30° (physics notes)."""
 
+REPEATED = 2
+"""Samples above the noise floor from the strongest one's place, besides it, that no noise gives."""
+
 CONTRADICTION_SHARE = 0.8
 """Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
 
@@ -52,7 +55,7 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
         return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"
     if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
         return f"the intensity is the same at all angles heard, {smallest:g} to {largest:g}: there is no peak"
-    return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(strongest, dark)
+    return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(lit, strongest, dark, level=level or 0.0)
 
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
@@ -73,13 +76,27 @@ def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str
     return None
 
 
-def _incoherent(strongest: Sample, dark: Sequence[Sample]) -> str | None:
-    """Whether the strongest sample is no more in phase than noise was."""
+def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample], *, level: float) -> str | None:
+    """Whether the strongest sample is no more in phase than noise was, and stands alone.
+
+    A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise, or
+    a spike on a channel, does not come from one place again and again.
+    """
     heard = strongest.reading.coherence
     noise = [sample.reading.coherence for sample in dark if sample.reading.coherence is not None]
     if heard is None or not noise or heard > max(noise):
         return None
+    if sum(_one_place(sample, strongest) for sample in lit if sample.reading.intensity > level) > REPEATED:
+        return None
     return f"the strongest sample is no more coherent, {heard:.2g}, than the dark ones, {max(noise):.2g}"
+
+
+def _one_place(sample: Sample, other: Sample) -> bool:
+    """Whether two samples are known to come from the same place in the image."""
+    here, there = sample.reading, other.reading
+    if here.lateral_m is None or there.lateral_m is None or here.depth_m is None or there.depth_m is None:
+        return False
+    return abs(here.lateral_m - there.lateral_m) <= LATERAL_M and abs(here.depth_m - there.depth_m) <= DEPTH_M
 
 
 def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Literal["low", "high"] | None:
