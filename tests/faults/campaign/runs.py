@@ -36,7 +36,9 @@ from markerseek.sim import (
 )
 from markerseek.sim.faults import Fault
 
-from .devices import FaultyLaser, FaultyReceiver, FaultyStage
+from .faulty_laser import FaultyLaser
+from .faulty_receiver import FaultyReceiver
+from .faulty_stage import FaultyStage
 from .held_lines import HeldLines
 from .vocabulary import FAULTS, drawn
 from .world import WatchedWorld

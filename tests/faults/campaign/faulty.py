@@ -1,0 +1,44 @@
+"""The faults of one simulated device that fails as it is told: the truth stays in the world.
+
+A step of the stage is a move, of the laser a firing, of the receiver an acquisition, each counted from 1. ``acted``
+holds the faults that changed something that a healthy device would not have done.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from markerseek.sim.faults import Fault
+
+ANSWER_S = 0.5
+"""How long a driver waits for an answer."""
+
+SLOWER = 3.0
+"""How many times the usual a driver allows for a move, a train of pulses, or a readout."""
+
+
+class Faulty:
+    """The faults of one device, and its steps."""
+
+    def __init__(self, faults: tuple[Fault, ...], rng: np.random.Generator) -> None:
+        self.step = 0
+        self.acted: list[Fault] = []
+        self._faults = faults
+        self._rng = rng
+
+    def has(self, name: str, *, silently: bool = False) -> Fault | None:
+        """The fault of that name if it holds now; it acts unless it is only asked for."""
+        for fault in self._faults:
+            if fault.name == name and fault.holds_at(self.step):
+                if not silently:
+                    self.act(fault)
+                return fault
+        return None
+
+    def act(self, fault: Fault) -> None:
+        """Note that the fault did something."""
+        if fault not in self.acted:
+            self.acted.append(fault)
+
+    def chance(self, share: float) -> bool:
+        return bool(self._rng.random() < share)

@@ -1,0 +1,121 @@
+"""A laser that fails as it is told, around the simulated one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from markerseek.core import DeviceTimeoutError, LaserError, Permit
+from markerseek.sim import SimulatedLaser, VirtualClock
+from markerseek.sim.faults import Fault
+
+from .faulty import ANSWER_S, SLOWER, Faulty
+from .world import WatchedWorld
+
+
+class FaultyLaser(Faulty):
+    """A laser box as its driver shows it."""
+
+    def __init__(
+        self,
+        inner: SimulatedLaser,
+        world: WatchedWorld,
+        clock: VirtualClock,
+        faults: tuple[Fault, ...],
+        rng: np.random.Generator,
+        *,
+        tell: Callable[[Permit], None],
+        stage_rests: Callable[[], None],
+        readout_s: float,
+    ) -> None:
+        super().__init__(faults, rng)
+        self._inner = inner
+        self._world = world
+        self._clock = clock
+        self._tell = tell
+        self._stage_rests = stage_rests
+        self._readout_s = readout_s
+        self.due: tuple[float, Permit] | None = None
+
+    def fire(self, permit: Permit) -> int:
+        self.step += 1
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        if self.has("busy"):
+            raise LaserError("laser: BUSY")
+        self._tell(permit)
+        drop = self.has("energy drops")
+        self._world.energy = 1.0 if drop is None else drop.amount
+        fired, told = self._train(permit)
+        self._stage_rests()
+        if self.has("silent"):
+            self._clock.wait(ANSWER_S)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+        if (late := self.has("late answer")) is not None:
+            self._clock.wait(late.amount)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+        if (slow := self.has("slow", silently=True)) is not None and fired:
+            self._clock.wait(slow.amount * fired / 100)
+            if slow.amount > SLOWER:
+                self.act(slow)
+                raise DeviceTimeoutError("laser: the train did not end in time; its lease has lapsed")
+        if self.has("garbled count"):
+            garbage: list[Any] = [-1, 10**9, math.nan, None, permit.pulses + 0.5]
+            return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
+        return told
+
+    def disarm(self) -> None:
+        self.due = None
+        if self.has("unplugged", silently=True):
+            raise OSError("device disconnected")
+
+    def stage_moves(self) -> None:
+        """Called while the stage moves."""
+        if self.step and (alone := self.has("fires by itself")) is not None:
+            self._world.flash(pulses=max(1, round(alone.amount)), at_s=self._clock.now_s())
+
+    def due_light(self) -> None:
+        """Light that comes too late, once its moment has come."""
+        if self.due is not None and self._clock.now_s() >= self.due[0]:
+            self._world.flash(pulses=self.due[1].pulses, at_s=self.due[0])
+            self.due = None
+
+    def _train(self, permit: Permit) -> tuple[int, int]:
+        """Pulses that were really fired, and those it tells."""
+        pulses = permit.pulses
+        if pulses == 0:
+            dark = self.has("light in the dark")
+            if dark is None:
+                return self._inner.fire(permit), 0
+            return self._flash(permit, max(1, round(dark.amount))), 0
+        if self.has("dead lamp"):
+            return self._flash(permit, 0), 0
+        if (late := self.has("late light")) is not None:
+            self._clock.wait(pulses / 100)
+            self.due = (self._clock.now_s() + late.amount * self._readout_s, permit)
+            return pulses, pulses
+        if (opened := self.has("interlock")) is not None:
+            fired = self._flash(permit, int(opened.amount * pulses))
+            return fired, fired
+        if (more := self.has("extra pulses")) is not None:
+            fired = self._flash(permit, pulses + max(1, round(more.amount)))
+            return fired, fired
+        for name in ("fewer pulses", "hidden misfire", "misfires"):
+            fault = self.has(name, silently=True)
+            if fault is None or (name == "misfires" and not self.chance(fault.amount)):
+                continue
+            self.act(fault)
+            missing = 1 if name == "misfires" else round(fault.amount)
+            fired = self._flash(permit, max(0, pulses - missing))
+            return fired, pulses if name == "hidden misfire" else fired
+        fired = self._inner.fire(permit)
+        return fired, fired
+
+    def _flash(self, permit: Permit, pulses: int) -> int:
+        if pulses:
+            self._world.flash(pulses=pulses, at_s=self._clock.now_s())
+        self._clock.wait(permit.pulses / 100)
+        return pulses

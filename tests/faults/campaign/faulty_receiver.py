@@ -1,0 +1,117 @@
+"""A receiver and its reader that fail as they are told, around the simulated ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame
+from markerseek.sim import SimulatedReceiver, VirtualClock
+from markerseek.sim.faults import Fault
+
+from .faulty import SLOWER, Faulty
+
+
+class FaultyReceiver(Faulty):
+    """A data acquisition and its reader as the search sees them."""
+
+    def __init__(
+        self,
+        inner: SimulatedReceiver,
+        reader: Reader,
+        clock: VirtualClock,
+        faults: tuple[Fault, ...],
+        rng: np.random.Generator,
+        *,
+        while_reading: Callable[[], None],
+        readout_s: float,
+    ) -> None:
+        super().__init__(faults, rng)
+        self._inner = inner
+        self._reader = reader
+        self._clock = clock
+        self._while_reading = while_reading
+        self._readout_s = readout_s
+        self._last: ReadingFrame | None = None
+        self._held: float | None = None
+
+    def arm(self, permit: Permit) -> None:
+        if self.has("unplugged", silently=True):
+            raise OSError("device disconnected")
+        self._inner.arm(permit)
+
+    def acquire(self, permit: Permit) -> Frame:
+        self.step += 1
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        slow = self.has("slow", silently=True)
+        if slow is not None:
+            self._clock.wait(min(slow.amount, SLOWER) * self._readout_s)
+        frame = self._inner.acquire(permit)
+        self._while_reading()
+        if self.has("off") or (slow is not None and slow.amount > SLOWER):
+            if slow is not None:
+                self.act(slow)
+            raise AcquisitionError("receiver: no frame came in time; check it and start again")
+        if not isinstance(frame, ReadingFrame):
+            raise TypeError("a world of readings was asked for")
+        if (lost := self.has("lost frames", silently=True)) is not None and self.chance(lost.amount):
+            self.act(lost)
+            raise AcquisitionError("receiver: files are missing")
+        spoilt = self._spoilt(frame, self._last)
+        self._last = frame
+        return spoilt
+
+    def read(self, frame: Frame) -> Reading:
+        reading = self._reader.read(frame)
+        if (full := self.has("saturated")) is not None:
+            return replace(reading, saturated_fraction=full.amount)
+        if (burst := self.has("burst")) is not None:
+            sigma = (reading.noise_sigma or 0.0) * burst.amount
+            noise = sigma * float(self._rng.uniform(4, 6))
+            return replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
+        if self.has("garbled feature"):
+            return replace(reading, noise_sigma=math.nan)
+        return reading
+
+    def _spoilt(self, frame: ReadingFrame, last: ReadingFrame | None) -> Frame:
+        header = frame.header
+        if last is not None and (self.has("stuck") or self.has("late frames")):
+            return last
+        if last is not None and self.has("same data"):
+            self._held = last.intensity if self._held is None else self._held
+            return replace(frame, intensity=self._held)
+        self._held = None
+        if last is not None and self.has("one behind"):
+            return replace(frame, intensity=last.intensity)
+        for name, intensity in (("dead", 0.0), ("NaN", math.nan), ("infinite", math.inf), ("negative", -1.0)):
+            if self.has(name):
+                return replace(frame, intensity=intensity)
+        if (gain := self.has("gain drops")) is not None:
+            return replace(frame, intensity=frame.intensity * gain.amount)
+        if (times := self.has("garbage at times", silently=True)) is not None and self.chance(times.amount):
+            self.act(times)
+            return replace(frame, intensity=math.nan)
+        if self.has("other kind"):
+            return ChannelFrame(header=header, samples=np.arange(8, dtype=np.int16).reshape(2, 4), sampling_hz=4e7)
+        return replace(frame, header=self._spoilt_header(frame))
+
+    def _spoilt_header(self, frame: ReadingFrame) -> Any:
+        header = frame.header
+        if self.has("other token"):
+            return replace(header, token=f"{header.token}0")
+        if header.sequence > 1 and self.has("out of order"):
+            return replace(header, sequence=header.sequence - 1)
+        if (pulses := self.has("other pulses")) is not None:
+            return replace(header, pulses=header.pulses + max(1, round(pulses.amount)))
+        if (angle := self.has("other angle")) is not None:
+            return replace(header, commanded_deg=header.commanded_deg + angle.amount)
+        if (old := self.has("old frames")) is not None:
+            return replace(header, started_s=header.started_s - old.amount, ended_s=header.ended_s - old.amount)
+        if (future := self.has("frames of the future")) is not None:
+            return replace(header, started_s=header.started_s + future.amount, ended_s=header.ended_s + future.amount)
+        return header

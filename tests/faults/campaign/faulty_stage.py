@@ -1,0 +1,171 @@
+"""A stage that fails as it is told, around the simulated one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from markerseek.core import DeviceTimeoutError, Interval, MoveError
+from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
+from markerseek.sim.faults import Fault
+
+from .faulty import ANSWER_S, SLOWER, Faulty
+from .world import WatchedWorld
+
+COUNTS_PER_DEG = StageMotion().counts_per_deg
+
+
+class FaultyStage(Faulty):
+    """A stage as its driver shows it."""
+
+    def __init__(
+        self,
+        inner: SimulatedStage,
+        world: WatchedWorld,
+        clock: VirtualClock,
+        faults: tuple[Fault, ...],
+        rng: np.random.Generator,
+        turning: Callable[[], None],
+    ) -> None:
+        super().__init__(faults, rng)
+        self.limits: Interval = inner.limits
+        self._inner = inner
+        self._world = world
+        self._clock = clock
+        self._turning = turning
+        self._frozen_deg: float | None = None
+        self._before_deg = inner.angle_deg
+        self._told_deg: float | None = None
+        self._creep_deg = 0.0
+
+    @property
+    def angle_deg(self) -> float:
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
+            self._clock.wait(ANSWER_S)
+            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
+        told_deg = self._told(self._inner.angle_deg)
+        return self._stale(told_deg) if told_deg == self._inner.angle_deg else told_deg
+
+    def _told(self, true_deg: float) -> float:
+        """What it makes of its angle."""
+        if self.has("NaN readback"):
+            return math.nan
+        if wild := self.has("wild readback"):
+            return float(self._rng.uniform(-wild.amount, wild.amount))
+        if (turned := self.has("turned readback", silently=True)) and true_deg < 0:
+            self.act(turned)
+            return true_deg % 360
+        if (jump := self.has("readback jump")) is not None:
+            return true_deg + jump.amount
+        return true_deg
+
+    def _stale(self, true_deg: float) -> float:
+        """An angle of another moment, where it tells one."""
+        for name, told_deg in (
+            ("says it is there", self._told_deg),
+            ("frozen readback", self._frozen_deg),
+            ("late readback", self._before_deg),
+        ):
+            if (fault := self.has(name, silently=True)) is not None and told_deg is not None:
+                if abs(told_deg - true_deg) > 0.1:
+                    self.act(fault)
+                return told_deg
+        return true_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        self.step += 1
+        self._creep_deg = 0.0
+        self._before_deg = self._inner.angle_deg
+        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
+            self._frozen_deg = self._inner.angle_deg
+        if self.has("unplugged"):
+            raise OSError("device disconnected")
+        self._world.moving = True
+        try:
+            self._turn(angle_deg)
+        finally:
+            self._world.moving = False
+        self._told_deg = angle_deg
+        self._loosen()
+        return self.angle_deg
+
+    def stop(self) -> None:
+        if self.has("unplugged", silently=True):
+            raise OSError("device disconnected")
+
+    def rest(self) -> None:
+        """What a stage does that should rest, while the laser fires."""
+        if self._creep_deg:
+            self._world.angle_deg += self._creep_deg
+            self._inner.counts = round(self._world.angle_deg * COUNTS_PER_DEG)
+            self._creep_deg = 0.0
+
+    def _turn(self, angle_deg: float) -> None:
+        start_deg = self._inner.angle_deg
+        way_deg = angle_deg - start_deg
+        self._turning()
+        if self.has("says it is there", silently=True) or (abs(way_deg) > 0.1 and self.has("frozen motor")):
+            self._clock.wait(0.5)
+            return
+        if (slow := self.has("slow", silently=True)) is not None:
+            usual_s = 0.3 * abs(way_deg)
+            self._clock.wait(min(slow.amount, SLOWER) * usual_s)
+            if slow.amount > SLOWER and abs(way_deg) > 0.1:
+                self.act(slow)
+                self._go(start_deg + way_deg * SLOWER / slow.amount)
+                raise DeviceTimeoutError("stage: it has not arrived in time, and was stopped")
+        if abs(way_deg) > 0.1 and self.has("stall"):
+            self._go(start_deg + self._rng.uniform(0, 1) * way_deg)
+            raise MoveError("stage: it stalled")
+        target_deg = self._target(angle_deg, way_deg)
+        self._go(target_deg)
+
+    def _target(self, angle_deg: float, way_deg: float) -> float:
+        """Where it really goes."""
+        forth = math.copysign(1.0, way_deg)
+        if (wall := self.has("obstacle", silently=True)) is not None:
+            start_deg = angle_deg - way_deg
+            if min(start_deg, angle_deg) < wall.amount < max(start_deg, angle_deg):
+                if abs(wall.amount - angle_deg) > 0.1:
+                    self.act(wall)
+                return wall.amount
+        if (short := self.has("stops short", silently=True)) is not None and abs(way_deg) > short.amount:
+            self.act(short)
+            return angle_deg - forth * short.amount
+        for name in ("overshoot", "runaway"):
+            if (beyond := self.has(name)) is not None:
+                return angle_deg + forth * beyond.amount
+        if (late := self.has("late rest", silently=True)) is not None and abs(way_deg) > late.amount:
+            self.act(late)
+            self._creep_deg = forth * late.amount
+            return angle_deg - self._creep_deg
+        return angle_deg
+
+    def _go(self, angle_deg: float) -> None:
+        if angle_deg in self.limits:
+            self._inner.move_to(angle_deg)
+            return
+        # The motor obeys no limits here: that is the fault.
+        self._clock.wait(1.0)
+        self._inner.counts = round(angle_deg * COUNTS_PER_DEG)
+        self._world.angle_deg = angle_deg
+
+    def _loosen(self) -> None:
+        """What lies between the encoder and the probe."""
+        if (slip := self.has("slip")) is not None:
+            self._world.slip_deg = slip.amount
+        if (scale := self.has("scale")) is not None:
+            self._world.scale = 1 + scale.amount
+        if (play := self.has("more play")) is not None:
+            self._world.slip_deg = play.amount
+        self._world.settle()
+
+    def _lost(self, fault: Fault) -> bool:
+        if not self.chance(fault.amount):
+            return False
+        self.act(fault)
+        return True
