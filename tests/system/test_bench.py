@@ -174,8 +174,10 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--tissue", "liver"), "--tissue and --pace are for simulated rigs"),
-        (("--pace", "1"), "--tissue and --pace are for simulated rigs"),
+        (("--tissue", "liver"), "--tissue liver: only a simulated rig has this, and .*rig.toml is one of devices"),
+        (("--pace", "1"), "--pace 1.0: only a simulated rig has this"),
+        (("--seed", "1"), "--seed 1: only a simulated rig has this"),
+        (("--seed", "3", "--tissue", "liver"), "--seed 3 and --tissue liver: only a simulated rig has this"),
         ((), "serial port /nowhere/laser cannot be opened|line .*cannot be opened|No such file"),
     ],
 )
@@ -190,3 +192,14 @@ def test_options_and_ports_that_do_not_fit_are_refused_with_a_sentence(
     code, _, err = shell("search", "--rig", rig, "--arm", *words)
     assert code in (1, 2)
     assert re.search(message, err), err
+
+
+def test_a_scan_of_devices_has_no_seed_either(shell: Shell, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'kind = "bench"\n[stage]\nport = "/nowhere/stage"\nzero_deg = 0.0\n[laser]\nport = "/nowhere/laser"\n'
+        f'[receiver]\nfolder = "{tmp_path}"\n'
+    )
+    code, _, err = shell("bank", "scan", tmp_path / "scan.hdf5", "--rig", rig, "--seed", "1")
+    assert (code, "--seed 1: only a simulated rig has this" in err) == (2, True)
+    assert not (tmp_path / "scan.hdf5").exists()

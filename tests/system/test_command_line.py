@@ -191,6 +191,19 @@ def test_wrong_usage_is_met_with_a_sentence_and_exit_code_2(
     assert message in " ".join(err.replace("│", " ").split())
 
 
+def test_a_journal_is_not_replayed_as_a_scan_and_the_command_for_it_is_given(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    shell("search", "--method", "ternary", "--acquisitions", 8, "--journal", path, "--json")
+    code, out, err = shell("replay", path)
+    assert (code, out) == (2, "")
+    assert err.split("error: ")[1].count("\n") == 1
+    assert (
+        f"it is the journal of a run and no bank; its run is worked out again by: markerseek journal replay {path}"
+        in err
+    )
+    assert shell("journal", "replay", path)[0] == 0
+
+
 def test_a_misspelt_key_in_a_rig_file_is_named(shell: Shell, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n[noise]\npeak_snr = 30\n')

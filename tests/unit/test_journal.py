@@ -38,6 +38,7 @@ from markerseek.core import (
     Started,
     Unsure,
 )
+from markerseek.records.banks import read_bank
 from markerseek.records.journal import (
     Checked,
     Configuration,
@@ -54,6 +55,7 @@ from markerseek.records.journal import (
 from markerseek.records.journal.entries import Happening, RecordedError
 from markerseek.records.journal.log import commits
 from markerseek.records.journal.rows import from_row, to_row
+from markerseek.records.journal.store import is_journal
 
 VERSION_1 = Path(__file__).parents[1] / "data" / "journal-version-1.journal"
 
@@ -249,9 +251,18 @@ def test_where_a_run_stands(tmp_path: Path) -> None:
 def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("mine")
-    with pytest.raises(RecordError, match="exists already; name another file"):
+    with pytest.raises(RecordError, match="exists already and is no journal; name a new file"):
         Journal.create(path, configuration())
     assert path.read_text() == "mine"
+
+
+def test_a_journal_that_exists_is_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    before = path.read_bytes()
+    with pytest.raises(RecordError, match="the journal exists already; name another file, or go on with it"):
+        Journal.create(path, configuration())
+    assert path.read_bytes() == before
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -324,17 +335,62 @@ def hostile_view(path: Path) -> None:
         (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "not a database"),
         (foreign_database, "no journal of a run"),
         (hostile_view, "tables are none of a journal"),
-        (lambda path: path.mkdir(), "no such journal"),
+        (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
+        (os.mkfifo, "it is no ordinary file"),
         (lambda _: None, "no such journal"),
     ],
-    ids=["empty", "text", "foreign", "view", "folder", "missing"],
+    ids=["empty", "text", "foreign", "view", "folder", "pipe", "missing"],
 )
 def test_what_is_no_journal_is_said_to_be_none(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     make(path)
     for look in (read_journal, verify, Journal.reopen):
-        with pytest.raises(RecordError, match=said):
+        with pytest.raises(RecordError, match=said) as refused:
             look(path)
+        assert str(refused.value).startswith(f"{path}: ")
+
+
+def a_file(path: Path) -> Path:
+    path.write_bytes(b"mine")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        (lambda folder: folder, "it is a folder, and a journal is one file; name a new file in it"),
+        (lambda folder: folder / "none" / "a.journal", r"there is no folder .*none; make it, or name another place"),
+        (lambda folder: a_file(folder / "file") / "a.journal", r"file is no folder; name another place"),
+        (lambda folder: a_file(folder / "a.journal"), "exists already and is no journal; name a new file"),
+        (lambda folder: folder / ("a" * 300), "name it shorter"),
+    ],
+    ids=["folder", "no parent", "parent is a file", "another file", "long name"],
+)
+def test_where_no_journal_can_be_begun_the_cure_is_said(
+    place: Callable[[Path], Path], said: str, tmp_path: Path
+) -> None:
+    path = place(tmp_path)
+    with pytest.raises(RecordError, match=said) as refused:
+        Journal.create(path, configuration())
+    assert str(refused.value).startswith(f"{path}: ")
+
+
+def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()):
+        assert is_journal(path)
+    assert is_journal(path)
+    foreign_database(tmp_path / "foreign")
+    assert not is_journal(tmp_path / "foreign")
+    assert not is_journal(a_file(tmp_path / "text"))
+
+
+@pytest.mark.parametrize("name", ["run.journal", "run.csv", "run.hdf5"])
+def test_a_journal_taken_for_a_bank_is_called_a_journal(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    Journal.create(path, configuration()).close()
+    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*: markerseek journal replay .*{name}"):
+        read_bank(path)
 
 
 def changed(path: Path, sql: str) -> None:

@@ -42,7 +42,10 @@ def command(
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
     step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.")] = 1,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.", show_default="1"),
+    ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
     ] = False,
@@ -56,7 +59,7 @@ def command(
 
     Stopped at any moment, the file holds what was taken.
     """
-    from markerseek.cli.on_rig import arm_rig, open_rig
+    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
     from markerseek.records.ipasc import require_new_bank
     from markerseek.rigs.bank_scan import scan_angles, scan_bank
 
@@ -98,7 +101,7 @@ def command(
             dark_frames=dark,
             refused=refused,
             simulated=assembled.simulated,
-            seed=seed if assembled.simulated else None,
+            seed=seed_of(assembled),
             configuration=assembled.configuration,
         )
         print_json(report)

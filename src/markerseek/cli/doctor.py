@@ -82,7 +82,7 @@ def _rig(path: Path) -> Finding:
     from markerseek.core import DeviceError
 
     try:
-        with open_rig(path, seed=1) as (rig, stands_deg):
+        with open_rig(path) as (rig, stands_deg):
             detail = f"{rig.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
     except DeviceError as error:
         return Finding(what=str(path), state="broken", detail=str(error))

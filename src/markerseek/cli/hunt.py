@@ -1,16 +1,18 @@
-"""Runs a policy on a rig for `search` and `replay`, and shows the result as a table, a picture and a page."""
+"""Runs a policy on a rig for `search`, `replay` and `resume`, and shows the result as a table, a picture and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from contextlib import closing
 from pathlib import Path
+from typing import NoReturn
 
 import msgspec
 import typer
 from rich.markup import escape
 from rich.table import Table
 
+from markerseek.cli.keeping import tell_where
 from markerseek.cli.stopping import StoppedBySignal, stopped_by_signals
 from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar
 from markerseek.core import Event, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
@@ -79,18 +81,19 @@ def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
     print_warning(f"go on with: markerseek resume {journal.path}")
 
 
-def show(
+def conclude(
     recorder: Recorder,
     result: SearchResult,
     *,
     description: str,
     imaging: ImageReader | None,
+    journal: Journal | None,
     as_json: bool,
     plot: bool,
     out: Path,
     name: str,
-) -> int:
-    """Print the result and draw it; the exit code comes back.
+) -> NoReturn:
+    """Print the result, draw it, say where pictures and journal lie, and end the command with the result's exit code.
 
     Parameters
     ----------
@@ -100,6 +103,8 @@ def show(
         The rig in words.
     imaging
         Imaging chain of its channel data; None where there are intensities only.
+    journal
+        The journal that people are told of; None where there is none, or they named it.
     as_json
         One object for programs instead of a table for people.
     plot
@@ -115,7 +120,9 @@ def show(
     if plot:
         for path in _draw(recorder, result, description, imaging, out / f"{name}.png", out / f"{name}.html"):
             (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
-    return FOUND if result.found else OTHER_ANSWER
+    if not as_json:
+        tell_where(journal)
+    raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 
 
 def facts(result: SearchResult) -> list[tuple[str, str]]:

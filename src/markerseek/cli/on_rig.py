@@ -17,13 +17,16 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.rigs import Rig
 
+_USUAL_SEED = 1
+"""Seed of a simulation that nobody seeded."""
+
 NOT_ARMED = 4
 """Exit code of a run that nobody armed: nothing moved, nothing was fired."""
 
 
 @contextmanager
 def open_rig(
-    path: Path | None, *, seed: int, tissue: str | None = None, pace: float = 0.0
+    path: Path | None, *, seed: int | None = None, tissue: str | None = None, pace: float = 0.0
 ) -> Iterator[tuple[Rig, float]]:
     """The rig of a rig file, and where its probe stands, in degrees; its devices are let go of at the end.
 
@@ -32,7 +35,7 @@ def open_rig(
     path
         Rig file; None for the simulated rig with its defaults.
     seed, tissue, pace
-        Of a simulation. A rig of devices takes neither tissue nor pace.
+        Of a simulation; without a seed, 1. A rig of devices takes none of them.
 
     Raises
     ------
@@ -48,10 +51,7 @@ def open_rig(
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
-        if tissue is not None or pace != 0:
-            raise ConfigError(
-                f"--tissue and --pace are for simulated rigs, and {path} is of kind bench; leave them out"
-            )
+        _require_none(path, {"--seed": seed, "--tissue": tissue, "--pace": pace or None})
         from markerseek.rigs.bench import bench
 
         with bench(settings) as rig:
@@ -59,7 +59,24 @@ def open_rig(
         return
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
-    yield rigs.simulated(seed=seed, settings=settings, pace=pace), settings.start_deg
+    yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
+
+
+def _require_none(path: Path | None, options: dict[str, object]) -> None:
+    """Refuse what only a simulation can heed: a rig of devices would be used as if it had not been said."""
+    given = [f"{name} {value}" for name, value in options.items() if value is not None]
+    if given:
+        raise ConfigError(
+            f"{' and '.join(given)}: only a simulated rig has this, and {path} is one of devices (kind bench); leave "
+            "it out, or name the rig file of a simulated rig"
+        )
+
+
+def seed_of(rig: Rig) -> int | None:
+    """Seed of a simulated rig; None of any other."""
+    from markerseek.rigs.recipe import SimulatedRecipe
+
+    return rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None
 
 
 def arm_rig(rig: Rig, *, arm: bool, what: str) -> None:

@@ -54,8 +54,8 @@ def command(
     from contextlib import nullcontext
 
     from markerseek import rigs
-    from markerseek.cli.hunt import hunt, show
-    from markerseek.cli.keeping import new_journal, tell_where
+    from markerseek.cli.hunt import conclude, hunt
+    from markerseek.cli.keeping import new_journal
     from markerseek.cli.terminal import announce_compilation
     from markerseek.core import ConfigError
     from markerseek.pictures import require_room_for_pictures
@@ -95,16 +95,14 @@ def command(
     with new_journal(journal, configuration, wanted=journal is not None) or nullcontext() as kept:
         events = search_events(policy, assembled, configuration, kept)
         recorder, result = hunt(events, configuration, most=acquisitions, journal=kept)
-    code = show(
+    conclude(
         recorder,
         result,
         description=assembled.description,
         imaging=assembled.imaging,
+        journal=kept,
         as_json=as_json,
         plot=plot,
         out=out,
         name="replay",
     )
-    if not as_json:
-        tell_where(kept)
-    raise typer.Exit(code)

@@ -33,7 +33,7 @@ def command(
     Without either it tells where the run stands, and ends with exit code 4. Armed, it measures the strongest angle so
     far again, and goes on only if that is heard as before. The result of a run that is over is printed.
     """
-    from markerseek.cli.hunt import show
+    from markerseek.cli.hunt import conclude
     from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation
     from markerseek.pictures import require_room_for_pictures
@@ -53,17 +53,16 @@ def command(
         if not arm and not _confirmed(held, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
         recorder, result, imaging = _go_on(journal, reset_fault=reset_fault)
-    raise typer.Exit(
-        show(
-            recorder,
-            result,
-            description=held.configuration.description,
-            imaging=imaging,
-            as_json=as_json,
-            plot=plot,
-            out=out,
-            name="resume",
-        )
+    conclude(
+        recorder,
+        result,
+        description=held.configuration.description,
+        imaging=imaging,
+        journal=None,
+        as_json=as_json,
+        plot=plot,
+        out=out,
+        name="resume",
     )
 
 

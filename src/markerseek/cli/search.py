@@ -29,12 +29,16 @@ def command(
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
     tissue: Annotated[
-        str | None, typer.Option(help="Simulated stand-in for a material; an unknown name lists them all.")
+        str | None,
+        typer.Option(help="Simulated stand-in for a material, instead of the rig's; an unknown name lists all."),
     ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.")] = 1,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
+    ] = None,
     pace: Annotated[float, typer.Option(help="Real seconds for a virtual one; 0 does not wait, 1 is real speed.")] = 0,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     journal: Annotated[
@@ -49,9 +53,9 @@ def command(
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
     from contextlib import nullcontext
 
-    from markerseek.cli.hunt import hunt, show
-    from markerseek.cli.keeping import new_journal, tell_where
-    from markerseek.cli.on_rig import arm_rig, open_rig
+    from markerseek.cli.hunt import conclude, hunt
+    from markerseek.cli.keeping import new_journal
+    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
     from markerseek.cli.terminal import announce_compilation
     from markerseek.pictures import require_room_for_pictures
     from markerseek.rigs.journalled import configuration_of, search_events
@@ -77,22 +81,20 @@ def command(
             start_deg=start_deg,
             dark_frames=0 if as_published else assembled.dark_frames,
             stay=stay,
-            seed=seed if assembled.simulated else None,
+            seed=seed_of(assembled),
         )
         arm_rig(assembled, arm=arm, what="search")
         with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
             events = search_events(policy, assembled, configuration, kept)
             recorder, result = hunt(events, configuration, most=most, journal=kept)
-    code = show(
+    conclude(
         recorder,
         result,
         description=assembled.description,
         imaging=assembled.imaging,
+        journal=kept,
         as_json=as_json,
         plot=plot,
         out=out,
         name="search",
     )
-    if not as_json:
-        tell_where(kept)
-    raise typer.Exit(code)

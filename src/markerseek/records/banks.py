@@ -131,12 +131,18 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     """
     from markerseek.records.bank_folder import read_folder
     from markerseek.records.intensity_table import read_table
+    from markerseek.records.journal.store import is_journal
 
     try:
         if path.is_dir():
             return read_folder(path)
         if not path.exists():
             raise RecordError(f"{path}: there is no such file or folder")
+        if path.is_file() and is_journal(path):
+            raise RecordError(
+                f"{path}: it is the journal of a run and no bank; its run is worked out again by: "
+                f"markerseek journal replay {path}"
+            )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path)
     except OSError as problem:

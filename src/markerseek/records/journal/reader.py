@@ -17,7 +17,15 @@ from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Entry
 from markerseek.records.journal.log import require_whole_log
 from markerseek.records.journal.rows import from_row
-from markerseek.records.journal.store import Row, checksum, connect, require_ours, row_checksum, speaking_of
+from markerseek.records.journal.store import (
+    Row,
+    checksum,
+    connect,
+    require_file,
+    require_ours,
+    row_checksum,
+    speaking_of,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +63,7 @@ def open_journal(path: Path) -> Iterator[sqlite3.Connection]:
         If there is no such journal, or it is in use.
     """
     with speaking_of(path, verb="read"):
-        if not path.is_file():
-            raise RecordError(f"{path}: there is no such journal; check the name")
+        require_file(path)
         log = Path(f"{path}-wal")
         if not log.is_file() or log.stat().st_size == 0:
             with closing(connect(path, mode="ro&immutable=1")) as connection:

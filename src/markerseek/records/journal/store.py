@@ -6,6 +6,7 @@ file is locked for whoever has it open, so that two programs cannot drive one ru
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 import zlib
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
+from markerseek.records.journal.place import data_folder
 
 APPLICATION = 0x4D53656B
 """What SQLite's header calls our files: "MSek"."""
@@ -28,6 +30,9 @@ SCHEMA = (
     clock_s REAL NOT NULL, body TEXT NOT NULL, checkpoint TEXT, checksum INTEGER NOT NULL, samples BLOB)""",
 )
 """Tables of version 1: the configuration in one row, then one row an event."""
+
+_HEADER_BYTES = 100
+"""Length of SQLite's header; our mark lies at its byte 68."""
 
 PAGE_BYTES = 16384
 """A frame of half a megabyte fills 33 pages of this size, and would fill 130 of SQLite's own."""
@@ -96,7 +101,22 @@ def speaking_of(path: Path, *, verb: str) -> Iterator[None]:
     except (OverflowError, MemoryError, UnicodeDecodeError) as problem:
         raise RecordError(f"{path}: the journal cannot be {verb}: it is damaged ({problem})") from problem
     except OSError as problem:
-        raise RecordError(f"{path}: the journal cannot be {verb}: {problem.strerror or problem}") from problem
+        said = problem.strerror or problem
+        raise RecordError(f"{path}: the journal cannot be {verb}: {said}; {_way_out(problem, path)}") from problem
+
+
+def _way_out(problem: OSError, path: Path) -> str:
+    match problem.errno:
+        case errno.ENOENT:
+            return f"there is no folder {path.parent}; make it, or name another place"
+        case errno.ENOTDIR:
+            return f"{path.parent} is no folder; name another place"
+        case errno.ENOSPC | errno.EDQUOT | errno.EIO:
+            return "make room on the disk or name another place; what was committed before stays readable"
+        case errno.ENAMETOOLONG:
+            return "name it shorter"
+        case _:
+            return "check the folder and the rights, or name another place"
 
 
 def _cure(problem: sqlite3.Error) -> str:
@@ -107,8 +127,59 @@ def _cure(problem: sqlite3.Error) -> str:
             return "make room on the disk or name another place; what was committed before stays readable"
         case ["READONLY"] | ["CANTOPEN"] | ["PERM"]:
             return "check the folder and the rights, or name another place"
+        case ["NOTADB"]:
+            return (
+                "it does not begin as a journal does, so that it is another kind of file, or damaged; check the name "
+                "('markerseek replay' searches recorded scans)"
+            )
         case _:
             return "it is damaged or no journal; 'markerseek journal show' prints as much of it as is whole"
+
+
+def is_journal(path: Path) -> bool:
+    """Whether an ordinary file begins as journals do; the rest of it is not looked at.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    with path.open("rb") as file:
+        header = file.read(_HEADER_BYTES)
+    if not header.startswith(b"SQLite format 3\0"):
+        return False
+    # Of a run that was killed early, all but this first page may still lie in the write-ahead log.
+    return header[68:72] == APPLICATION.to_bytes(4, "big") or Path(f"{path}-wal").is_file()
+
+
+def require_file(path: Path) -> None:
+    """Refuse what is no ordinary file, before SQLite is asked to open it.
+
+    Raises
+    ------
+    RecordError
+        If there is nothing, or a folder, a pipe or a device.
+    """
+    if path.is_dir():
+        raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
+    if not path.exists():
+        raise RecordError(
+            f"{path}: there is no such journal; check the name (a search that named none keeps its journal in "
+            f"{data_folder() / 'journals'})"
+        )
+    if not path.is_file():
+        raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
+
+
+def taken(path: Path) -> RecordError:
+    """What is wrong with the name of a new journal where something is already."""
+    if path.is_dir():
+        return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
+    if path.is_file() and is_journal(path):
+        return RecordError(
+            f"{path}: the journal exists already; name another file, or go on with it: markerseek resume {path}"
+        )
+    return RecordError(f"{path}: this exists already and is no journal; name a new file")
 
 
 def connect(path: Path, *, mode: str) -> sqlite3.Connection:

@@ -11,7 +11,7 @@ from typing import Self
 
 import msgspec
 
-from markerseek.core import Failed, Finished, RecordError
+from markerseek.core import Failed, Finished
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Entry, Happening, Interrupted
 from markerseek.records.journal.reader import Recording, recording, whole
@@ -24,8 +24,10 @@ from markerseek.records.journal.store import (
     Row,
     checksum,
     connect,
+    require_file,
     row_checksum,
     speaking_of,
+    taken,
 )
 
 
@@ -62,9 +64,7 @@ class Journal:
             try:
                 path.open("xb").close()
             except FileExistsError as problem:
-                raise RecordError(
-                    f"{path}: the journal exists already; name another file, or go on with it: markerseek resume {path}"
-                ) from problem
+                raise taken(path) from problem
             connection = connect(path, mode="rw")
             try:
                 first = _lay_out(connection, configuration)
@@ -85,8 +85,7 @@ class Journal:
             If the file cannot be read to its end or written, or another program has it open.
         """
         with speaking_of(path, verb="written"):
-            if not path.is_file():
-                raise RecordError(f"{path}: there is no such journal; check the name")
+            require_file(path)
             connection = connect(path, mode="rw")
             try:
                 # Takes the lock, and says at once if the file cannot be written.
