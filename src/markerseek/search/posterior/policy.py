@@ -27,8 +27,9 @@ from markerseek.search.curve import check_acquisitions, check_sample
 from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
-from markerseek.search.posterior.belief import Belief, Evidence
+from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.choice import most_telling_deg, planned_deg
+from markerseek.search.posterior.gathering import Evidence
 from markerseek.search.posterior.modes import modes_deg, rival_deg
 from markerseek.search.posterior.reach import hiding_deg, unheard
 from markerseek.search.posterior.shapes import Shapes, family

@@ -7,8 +7,8 @@ from functools import lru_cache
 from markerseek.core import PAPER_RANGE, Reading
 from markerseek.core.reading import Sample
 from markerseek.search.floor import noise_of
-from markerseek.search.posterior.belief import Evidence
 from markerseek.search.posterior.choice import most_telling_deg
+from markerseek.search.posterior.gathering import Evidence
 from markerseek.search.posterior.shapes import Shapes
 
 
