@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Medium, Probe, RectanglePulse
-from markerseek.calibration import apex_s, fit_moveout
-from markerseek.core import ChannelFrame, FrameHeader, ReadingFrame, RecordError, Sample, SearchError
+from markerseek.calibration import apex_s, fit_moveout, require_peak
+from markerseek.core import ChannelFrame, FrameHeader, Reading, ReadingFrame, RecordError, Sample, SearchError
 from markerseek.rigs.calibrate import calibrate
 from markerseek.signals import ImageReader, probe_preset
 
@@ -50,7 +50,7 @@ def test_the_apex_is_the_arrival_above_the_point_also_further_away() -> None:
 
 
 def test_a_front_that_bends_as_in_steel_is_refused() -> None:
-    with pytest.raises(SearchError, match="no tissue"):
+    with pytest.raises(SearchError, match="2600 m/s, and tissue has 1300 to 1800"):
         fit_moveout(fronts(speed=2600.0, distance_m=0.05, late_s=0.0, jitter_s=0.0), ELEMENT_M)
 
 
@@ -99,12 +99,49 @@ def test_a_simulated_scan_gives_its_truth_within_the_intervals(
     assert 8 <= found.waves <= found.frames == len(samples)
 
 
+def heard(intensities: list[float], *, saturated: float = 0.0) -> list[Sample]:
+    """Samples at -8, -7 ... deg of such intensities, over noise of 20 counts."""
+    return [
+        Sample(
+            angle_deg=float(index - 8),
+            reading=Reading(intensity=intensity, noise_sigma=20.0, saturated_fraction=saturated),
+            frame=None,
+        )
+        for index, intensity in enumerate(intensities)
+    ]
+
+
+PEAK = [30.0, 60.0, 200.0, 600.0, 1500.0, 700.0, 250.0, 80.0, 40.0]
+
+
+@pytest.mark.parametrize(
+    ("samples", "said"),
+    [
+        (heard(PEAK[2:]), r"7 angles are too few .* at least 8 .*; scan one small source"),
+        (heard([500.0] * 9), r"the intensity is 500 at every one of 9 angles"),
+        (heard([each / 15 for each in PEAK]), r"at -4 deg, is 5 times the noise, more than 8 are needed; check laser"),
+        (heard([each / 30 for each in PEAK]), r"no angle hears a source"),
+        (heard(sorted(PEAK)), r"loudest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
+        (heard(sorted(PEAK, reverse=True)), r"loudest at -8 deg, at an end of the scan from -8 to 0 deg"),
+        (heard([*PEAK[3:], 20.0, 20.0]), r"loudest at -7 deg, at an end"),
+        (heard(PEAK, saturated=0.3), r"30% of the channels are saturated at -4 deg, at most 5% may be.*; reduce the"),
+    ],
+)
+def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: list[Sample], said: str) -> None:
+    with pytest.raises(SearchError, match=said):
+        require_peak(samples, saturated_limit=0.05)
+
+
+def test_a_scan_over_a_peak_is_let_through() -> None:
+    require_peak(heard(PEAK, saturated=0.04), saturated_limit=0.05)
+
+
 def test_noise_alone_calibrates_nothing() -> None:
     rng = np.random.default_rng(1)
     reader = ImageReader(PRESET)
     noise = [np.rint(20 * rng.standard_normal((128, 2080))).astype(np.int16) for _ in range(9)]
     frames = [ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6) for counts in noise]
-    with pytest.raises(SearchError, match="at least 3"):
+    with pytest.raises(SearchError, match="no angle hears a source"):
         calibrate([Sample(angle_deg=float(k), reading=reader.read(f), frame=f) for k, f in enumerate(frames)], PRESET)
 
 

@@ -2,5 +2,16 @@
 
 from markerseek.calibration.elevation import Geometry, Value, Waves, fit_geometry
 from markerseek.calibration.moveout import Moveout, apex_s, fit_moveout
+from markerseek.calibration.requirements import HEARD_RATIO, require_peak
 
-__all__ = ["Geometry", "Moveout", "Value", "Waves", "apex_s", "fit_geometry", "fit_moveout"]
+__all__ = [
+    "HEARD_RATIO",
+    "Geometry",
+    "Moveout",
+    "Value",
+    "Waves",
+    "apex_s",
+    "fit_geometry",
+    "fit_moveout",
+    "require_peak",
+]

@@ -18,6 +18,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import hilbert
 
 from markerseek.calibration.moveout import Moveout
+from markerseek.calibration.requirements import BESIDE, LEAST_ANGLES
 from markerseek.core import SearchError
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -134,10 +135,16 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     """
     height = np.abs(waves.wave).max(axis=1)
     best = int(np.argmax(height))
-    if len(height) < 8 or not 2 <= best < len(height) - 2:
+    if len(height) < LEAST_ANGLES:
         raise SearchError(
-            f"calibration: {len(height)} angles hear the source well, the strongest is number {best + 1}; at least 8 "
-            "are needed, with two on each side of the strongest: scan in finer steps, or average more pulses"
+            f"{len(height)} angles hear the source well, at least {LEAST_ANGLES} are needed; scan in finer steps, or "
+            "average more pulses"
+        )
+    if not BESIDE <= best < len(height) - BESIDE:
+        raise SearchError(
+            f"the source's wave is highest at {waves.angle_deg[best]:g} deg, at an end of the angles that hear it well "
+            f"({waves.angle_deg[0]:g} to {waves.angle_deg[-1]:g} deg); scan over one small source, 12 deg beyond it "
+            "on both sides"
         )
     plane, middle_us = _in_plane(waves, best, height)
     speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m

@@ -61,7 +61,10 @@ def fit_moveout(
         If there are too few frames, or they do not agree with a point source.
     """
     if len(arrivals_s) < 3:
-        raise SearchError(f"moveout: {len(arrivals_s)} frames hear the source well, at least 3 are needed; step finer")
+        raise SearchError(
+            f"{len(arrivals_s)} angles near the strongest show one clear wave front, at least 3 are needed; step finer "
+            "there, average more pulses, and check that the source is one point and --probe is right"
+        )
     alone = [_alone(arrival, element_m) for arrival in arrivals_s]
     information = np.array([each.information for each in alone])
     total = np.linalg.inv(information.sum(axis=0))
@@ -73,8 +76,8 @@ def fit_moveout(
     speed = float(mean[0])
     if not 1.3 <= speed <= 1.8:
         raise SearchError(
-            f"moveout: the wave fronts bend as with {1e3 * speed:.0f} m/s, which is no tissue; is it one point source, "
-            "and the right probe?"
+            f"the wave fronts bend as with {1e3 * speed:.0f} m/s, and tissue has 1300 to 1800 m/s; check that the "
+            "source is one point and --probe is right"
         )
     unit = np.array([1e3, 1e-3])
     return Moveout(

@@ -68,7 +68,7 @@ def command(
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
     sides of the strongest. The element height is found as well, for without it off-plane sound seems to come late.
     """
-    from markerseek.core import Sample
+    from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.rigs.calibrate import calibrate
     from markerseek.rigs.replay import preset_of
@@ -79,7 +79,10 @@ def command(
             raise ConfigError(f"{name} is {angle_deg:g} deg, it must lie within one turn")
     scan = read_bank(bank)
     if not isinstance(scan, FrameBank):
-        raise ConfigError(f"{bank}: it holds intensities only; calibration needs the channel data of each angle")
+        raise ConfigError(
+            f"{bank}: it holds intensities only, and calibration needs the channel data of each angle; name a folder "
+            "of frames, or a bank that 'markerseek bank scan' wrote"
+        )
     announce_compilation()
     preset = preset_of(scan, probe)
     imaging = ImageReader(preset)
@@ -87,9 +90,16 @@ def command(
     with progress_bar(len(scan.angles_deg), what="imaging") as progress:
         for index, angle_deg in enumerate(scan.angles_deg):
             frame = scan.frame(index)
-            samples.append(Sample(angle_deg=angle_deg, reading=imaging.read(frame), frame=frame))
+            try:
+                reading = imaging.read(frame)
+            except AcquisitionError as problem:
+                raise RecordError(f"{bank}: at {angle_deg:g} deg: {problem}") from problem
+            samples.append(Sample(angle_deg=angle_deg, reading=reading, frame=frame))
             progress.advance(progress.task_ids[0])
-    found = calibrate(samples, preset)
+    try:
+        found = calibrate(samples, preset)
+    except SearchError as problem:
+        raise RecordError(f"{bank}: {problem}") from problem
     report = _report(found, zero_deg=zero_deg, source_deg=source_deg)
     if as_json:
         print_json(report)

@@ -49,7 +49,10 @@ def read_table(path: Path) -> IntensityBank:
         with path.open(newline="", encoding="utf-8-sig") as lines:
             return _bank_of(path, csv.reader(lines, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
-        raise RecordError(f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}") from problem
+        raise RecordError(
+            f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}; a bank is such a table, an IPASC "
+            "HDF5 file (.hdf5, .h5), or a folder with one frame per angle"
+        ) from problem
 
 
 def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.calibration import Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout
+from markerseek.calibration import HEARD_RATIO, Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout, require_peak
 from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
+from markerseek.guard import Admission
 from markerseek.signals import ProbePreset
 from markerseek.signals.picks import common_wave
 
 NEAR_SHARE = 0.4
 """Frames of at least this share of the largest intensity are near enough to the plane to tell the speed of sound."""
-
-HEARD_RATIO = 8.0
-"""Intensity over the noise from which the wave of a frame is followed across its channels."""
 
 STRAIGHT_SHARE = 0.2
 """Channels at most this share of the depth beside the source hear it from straight below."""
@@ -48,7 +46,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     Parameters
     ----------
     samples
-        One for each angle, with their frames of channel data.
+        One for each angle, in the order of the angles, with their frames of channel data.
     preset
         The probe as it is thought to be; of speed of sound and trigger offset only a rough value is needed.
 
@@ -57,11 +55,12 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     RecordError
         If the scan holds no channel data.
     SearchError
-        If the source is not heard well enough, or is not one point.
+        If the scan does not pass one source that is heard well enough, and is one point; the message says the cure.
     """
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     if len(frames) < len(samples) or not frames:
         raise RecordError("calibration needs the channel data of a scan, and this one holds intensities only")
+    require_peak(samples, saturated_limit=Admission().saturated_limit)
     readings = [sample.reading for sample in samples]
     strongest = max(readings, key=lambda reading: reading.intensity)
     if strongest.lateral_m is None or strongest.depth_m is None:
@@ -85,7 +84,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
         and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
     ]
     if not heard:
-        raise SearchError("calibration: no angle hears the source well enough; average more pulses")
+        raise SearchError("no angle hears the source's wave well enough straight above it; average more pulses")
     loudest = max((wave for _, wave in heard), key=lambda wave: float(np.abs(wave.wave).max()))
     plane_s = apex_s(loudest.arrival_s, element_m, moveout)
     waves = Waves(

@@ -1,0 +1,68 @@
+"""What a scan must be before anything is fitted to it: long enough, and over one source that it passes and can hear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from markerseek.core import Sample, SearchError
+
+LEAST_ANGLES = 8
+"""Angles that must hear the source well."""
+
+BESIDE = 2
+"""Of these, angles on each side of the strongest."""
+
+HEARD_RATIO = 8.0
+"""Intensity over the noise from which a source counts as heard."""
+
+_CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
+
+
+def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
+    """Refuse a scan whose intensities alone show that it calibrates nothing.
+
+    Parameters
+    ----------
+    samples
+        One for each angle, in the order of the angles.
+    saturated_limit
+        Largest share of saturated channels where the source is heard.
+
+    Raises
+    ------
+    SearchError
+        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message says the cure.
+    """
+    if len(samples) < LEAST_ANGLES:
+        raise SearchError(
+            f"{len(samples)} angles are too few to calibrate with, at least {LEAST_ANGLES} must hear the source; "
+            f"{_CURE}"
+        )
+    intensity = np.array([sample.reading.intensity for sample in samples])
+    if np.ptp(intensity) == 0:
+        raise SearchError(
+            f"the intensity is {intensity[0]:.4g} at every one of {len(samples)} angles, so that nothing turned or "
+            f"nothing was recorded; {_CURE}"
+        )
+    best = int(np.argmax(intensity))
+    strongest = samples[best]
+    noise = strongest.reading.noise_sigma
+    if noise is not None and not intensity[best] > HEARD_RATIO * noise:
+        raise SearchError(
+            f"no angle hears a source: the strongest, at {strongest.angle_deg:g} deg, is {intensity[best] / noise:.2g} "
+            f"times the noise, more than {HEARD_RATIO:g} are needed; check laser and gain, or average more pulses"
+        )
+    if not BESIDE <= best < len(samples) - BESIDE:
+        raise SearchError(
+            f"the source is loudest at {strongest.angle_deg:g} deg, at an end of the scan from "
+            f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
+        )
+    clipped = strongest.reading.saturated_fraction
+    if clipped is not None and not clipped <= saturated_limit:
+        raise SearchError(
+            f"{clipped:.0%} of the channels are saturated at {strongest.angle_deg:g} deg, at most "
+            f"{saturated_limit:.0%} may be, for the shape of the wave is fitted; reduce the gain or the laser's energy "
+            "and scan again"
+        )

@@ -1,0 +1,107 @@
+"""`markerseek calibrate` as a user types it: a scan that calibrates, and those that cannot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import ChannelFrame
+from markerseek.records.journal import Journal
+from markerseek.rigs import simulated
+from markerseek.rigs.journalled import configuration_of
+from markerseek.sim import MarkerSettings, SimulatedSettings
+
+Shell = Callable[..., tuple[int, str, str]]
+
+SOURCE_DEG = 1.3
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scan of the simulated rig over its marker, one file an angle."""
+    folder = tmp_path_factory.mktemp("scan")
+    settings = SimulatedSettings(marker=MarkerSettings(angle_deg=SOURCE_DEG, lateral_m=0.0))
+    scanner = simulated(seed=5, settings=settings).scanner
+    for angle_deg in np.arange(-12.0, 13.0, 1.0):
+        frame = scanner.measure(float(angle_deg)).frame
+        assert isinstance(frame, ChannelFrame)
+        np.save(folder / f"{angle_deg:+.0f}deg.npy", frame.samples)
+    return folder
+
+
+def test_a_scan_over_a_source_gives_the_lines_of_rig_toml(shell: Shell, scan: Path) -> None:
+    code, out, err = shell("calibrate", scan, "--json")
+    assert code == 0, err
+    report = json.loads(out)
+    assert report["zero_deg"]["value"] == pytest.approx(SOURCE_DEG, abs=0.1)
+    assert f"zero_deg = {report['zero_deg']['value']:.3f}" in report["rig_toml"]
+
+
+def ends_early(scan: Path, to: Path) -> Path:
+    to.mkdir()
+    for path in scan.iterdir():
+        if float(path.name.removesuffix("deg.npy")) <= 1:
+            (to / path.name).symlink_to(path)
+    return to
+
+
+def short(scan: Path, to: Path) -> Path:
+    to.mkdir()
+    for number in (-1, 1, 3):
+        (to / f"{number}.npy").symlink_to(scan / f"{number:+d}deg.npy")
+    return to
+
+
+def one_frame_everywhere(scan: Path, to: Path) -> Path:
+    to.mkdir()
+    for number in range(10):
+        (to / f"{number}.npy").symlink_to(scan / "+1deg.npy")
+    return to
+
+
+def another_probe(_scan: Path, to: Path) -> Path:
+    to.mkdir()
+    for number in range(10):
+        np.save(to / f"{number}.npy", np.zeros((64, 2080), np.int16))
+    return to
+
+
+def intensities(_scan: Path, to: Path) -> Path:
+    to.write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
+    return to
+
+
+def journal(_scan: Path, to: Path) -> Path:
+    begun = configuration_of(
+        simulated(seed=1), method="ternary", acquisitions=8, as_published=False,
+        start_deg=0.0, dark_frames=0, stay=False, seed=1,
+    )  # fmt: skip
+    Journal.create(to, begun).close()
+    return to
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (ends_early, "the source is loudest at 1 deg, at an end of the scan from -12 to 1 deg; scan further"),
+        (short, "3 angles are too few to calibrate with, at least 8 must hear the source; scan one"),
+        (one_frame_everywhere, "at every one of 10 angles, so that nothing turned or nothing was recorded; scan one"),
+        (another_probe, "at 0 deg: frame of 64 channels: probe BPL9-5/55 has 128; choose the probe"),
+        (intensities, "it holds intensities only, and calibration needs the channel data of each angle; name a folder"),
+        (journal, "it is the journal of a run and no bank"),
+        (lambda scan, _: scan.parent / "nowhere", "there is no such file or folder"),
+    ],
+)
+def test_a_scan_that_cannot_calibrate_is_a_sentence_with_its_name_and_exit_code_2(
+    shell: Shell, scan: Path, tmp_path: Path, make: Callable[[Path, Path], Path], said: str
+) -> None:
+    path = make(scan, tmp_path / "given")
+    code, out, err = shell("calibrate", path, "--json")
+    assert (code, json.loads(out)["kind"] in ("RecordError", "ConfigError")) == (2, True)
+    assert f"error: {path}: " in err
+    assert said in err
+    assert err.count("error:") == 1
