@@ -160,6 +160,39 @@ def test_a_stage_that_does_not_stop_is_said_to_go_on() -> None:
     assert probe.angle_deg == there
 
 
+@pytest.mark.parametrize(("late_s", "most_deg"), [(0.0, 0.02), (0.02, 0.05), (0.05, 0.1)])
+def test_a_stage_that_only_says_that_it_is_there_is_not_believed_at_short_ways_either(
+    late_s: float, most_deg: float
+) -> None:
+    """Way by way: what it would be off by, and whether that is noticed, also where the answers come late."""
+    lie = STAGE_FAULTS["says it is there"]
+    said = {way_deg: _lie(way_deg, late_s=late_s, fault=lie) for way_deg in np.linspace(0.005, 1.2, 40).tolist()}
+    assert max((way_deg for way_deg, refusal in said.items() if refusal is None), default=0.0) <= most_deg
+    assert all("faster than" in str(refusal) for refusal in said.values() if refusal is not None)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03, 0.09, 0.12])
+def test_a_sound_stage_is_believed_however_late_its_answers_are(late_s: float) -> None:
+    for way_deg in np.linspace(-1.3, 1.3, 14).tolist():
+        assert _lie(way_deg, late_s=late_s, fault=None) is None
+
+
+def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError | None:
+    """What is said against a short way that a stage claims to have gone; None if it is believed."""
+    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
+    late = replace(STAGE_FAULTS["late answers"], amount=late_s)
+    emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(play_deg=0.0), faults=[late] if late_s else [])
+    stage = Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock)
+    stage.move_to(0.0)
+    if fault is not None:
+        emulator.inject(fault)
+    try:
+        stage.move_to(way_deg)
+    except MoveError as refusal:
+        return refusal
+    return None
+
+
 @pytest.mark.parametrize(("name", "most_deg"), [("slip", 2.0), ("scale", 0.02 * 36.5), ("more play", 0.5)])
 def test_what_cannot_be_observed_is_off_by_what_was_injected_and_no_more(name: str, most_deg: float) -> None:
     assert not STAGE_FAULTS[name].observable

@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers._approach import DOWN, UP, plan_approach
+from markerseek.drivers._kdc101_move import MoveRules
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
 from markerseek.emulators import DirectPort
+from markerseek.emulators._motor import Motor
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.sim import StageMotion, VirtualClock
 from markerseek.wire import apt
@@ -328,6 +330,31 @@ def test_updates_that_nobody_asked_for_do_no_harm() -> None:
     rig.let_be(0.35)
     stage = rig.stage()
     assert stage.move_to(7.0) == pytest.approx(7.0, abs=1e-3)
+
+
+@given(speed=st.floats(0.1, 25), acceleration=st.floats(0.1, 25), duration_s=st.floats(0, 20))
+def test_no_motor_of_its_speed_and_acceleration_gets_further(
+    speed: float, acceleration: float, duration_s: float
+) -> None:
+    """Against the emulated motor, whose speed is integrated phase by phase."""
+    rules = MoveRules(
+        low=-(10**9), high=10**9, speed=speed, acceleration=acceleration,
+        lead=1, renew_s=0.1, arrival=1, unexpected=1, begin_s=0.5,
+    )  # fmt: skip
+    motor = Motor(angle_deg=0.0, target_deg=1e6, top_speed_deg_s=speed, acceleration_deg_s2=acceleration)
+    motor.advance(duration_s)
+    assert rules.reach(duration_s) == pytest.approx(1.25 * motor.angle_deg, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed_deg_s", "acceleration_deg_s2"), [(0.1, 0.1024), (25.0, 25.0), (25.0, 0.1024), (1.0, 10.0)]
+)
+def test_a_sound_stage_is_never_too_fast_however_it_is_set(speed_deg_s: float, acceleration_deg_s2: float) -> None:
+    """An acceleration of 0.1024 is rounded to a word that is a third more."""
+    rig = bench()
+    stage = rig.stage(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2, arrival_deg=0.001)
+    for target in (-1.0, 1.0, 1.02, 1.3):
+        assert stage.move_to(target) == pytest.approx(target, abs=1e-3)
 
 
 @settings(max_examples=15, deadline=None)

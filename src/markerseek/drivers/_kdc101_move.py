@@ -15,7 +15,9 @@ _STABLE_COUNTS = 2
 _TRIES = 3
 _TICK_S = 1e-6
 _TOO_FAST = 1.25
-"""Share of the speed set that is put down to the age of two readings and not to the motor."""
+"""Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
+_UNSTEADY_COUNTS = 20
+"""How far a servo may lead the way that it is told, at any speed: 0.01 deg."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +29,7 @@ class MoveRules:
     low, high
         Travel range.
     speed, acceleration
-        How it moves.
+        How it moves, by what it keeps.
     lead, renew_s
         How far ahead a target may be, and how often it is renewed.
     arrival
@@ -52,6 +54,11 @@ class MoveRules:
         """Longest time that a move of that length may take, in seconds."""
         return 2 * (distance / self.speed + self.speed / self.acceleration) + 2 * self.begin_s
 
+    def reach(self, duration_s: float) -> float:
+        """Farthest that a motor gets from rest in that time, in counts, with what it may exceed its settings by."""
+        speeding_s = min(duration_s, self.speed / self.acceleration)
+        return _TOO_FAST * (self.acceleration * speeding_s**2 / 2 + self.speed * (duration_s - speeding_s))
+
 
 class Move:
     """A stage on its way, or at rest between two moves.
@@ -74,6 +81,8 @@ class Move:
         self._rules = rules
         self._corridor = (rules.low, rules.high) if rest is None else (rest, rest)
         self._last: tuple[float, int] | None = None
+        self._from: int | None = None
+        self._begun_s: float | None = None
 
     def look(self) -> apt.Status:
         """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
@@ -108,6 +117,7 @@ class Move:
         heading = 1 if target > start else -1
         self._corridor = (min(start, target), max(start, target))
         self._last = (self._clock.now_s(), start)
+        self._from, self._begun_s = start, None
         ends_s = self._clock.now_s() + rules.longest_s(abs(target - start))
         aimed_s = advanced_s = self._clock.now_s()
         aim: int | None = None
@@ -140,6 +150,8 @@ class Move:
         for _ in range(_TRIES):
             question = apt.set_target(counts) + apt.ask_target()
             if self._line.ask(question, apt.TARGET, apt.Counts).counts == counts:
+                if self._begun_s is None:
+                    self._begun_s = self._clock.now_s()
                 self._line.send(apt.move())
                 return
         raise MoveError(f"the stage did not take the target {counts} counts in {_TRIES} tries; check its cable")
@@ -173,14 +185,27 @@ class Move:
                 f"the stage is at {status.position} counts, which is not on its way from {low} to {high}; did somebody "
                 "turn its wheel, or does another program use it?"
             )
+        return self._too_fast(status.position)
+
+    def _too_fast(self, position: int) -> MoveError | None:
+        """Whether it cannot have got there by now, at the speed and acceleration that were set.
+
+        The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
+        told to go, until now. That a stage stands where it was sent is thereby not believed before it can be so.
+        """
+        now_s = self._clock.now_s()
+        ways: list[tuple[int, float, float]] = []
         if self._last is not None:
-            last_s, position = self._last
-            most = _TOO_FAST * rules.speed * (self._clock.now_s() - last_s) + rules.arrival
-            if not abs(status.position - position) <= most:
+            last_s, last = self._last
+            ways.append((last, now_s - last_s, _TOO_FAST * self._rules.speed * (now_s - last_s)))
+        if self._from is not None:
+            turned_s = 0.0 if self._begun_s is None else now_s - self._begun_s
+            ways.append((self._from, turned_s, self._rules.reach(turned_s)))
+        for start, turned_s, most in ways:
+            if not abs(position - start) <= most + max(self._rules.arrival, _UNSTEADY_COUNTS):
                 return MoveError(
-                    f"the stage went from {position} to {status.position} counts in "
-                    f"{self._clock.now_s() - last_s:.3f} s, faster than it was set to; switch it off and on, home it "
-                    "with the probe outside the patient"
+                    f"the stage went from {start} to {position} counts in {turned_s:.3f} s, faster than it was set to; "
+                    "switch it off and on, home it with the probe outside the patient"
                 )
         return None
 

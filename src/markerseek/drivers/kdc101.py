@@ -63,14 +63,15 @@ class Kdc101Stage:
         self.approach_reversed = False
         self._usual = UP if settings.approach_from == "below" else DOWN
         self._pushed: int | None = None
+        velocity = apt.Velocity(
+            acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
+            speed=apt.speed_word(settings.speed_deg_s),
+        )
         connected = set_up(
             self._line,
             travel=settings.travel,
             zero_deg=settings.zero_deg,
-            velocity=apt.Velocity(
-                acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
-                speed=apt.speed_word(settings.speed_deg_s),
-            ),
+            velocity=velocity,
             serial_number=settings.serial_number,
         )
         self.identity = connected.info
@@ -79,8 +80,9 @@ class Kdc101Stage:
         self._rules = MoveRules(
             low=connected.limits.low,
             high=connected.limits.high,
-            speed=settings.speed_deg_s * apt.COUNTS_PER_DEG,
-            acceleration=settings.acceleration_deg_s2 * apt.COUNTS_PER_DEG,
+            # Not what was asked for: an acceleration is rounded to a word, small ones by a third.
+            speed=velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG,
+            acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
             # One count less, since the motor may stand anywhere in the count that is read.
             lead=math.floor(settings.lead_deg * apt.COUNTS_PER_DEG) - 1,
             renew_s=settings.renew_s,
