@@ -76,6 +76,17 @@ def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path
     assert msgspec.json.decode(embedded)["seed"] == 1
 
 
+def test_the_page_of_a_replay_names_the_form_and_the_confirmation_and_has_no_empty_columns(
+    shell: Shell, tmp_path: Path
+) -> None:
+    words = ("--method", "golden-section", "--as-published", "--plot", "--out", tmp_path, "--json")
+    assert shell("replay", EXAMPLES / "simulated_scan.csv", *words)[0] == 0
+    text = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert "<h1>golden-section as published on a replayed rig: " in text
+    assert "<tr><th></th><th>angle [deg]</th><th>intensity</th></tr>" in text
+    assert "<tr><td>confirmation</td><td>" in text
+
+
 def test_the_table_for_people_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:
     code, out, _ = shell("search", "--seed", 1)
     assert code == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -163,13 +164,16 @@ _KINDS = {
 }
 
 
+def _method(result: SearchResult) -> str:
+    return result.method + (" as published" if result.as_published else "")
+
+
 def _mm(point_m: tuple[float, float, float]) -> list[float]:
     return [1e3 * value for value in point_m]
 
 
 def _print_table(result: SearchResult, description: str) -> None:
-    form = " as published" if result.as_published else ""
-    people.print(f"[bold]{result.method}{form}[/] on a {result.rig} rig: {escape(description)}")
+    people.print(f"[bold]{_method(result)}[/] on a {result.rig} rig: {escape(description)}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
         table.add_row(f"[dim]{name}[/]", escape(value))
@@ -184,39 +188,49 @@ def _draw(
     finished = recorder.finished
     if finished is None or not recorder.samples:
         return ()
-    title = f"{result.method} on a {result.rig} rig: {description}"
-    figure = search_figure(
+    title = f"{_method(result)} on a {result.rig} rig: {description}"
+    draw = partial(
+        search_figure,
         recorder.samples,
         finished.estimate,
-        title=title,
         start_deg=recorder.start_deg,
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
         image=_image(imaging, recorder.confirmation or recorder.samples[-1]),
     )
-    save_png(figure, png)
+    save_png(draw(title=title), png)
     write_page(
         page,
         title=title,
         note="Simulated rig: no hardware was involved." if result.rig == "simulated" else None,
         facts=facts(result),
-        picture_uri=png_data_uri(figure),
+        picture_uri=png_data_uri(draw(title=None)),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
-        columns=("", "angle [deg]", "intensity", "lateral [mm]", "depth [mm]"),
-        rows=[
-            (
-                str(number),
-                f"{row.angle_deg:.3f}",
-                f"{row.intensity:.4g}",
-                _optional_mm(row.lateral_m),
-                _optional_mm(row.depth_m),
-            )
-            for number, row in enumerate(result.samples, start=1)
-        ],
+        rows=_rows(result),
         json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
     )
     return png, page
+
+
+def _rows(result: SearchResult) -> list[tuple[str, ...]]:
+    """Headings, the acquisitions in order, and the confirmation; where the source was only if any of them say so."""
+    taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
+    if result.confirmation is not None:
+        taken.append(("confirmation", result.confirmation))
+    rows = [("", "angle [deg]", "intensity", "peak lateral [mm]", "peak depth [mm]")]
+    rows += [
+        (
+            name,
+            f"{each.angle_deg:.3f}",
+            f"{each.intensity:.4g}",
+            _optional_mm(each.lateral_m),
+            _optional_mm(each.depth_m),
+        )
+        for name, each in taken
+    ]
+    placed = any(each.lateral_m is not None for _, each in taken)
+    return [row if placed else row[:3] for row in rows]
 
 
 def _image(imaging: ImageReader | None, sample: Sample) -> PaImage | None:

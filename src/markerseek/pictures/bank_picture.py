@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from markerseek.core import PaImage
-from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure
+from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 from markerseek.pictures.image_panel import draw_image
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def bank_figure(
         Image at the maximum; None where there are no frames.
     """
     figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=4.8)
-    figure.suptitle(title, fontsize=11, x=0.01, ha="left")
+    put_heading(figure, title, fontsize=11.0)
     grid = figure.add_gridspec(1, 2 if image is not None else 1, width_ratios=(3, 2) if image is not None else None)
     axes = figure.add_subplot(grid[0, 0])
     axes.plot(angles_deg, intensities, color=SIGNAL, marker="o", markersize=2.5, linewidth=1, label="acquisitions")
@@ -60,7 +60,7 @@ def bank_figure(
         axes.axvline(reference_deg, color=TRUTH, linestyle=":", label=f"reference {reference_deg:.2f}°")
     if dark_level is not None:
         axes.axhline(dark_level, color=QUIET, linestyle=":", label="largest without laser")
-    axes.set_ylim(bottom=0, top=1.08 * max(top, 1e-12))
+    axes.set_ylim(bottom=0, top=1.08 * max(top, dark_level or 0.0, 1e-12))
     axes.set_xlabel("probe angle [deg]")
     axes.set_ylabel("intensity (envelope peak)")
     axes.legend(fontsize=7, framealpha=0.8)

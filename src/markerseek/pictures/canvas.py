@@ -8,12 +8,14 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markerseek.core import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIGNAL, ACCENT, TRUTH, QUIET = "#1f5fa8", "#c8501e", "#2a7f3f", "#8a8f98"
@@ -38,6 +40,22 @@ def new_figure(*, width_in: float, height_in: float) -> Figure:
     except ImportError as problem:
         raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
     return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def put_heading(figure: Figure, text: str, *, fontsize: float = 12.0) -> None:
+    """Write a heading over the whole figure, in as many lines as it takes; a file's name is no mathematics."""
+    lines = _lines(text, width_in=figure.get_figwidth(), fontsize=fontsize)
+    figure.suptitle(lines, fontsize=fontsize, x=0.01, ha="left", parse_math=False)
+
+
+def put_title(axes: Axes, text: str, *, width_in: float, fontsize: float = 9.0) -> None:
+    """Write what one panel shows above it, in as many lines as it takes in such a width in inches."""
+    axes.set_title(_lines(text, width_in=width_in, fontsize=fontsize), fontsize=fontsize, parse_math=False)
+
+
+def _lines(text: str, *, width_in: float, fontsize: float) -> str:
+    # Letters of the default font are 0.55 of its size wide on average, and paths hold wider ones: 0.6.
+    return textwrap.fill(text, int(width_in * 72 / (0.6 * fontsize)), break_on_hyphens=False)
 
 
 def require_room_for_pictures(folder: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from markerseek.pictures.canvas import ACCENT, new_figure
+from markerseek.pictures.canvas import ACCENT, new_figure, put_title
 from markerseek.pictures.image_panel import draw_image
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def frame_figure(
     title
         What was imaged.
     """
-    figure = new_figure(width_in=5.6, height_in=8.0)
+    figure = new_figure(width_in=5.6, height_in=6.8)
     axes = figure.add_subplot()
     draw_image(axes, envelope, lateral_m=lateral_m, depth_m=depth_m)
     placed: list[tuple[float, float]] = []
@@ -52,6 +52,7 @@ def frame_figure(
             textcoords="offset points",
             color=ACCENT,
             fontsize=9,
+            bbox={"facecolor": "black", "alpha": 0.6, "linewidth": 0, "pad": 1},
         )
-    axes.set_title(title, fontsize=9)
+    put_title(axes, title, width_in=4.4)
     return figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.pictures.canvas import new_figure
+from markerseek.pictures.canvas import new_figure, put_heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +62,7 @@ def heat_maps_figure(maps: Sequence[HeatMap], *, title: str, across: str, up: st
     rows = -(-len(maps) // columns)
     wide, high = 0.62 * len(maps[0].across) + 1.2, 0.42 * len(maps[0].up) + 1.0
     figure = new_figure(width_in=wide * min(columns, len(maps)), height_in=high * rows + 0.5)
-    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    put_heading(figure, title)
     grid = figure.subplots(rows, min(columns, len(maps)), squeeze=False)
     for axes in grid.flat[len(maps) :]:
         axes.set_axis_off()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int16, UInt8
 
-from markerseek.pictures.canvas import new_figure
+from markerseek.pictures.canvas import new_figure, put_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,7 @@ def b_mode_figure(pixels: UInt8[np.ndarray, "rows columns"], *, title: str) -> F
     axes.imshow(pixels, cmap="gray", vmin=0, vmax=255, aspect="equal", interpolation="nearest")
     axes.set_xlabel("column [pixel]")
     axes.set_ylabel("row [pixel]")
-    axes.set_title(title, fontsize=9)
+    put_title(axes, title, width_in=6.0)
     return figure
 
 
@@ -47,6 +47,6 @@ def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float |
     )
     axes.set_xlabel("line")
     axes.set_ylabel("sample" if sampling_hz is None else "time [µs]")
-    axes.set_title(title, fontsize=9)
+    put_title(axes, title, width_in=4.4)
     figure.colorbar(shown, ax=axes, shrink=0.6).set_label("counts")
     return figure

@@ -16,12 +16,13 @@ _PAGE = """<!doctype html>
 <title>{title}</title>
 <style>
 body {{ font: 15px/1.5 system-ui, sans-serif; color: #1c2026; margin: 2rem auto; max-width: 1120px; padding: 0 1rem; }}
-h1 {{ font-size: 1.35rem; }} h2 {{ font-size: 1.05rem; margin-top: 2rem; }}
+h1 {{ font-size: 1.35rem; overflow-wrap: anywhere; }} h2 {{ font-size: 1.05rem; margin-top: 2rem; }}
 p.note {{ color: #7a3410; font-weight: 600; }}
 img {{ max-width: 100%; }}
 table {{ border-collapse: collapse; }}
-th, td {{ text-align: left; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
-td {{ font-variant-numeric: tabular-nums; }}
+div {{ overflow-x: auto; }}
+th, td {{ text-align: left; vertical-align: top; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
+th {{ white-space: nowrap; }} td {{ font-variant-numeric: tabular-nums; }}
 details {{ margin-top: 1rem; }} pre {{ overflow-x: auto; background: #f5f6f8; padding: 1rem; font-size: 12px; }}
 </style>
 </head>
@@ -31,7 +32,7 @@ details {{ margin-top: 1rem; }} pre {{ overflow-x: auto; background: #f5f6f8; pa
 <table>{facts}</table>
 <p><img src="{picture}" alt="{alt}"></p>
 <h2>Acquisitions</h2>
-<table>{samples}</table>
+<div><table>{samples}</table></div>
 <details><summary>The result as JSON</summary><pre>{json}</pre></details>
 </body>
 </html>
@@ -46,7 +47,6 @@ def write_page(
     facts: Sequence[tuple[str, str]],
     picture_uri: str,
     alt: str,
-    columns: Sequence[str],
     rows: Sequence[Sequence[str]],
     json: str,
 ) -> None:
@@ -62,8 +62,8 @@ def write_page(
         Names and values of the result.
     picture_uri, alt
         The picture as a ``data:`` address, and its description in words.
-    columns, rows
-        Table of the acquisitions.
+    rows
+        Table of the acquisitions, its headings first.
     json
         The whole result, indented.
 
@@ -78,7 +78,7 @@ def write_page(
         facts="".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in facts),
         picture=picture_uri,
         alt=html.escape(alt),
-        samples=_row("th", columns) + "".join(_row("td", row) for row in rows),
+        samples=_row("th", rows[0]) + "".join(_row("td", row) for row in rows[1:]),
         json=html.escape(json),
     )
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, cast
 
 from markerseek.core import ConfigError
-from markerseek.pictures.canvas import QUIET, new_figure
+from markerseek.pictures.canvas import QUIET, new_figure, put_heading
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -101,7 +101,7 @@ def panels_figure(
     columns = min(columns, len(panels))
     rows = math.ceil(len(panels) / columns)
     figure = new_figure(width_in=panel_in[0] * columns, height_in=panel_in[1] * rows + 0.8)
-    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    put_heading(figure, title)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     named: dict[str, object] = {}
     for number, axes in enumerate(grid.flat):

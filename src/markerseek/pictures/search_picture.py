@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from markerseek.core import Found, PaImage, Sample
-from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure
+from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 from markerseek.pictures.image_panel import draw_image
 
 if TYPE_CHECKING:
@@ -18,11 +18,18 @@ if TYPE_CHECKING:
     from markerseek.core import Estimate
 
 
+_Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
+"""Points and what is written over them."""
+
+_ROOM = (0.013, 0.05)
+"""Room for a digit, as shares of the width and the height of its axes, the narrower ones beside an image."""
+
+
 def search_figure(
     samples: list[Sample],
     estimate: Estimate,
     *,
-    title: str,
+    title: str | None,
     start_deg: float,
     truth_deg: float | None,
     reference_deg: float | None,
@@ -38,7 +45,7 @@ def search_figure(
     estimate
         The answer.
     title
-        What was searched, with what; says "simulated" where it was.
+        What was searched, with what; says "simulated" where it was. None where the page around it says so.
     start_deg
         Where the probe stood at first, in degrees.
     truth_deg, reference_deg
@@ -49,7 +56,8 @@ def search_figure(
         Image of the last acquisition, None where there are no channel data.
     """
     figure = new_figure(width_in=11.0, height_in=6.4)
-    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    if title is not None:
+        put_heading(figure, title)
     columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
     curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
@@ -63,7 +71,8 @@ def search_figure(
         if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
             place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
             panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
-        panel.set_title(f"photoacoustic image at {last.angle_deg:.2f}°")
+        which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
+        panel.set_title(f"{which} at {last.angle_deg:.2f}°", fontsize=10)
     return figure
 
 
@@ -77,11 +86,9 @@ def _draw_curve(
 ) -> None:
     angles = np.array([sample.angle_deg for sample in samples])
     intensities = np.array([sample.reading.intensity for sample in samples])
-    order = np.argsort(angles, kind="stable")
-    axes.plot(angles[order], intensities[order], color=QUIET, linewidth=1, zorder=1)
-    axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, in order")
-    for place, numbers in _numbered(angles.tolist(), intensities.tolist()):
-        axes.annotate(numbers, place, xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7)
+    # Stems and no line from point to point, which would look like a curve that somebody measured.
+    axes.vlines(angles, 0, intensities, color=QUIET, linewidth=1, zorder=1)
+    axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, numbered where there is room")
     if confirmation is not None:
         axes.scatter(
             [confirmation.angle_deg],
@@ -96,18 +103,37 @@ def _draw_curve(
     floor = estimate.floor
     if floor is not None and floor.level is not None:
         axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
-    axes.set_ylim(bottom=0, top=1.12 * max(intensities.max(), 1e-12))
+    heights = [*intensities.tolist(), 0.0 if confirmation is None else confirmation.reading.intensity]
+    if floor is not None and floor.level is not None:
+        heights.append(floor.level)
+    axes.set_ylim(bottom=0, top=1.12 * max(*heights, 1e-12))
+    for place, numbers in _with_room(axes, _numbered(angles.tolist(), intensities.tolist())):
+        axes.annotate(numbers, place, xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7)
     axes.set_xlabel("probe angle [deg]")
     axes.set_ylabel("intensity (envelope peak)")
-    axes.legend(loc="upper left", bbox_to_anchor=(0, 1), fontsize=7, framealpha=0.8)
+    axes.legend(loc="best", fontsize=7, framealpha=0.8)
 
 
-def _numbered(angles_deg: list[float], intensities: list[float]) -> list[tuple[tuple[float, float], str]]:
+def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
     """Points and the numbers of their acquisitions; one that was measured again, as in a replay, is named once."""
     numbers: dict[tuple[float, float], list[int]] = {}
     for number, place in enumerate(zip(angles_deg, intensities, strict=True), start=1):
         numbers.setdefault(place, []).append(number)
     return [(place, f"{first}" if not more else f"{first} …") for place, (first, *more) in numbers.items()]
+
+
+def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
+    """Those whose numbers are not written over one that stands there already; the axes must have their final range."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    digit, line = _ROOM[0] * (right - left), _ROOM[1] * (top - bottom)
+    shown: _Numbered = []
+    for (x, y), text in numbered:
+        if not any(
+            abs(x - other_x) < digit * (len(text) + len(other)) / 2 and abs(y - other_y) < line
+            for (other_x, other_y), other in shown
+        ):
+            shown.append(((x, y), text))
+    return shown
 
 
 def _draw_track(

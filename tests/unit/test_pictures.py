@@ -1,0 +1,134 @@
+"""Pictures as they are laid out: nothing clipped, nothing over another, no name taken for mathematics."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import Floor, Found, FrameHeader, Interval, NotFound, PaImage, Reading, ReadingFrame, Sample
+
+pytest.importorskip("matplotlib", reason="needs the extra plot")
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+
+from markerseek.pictures import bank_figure, frame_figure, png_data_uri, search_figure, write_page
+
+LONG = (
+    r"posterior on a replayed rig: /data/a folder of recordings, " * 4 + r"named $\notacommand$ and $x_1$ by somebody"
+)
+FLOOR = Floor(level=130.0, source="dark frames")
+FOUND = Found(
+    mean_deg=0.8,
+    sigma_deg=0.1,
+    interval95_deg=Interval(low_deg=0.6, high_deg=1.0),
+    interval_kind="posterior",
+    floor=FLOOR,
+)
+
+
+def sample(angle_deg: float, intensity: float) -> Sample:
+    header = FrameHeader(
+        sequence=0, token="", pulses=1, commanded_deg=angle_deg, started_s=0.0, ended_s=0.0,
+    )  # fmt: skip
+    reading = Reading(intensity=intensity)
+    return Sample(angle_deg=angle_deg, reading=reading, frame=ReadingFrame(header=header, intensity=intensity))
+
+
+def figure_of(samples: list[Sample], *, confirmation: Sample | None = None, title: str | None = "a search") -> Figure:
+    figure = search_figure(
+        samples,
+        FOUND if confirmation is not None else NotFound(mean_deg=0.8, reason="made up", floor=FLOOR),
+        title=title,
+        start_deg=0.0,
+        truth_deg=0.83,
+        reference_deg=None,
+        confirmation=confirmation,
+        image=None,
+    )
+    FigureCanvasAgg(figure).draw()
+    return figure
+
+
+def test_a_confirmation_and_a_floor_above_all_acquisitions_are_inside_the_picture() -> None:
+    loud = figure_of([sample(-3.0, 200.0), sample(2.0, 1000.0)], confirmation=sample(0.8, 2000.0))
+    assert loud.axes[0].get_ylim()[1] > 2000
+    quiet = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)])
+    assert quiet.axes[0].get_ylim()[1] > 130
+
+
+@pytest.mark.parametrize("count", [6, 28, 141])
+def test_numbers_are_not_written_over_one_another_and_the_first_is_there(count: int) -> None:
+    angles = np.linspace(-35, 35, count)
+    figure = figure_of([sample(float(each), float(2000 * np.exp(-((each - 0.8) ** 2) / 9) + 90)) for each in angles])
+    texts = [child for child in figure.axes[0].get_children() if isinstance(child, Annotation)]
+    boxes = [text.get_window_extent() for text in texts]
+    assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
+    assert texts[0].get_text() == "1"
+    assert min(count, 28) <= len(texts) <= count
+
+
+def test_no_line_joins_what_was_measured_at_different_angles() -> None:
+    axes = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0), sample(5.0, 50.0)]).axes[0]
+    assert all(len(set(line.get_xdata())) == 1 or len(set(line.get_ydata())) == 1 for line in axes.lines)
+
+
+def image() -> PaImage:
+    return PaImage(
+        envelope=np.ones((30, 20), np.float32), lateral_m=np.linspace(-0.02, 0.02, 20), depth_m=np.linspace(0, 0.08, 30)
+    )
+
+
+def frame_of(title: str) -> Figure:
+    shown = image()
+    return frame_figure(
+        shown.envelope, lateral_m=shown.lateral_m, depth_m=shown.depth_m, marks_m=[(0.0, 0.04)], title=title
+    )
+
+
+def bank_of(title: str) -> Figure:
+    return bank_figure(
+        [1.0, 2.0, 3.0], [1.0, 5.0, 2.0], title=title, max_deg=2.0, com_deg=2.1, cen_deg=2.0, fwhm_deg=1.0,
+        reference_deg=None, dark_level=9.0, image=None,
+    )  # fmt: skip
+
+
+def search_of(title: str) -> Figure:
+    return figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)], title=title)
+
+
+@pytest.mark.parametrize("draw", [frame_of, bank_of, search_of])
+def test_a_long_title_is_broken_into_lines_that_fit_and_dollars_are_dollars(draw: object) -> None:
+    figure: Figure = draw(LONG)  # type: ignore[operator]
+    FigureCanvasAgg(figure).draw()
+    heading = figure._suptitle or figure.axes[0].title
+    box = heading.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert " ".join(heading.get_text().split()) == LONG
+
+
+def test_the_largest_dark_intensity_is_inside_the_picture_of_a_bank() -> None:
+    assert bank_of("a bank").axes[0].get_ylim()[1] > 9
+
+
+def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> None:
+    figure = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)], title=None)
+    assert figure._suptitle is None
+    write_page(
+        tmp_path / "page.html",
+        title="<b>",
+        note=None,
+        facts=[("answer", "a < b")],
+        picture_uri=png_data_uri(figure),
+        alt="picture",
+        rows=[("", "angle"), ("1", "2.000")],
+        json="{}",
+    )
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<h1>&lt;b&gt;</h1>" in text
+    assert "<td>a &lt; b</td>" in text
+    assert "<tr><th></th><th>angle</th></tr><tr><td>1</td><td>2.000</td></tr>" in text
