@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import tempfile
 import zipfile
 from collections.abc import Callable
@@ -19,7 +20,6 @@ from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc_reading import read_unvetted, walk_frames
 from markerseek.records.ultrasonix_files import open_ultrasonix
 from markerseek.wire import sonixdaq
-from markerseek.wire.ultrasonix import UltrasonixHeader, encode_header
 
 _FRAME = np.arange(2 * 6, dtype=np.int16).reshape(2, 6)
 _ANGLES = np.array([-1.0, 0.0, 2.0])
@@ -29,21 +29,12 @@ def _whole_daq() -> bytes:
     return sonixdaq.encode_file(_FRAME, number=5)
 
 
-def _whole_ultrasonix(kind: str) -> bytes:
-    header = UltrasonixHeader(
-        kind=kind,
-        frames=2,
-        width=3,
-        height=4,
-        corners_px=((0, 0), (2, 0), (2, 3), (0, 3)),
-        probe=1,
-        transmit_hz=5_000_000,
-        sampling_hz=40_000_000,
-        frame_rate_hz=20,
-        line_density=128,
-        tagged=False,
-    )
-    return encode_header(header) + bytes(range(24)) * (1 if kind == "b-mode" else 2)
+def _whole_ultrasonix(number: int) -> bytes:
+    """Two frames of type 4 (B-mode) or 16 (radio frequency), 3 lines of 4."""
+    bits = 8 if number == 4 else 16
+    corners = (0, 0, 2, 0, 2, 3, 0, 3)
+    header = struct.pack("<19i", number, 2, 3, 4, bits, *corners, 1, 5_000_000, 40_000_000, 20, 128, 0)
+    return header + bytes(range(24)) * (bits // 8)
 
 
 def _whole_mat() -> bytes:
@@ -119,8 +110,8 @@ def _read_unvetted_hdf5(path: Path) -> None:
 
 DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
     "daq": ("CH005.daq", _whole_daq, _read_daq),
-    "b8": ("a.b8", lambda: _whole_ultrasonix("b-mode"), _read_ultrasonix),
-    "rf": ("a.rf", lambda: _whole_ultrasonix("rf"), _read_ultrasonix),
+    "b8": ("a.b8", lambda: _whole_ultrasonix(4), _read_ultrasonix),
+    "rf": ("a.rf", lambda: _whole_ultrasonix(16), _read_ultrasonix),
     "mat": ("a.mat", _whole_mat, lambda path: _frames_of(read_arrays(path))),
     "mat-frame": ("a.mat", _whole_frame_mat, load_frame),
     "npy": ("a.npy", _whole_npy, load_frame),

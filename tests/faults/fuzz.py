@@ -1,33 +1,41 @@
 """Coverage-guided fuzzing of one decoder by atheris: ``python tests/faults/fuzz.py mat CORPUS -max_total_time=300``.
 
-What it finds is minimised by hand and put into ``tests/faults/corpus``, where `test_hostile_files` reads it for ever.
+What it finds is minimised by hand and put into ``tests/faults/corpus``, where `test_hostile_files` and
+`test_hostile_devices` read it for ever.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import atheris
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-with atheris.instrument_imports(include=["markerseek", "zipfile", "csv"]):
+with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", "zipfile", "csv"]):
     import decoders
+    import wire_decoders
+
+
+def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
+    """A whole file, or all that a sound device says, and what reads such bytes."""
+    if name in wire_decoders.WIRES:
+        whole, hear = wire_decoders.WIRES[name]
+        return whole, lambda data: wire_decoders.wire_outcome(hear, data)
+    file_name, whole, read = decoders.UNVETTED[name]
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm"))
+    return whole, lambda data: decoders.outcome(read, folder / file_name, data)
 
 
 def main() -> None:
     """Fuzz the decoder that the first argument names; the others go to libFuzzer."""
-    name, whole, read = decoders.UNVETTED[sys.argv.pop(1)]
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm"))
+    whole, one_input = _target(sys.argv.pop(1))
     for corpus in (Path(each) for each in sys.argv[1:] if not each.startswith("-")):
         corpus.mkdir(parents=True, exist_ok=True)
         (corpus / "whole").write_bytes(whole())
-
-    def one_input(data: bytes) -> None:
-        decoders.outcome(read, folder / name, data)
-
     atheris.Setup(sys.argv, one_input)
     atheris.Fuzz()
 

@@ -15,6 +15,9 @@ _ValueT = TypeVar("_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits)
 _MODELS = ("KDC101", "TDC001")
 _TRIES = 3
 
+_MOST_COUNTS = 2**30
+"""Farthest from home that a stage can be: from there, targets still have 32 bits."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connected:
@@ -63,6 +66,11 @@ def set_up(
         )
     status = line.ask(apt.ask_status(), apt.STATUS, apt.Status)
     _require_ready(status)
+    if not abs(status.position) <= _MOST_COUNTS:
+        raise MoveError(
+            f"the stage says that it stands at {status.position} counts, more than a thousand turns from home; switch "
+            "it off and on, and home it with the probe outside the patient"
+        )
     # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
     turns = round((apt.degrees_of(status.position) - zero_deg - travel.centre_deg) / 360)
     zero = apt.counts_of(zero_deg + 360 * turns)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
-from typing import TypeAlias
+from typing import BinaryIO, TypeAlias
 
 import numpy as np
 from jaxtyping import Int16
@@ -14,6 +15,9 @@ from markerseek.wire import sonixdaq as wire
 
 _LARGEST_BYTES = 1 << 26
 """Largest channel file that is read: 800 pulses of 40,000 samples."""
+
+_MOST_SAMPLES = 1 << 16
+"""Most samples of one pulse: sound has come 2.5 m by then, and all channels take 16 MiB."""
 
 FolderState: TypeAlias = dict[str, tuple[int, int, int]]
 """Channel files by name: time of the last change in ns, size in bytes, inode."""
@@ -57,9 +61,8 @@ class DaqFolder:
 
     def is_complete(self, name: str) -> bool:
         """Whether a file has the size that its header says."""
-        path = self._path / name
         try:
-            with path.open("rb") as file:
+            with _opened(self._path / name) as file:
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=os.fstat(file.fileno()).st_size, name=name)
         except (RecordError, FileNotFoundError):
             return False
@@ -96,7 +99,7 @@ class DaqFolder:
 
     def _read_file(self, name: str) -> tuple[wire.DaqHeader, bytes]:
         try:
-            with (self._path / name).open("rb") as file:
+            with _opened(self._path / name) as file:
                 data = file.read(_LARGEST_BYTES + 1)
         except FileNotFoundError:
             raise AcquisitionError(f"sonixdaq: {name} was taken away while it was read; take the frame again") from None
@@ -115,6 +118,21 @@ class DaqFolder:
             f"sonixdaq: the folder {self._path} cannot be read ({error.strerror or error}); "
             "check its name, the rights, and the network drive"
         )
+
+
+def _opened(path: Path) -> BinaryIO:
+    """An ordinary file, open for reading; a pipe that was put in its place is not waited for.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none, or not an ordinary one.
+    """
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise FileNotFoundError(path)
+    return os.fdopen(descriptor, "rb")
 
 
 def numbered(names: list[str]) -> dict[int, str]:
@@ -141,6 +159,11 @@ def numbered(names: list[str]) -> dict[int, str]:
 
 def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wire.DaqHeader, pulses: int) -> None:
     """Refuse a file that does not belong to one acquisition of so many pulses."""
+    if not header.samples <= _MOST_SAMPLES:
+        raise AcquisitionError(
+            f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {_MOST_SAMPLES} are read; record "
+            "a shorter time"
+        )
     if header != first:
         raise AcquisitionError(
             f"sonixdaq: {name} holds {header.frames} pulses of {header.samples} samples, the files before it "

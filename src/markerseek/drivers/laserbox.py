@@ -27,6 +27,9 @@ _LEAST_LEASE_MS = 50
 _SPARE_S = 0.5
 """Time for which a permit outlives its last pulse, in seconds."""
 
+_MOST_TOKENS = wire.MOST_COUNT - 1_000_000
+"""Tokens that a box may have used at the start: more are left than a session can use."""
+
 _Kind = TypeVar("_Kind", bound=wire.Reply)
 
 _CURES = {
@@ -152,6 +155,11 @@ class LaserBox:
             raise NotConnectedError(
                 f"laser box: its lease is {greeting.lease_ms} ms, it must lie between {_LEAST_LEASE_MS} and "
                 f"{wire.LEASE_MS} ms; set it in its firmware"
+            )
+        if greeting.last_token > _MOST_TOKENS:
+            raise NotConnectedError(
+                f"laser box: it has used the token {greeting.last_token}, and {wire.MOST_COUNT} is the last; switch it "
+                "off and on, or check its firmware"
             )
         return greeting
 

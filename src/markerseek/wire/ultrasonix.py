@@ -130,15 +130,6 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
     )
 
 
-def encode_header(header: UltrasonixHeader) -> bytes:
-    """The 76 bytes of a header."""
-    number = next(number for number, kind in _KINDS.items() if kind == header.kind)
-    corners = [value for corner in header.corners_px for value in corner]
-    numbers = (header.frames, header.width, header.height, _BITS[header.kind], *corners, header.probe)
-    rates = (header.transmit_hz, header.sampling_hz, header.frame_rate_hz, header.line_density)
-    return _LAYOUT.pack(number, *numbers, *rates, 0)
-
-
 def decode_b_mode(body: bytes, header: UltrasonixHeader) -> UInt8[np.ndarray, "rows columns"]:
     """B-mode image of one frame, from the bytes of its stride."""
     pixels = np.frombuffer(body, dtype=np.uint8, offset=_TAG_BYTES * header.tagged)

@@ -1,0 +1,138 @@
+"""Devices that say what nobody should: a `DeviceError` with a sentence, or what a sound one would have said.
+
+No crash, no hang, no memory for what is promised. ``tests/faults/corpus`` holds what once did otherwise, by the name of
+the decoder; ``tests/faults/fuzz.py`` looks for more of it.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+import tracemalloc
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from markerseek.core import DeviceError, MoveError, NotConnectedError
+from markerseek.drivers.daq_folder import DaqFolder
+from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.emulators import DirectPort
+from markerseek.emulators.kdc101 import Kdc101Emulator
+from markerseek.sim import VirtualClock
+from markerseek.wire import apt, laserbox
+from markerseek.wire import sonixdaq as daq
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hostile_folders import STEP
+from wire_decoders import WIRES, ScriptedPort, wire_outcome
+
+CORPUS = Path(__file__).parent / "corpus"
+ON_LINES = sorted(set(WIRES) - {"sonixdaq"})
+ROOM_BYTES = 3_000_000
+
+
+@pytest.mark.parametrize("decoder", sorted(WIRES))
+def test_a_sound_device_is_understood(decoder: str) -> None:
+    """Without it the other tests could not fail."""
+    whole, hear = WIRES[decoder]
+    assert wire_outcome(hear, whole()) == "read"
+
+
+@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data(), decoder=st.sampled_from(ON_LINES))
+def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder: str) -> None:
+    whole, hear = WIRES[decoder]
+    damaged = bytearray(whole())
+    for _ in range(data.draw(st.integers(1, 8))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    length = data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))
+    assert wire_outcome(hear, bytes(damaged[:length])) in ("read", "refused")
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(data=st.binary(max_size=300), decoder=st.sampled_from(ON_LINES))
+def test_any_answers_are_understood_or_refused(data: bytes, decoder: str) -> None:
+    assert wire_outcome(WIRES[decoder][1], data) in ("read", "refused")
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    steps=st.lists(
+        st.tuples(
+            *(st.integers(0, 255), st.integers(0, 129), st.integers(0, 9), st.integers(0, 9)),
+            *(st.integers(-2, 9), st.integers(-2, 9)),
+        ),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_any_folder_is_read_or_refused(steps: list[tuple[int, ...]]) -> None:
+    data = b"\0" + b"".join(STEP.pack(*step) for step in steps)
+    assert wire_outcome(WIRES["sonixdaq"][1], data) in ("read", "refused")
+
+
+@pytest.mark.parametrize("decoder", ["kdc101", "laserbox", "laserbox-signed", "picolas"])
+@pytest.mark.parametrize(
+    "noise", [b"\x01\xff" + b"\xa5" * 255, b"\x01\xff" + b"\n" * 255, b"\x01\x01*", b"\x01\x02\n\n"]
+)
+def test_a_device_that_never_ends_is_refused_and_costs_little(decoder: str, noise: bytes) -> None:
+    hear = WIRES[decoder][1]
+    wire_outcome(hear, b"\0")  # what is loaded at first is not counted
+    tracemalloc.start()
+    told = wire_outcome(hear, noise)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert told == "refused"
+    assert most < ROOM_BYTES
+
+
+def corpus() -> list[Path]:
+    return [path for decoder in WIRES for path in sorted((CORPUS / decoder).glob("*"))]
+
+
+@pytest.mark.parametrize("path", corpus(), ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_what_once_did_harm_is_refused(path: Path) -> None:
+    assert wire_outcome(WIRES[path.parent.name][1], path.read_bytes()) == "refused"
+
+
+def test_a_laser_box_whose_tokens_are_used_up_is_refused_before_anything_is_permitted() -> None:
+    greeting = laserbox.encode(laserbox.Greeting(identity="box1", version=1, lease_ms=100, last_token=2**31 - 1))
+    with pytest.raises(NotConnectedError, match="has used the token 2147483647"):
+        LaserBox(port=ScriptedPort(b"\0\0" + bytes([len(greeting)]) + greeting), clock=VirtualClock())
+
+
+@pytest.mark.parametrize("position", [2**31 - 1, -(2**31)])
+def test_a_stage_so_far_from_home_that_no_target_could_be_said_is_refused(position: int) -> None:
+    clock = VirtualClock()
+    emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
+    port = DirectPort(device=emulator, clock=clock)
+    port.write(struct.pack("<HHBBHi", 0x0410, 6, 0x50 | 0x80, 0x01, apt.CHANNEL, position))
+    with pytest.raises(MoveError, match="more than a thousand turns"):
+        # By this zero the nearest turn is the next one, beyond 32 bits.
+        Kdc101Stage(port=port, clock=clock, settings=StageSettings(zero_deg=-100.0 if position > 0 else 100.0))
+
+
+def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path) -> None:
+    """It may be put there after the folder was looked at."""
+    os.mkfifo(tmp_path / "CH000.daq")
+    (tmp_path / "CH001.daq").mkdir()
+    folder = DaqFolder(tmp_path)
+    for name in ("CH000.daq", "CH001.daq"):
+        assert not folder.is_complete(name)
+        with pytest.raises(DeviceError, match="was taken away"):
+            folder.read({int(name[2:5]): name}, pulses=4)
+
+
+def test_an_acquisition_of_gigabytes_is_refused_at_its_first_file(tmp_path: Path) -> None:
+    samples = 1 << 24
+    for number in range(daq.CHANNELS):
+        with (tmp_path / f"CH{number:03d}.daq").open("wb") as file:
+            file.write(struct.pack("<3i", number, 1, samples))
+            file.truncate(12 + 2 * samples)
+    with pytest.raises(DeviceError, match="16777216 samples of each pulse, at most 65536"):
+        DaqFolder(tmp_path).read({number: f"CH{number:03d}.daq" for number in range(daq.CHANNELS)}, pulses=1)

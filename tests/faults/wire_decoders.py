@@ -1,0 +1,295 @@
+"""What reads bytes from devices, as functions of bytes: decoders by themselves, and drivers over a scripted line.
+
+A script says what a driver hears, reading after reading: a length, and so many bytes. After its end the device is
+silent, or, where the first byte of the script is odd, says everything again for ever.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from hostile_folders import FolderClock, whole_folder
+
+from markerseek.core import Clock, DeviceError, LaserError, Permit
+from markerseek.drivers.kdc101 import Kdc101Stage
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers.picolas import PicolasLaser
+from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort
+from markerseek.emulators.kdc101 import Kdc101Emulator
+from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.sim import VirtualClock
+from markerseek.wire import apt, laserbox
+from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
+from markerseek.wire.port import Port
+
+PULSES = 4
+MOST_READS = 100_000
+LONGEST_S = 60.0
+"""Readings and virtual seconds after which a driver is taken to hang."""
+
+
+class ScriptedPort:
+    """A line on which a script is heard."""
+
+    def __init__(self, script: bytes, *, dress: Callable[[bytes], bytes] = bytes) -> None:
+        self.said = b""
+        self._dress = dress
+        self._again = bool(script[:1] and script[0] & 1)
+        self._script = script[1:]
+        self._at = 0
+        self._reads = 0
+
+    def write(self, data: bytes) -> None:
+        self.said += data
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        self._reads += 1
+        assert self._reads <= MOST_READS, "it reads for ever"
+        if self._at >= len(self._script):
+            if not self._again:
+                return b""
+            self._at = 0
+        if not self._script:
+            return b""
+        length = min(self._script[self._at], size)
+        heard = self._script[self._at + 1 : self._at + 1 + length]
+        self._at += 1 + length
+        return self._dress(heard)
+
+    def close(self) -> None:
+        pass
+
+
+class RecordingPort:
+    """Writes the script of what is heard on another line."""
+
+    def __init__(self, port: Port) -> None:
+        self.script = bytearray(b"\0")
+        self._port = port
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        heard = self._port.read(size, timeout_s=timeout_s)
+        assert len(heard) < 256
+        self.script += bytes([len(heard)]) + heard
+        return heard
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class AllIsWell:
+    """A PicoLAS driver that obeys."""
+
+    def __init__(self) -> None:
+        self._said = b""
+
+    def write(self, data: bytes) -> None:
+        self._said += b"0\r\n\n\n" * data.count(b"\r")
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        data, self._said = self._said[:size], self._said[size:]
+        return data
+
+    def close(self) -> None:
+        pass
+
+
+def _permit(clock: Clock, token: str = "a") -> Permit:
+    return Permit(token=token, angle_deg=0.0, pulses=PULSES, expires_s=clock.now_s() + 50.0)
+
+
+def _use_stage(port: Port, clock: Clock) -> None:
+    stage = Kdc101Stage(port=port, clock=clock)
+    stage.move_to(1.5)
+    assert stage.angle_deg in stage.limits
+    stage.stop()
+
+
+def _use_laser_box(port: Port, clock: Clock) -> None:
+    laser = LaserBox(port=port, clock=clock)
+    assert laser.fire(_permit(clock)) == PULSES
+    laser.disarm()
+
+
+def _use_picolas(port: Port, clock: Clock) -> None:
+    laser = PicolasLaser(port=port, clock=clock)
+    assert laser.fire(_permit(clock)) == PULSES
+    laser.disarm()
+
+
+def _whole_of(use: Callable[[Port, Clock], None], device: Callable[[Clock], Port]) -> Callable[[], bytes]:
+    def whole() -> bytes:
+        clock = VirtualClock()
+        port = RecordingPort(device(clock))
+        use(port, clock)
+        return bytes(port.script)
+
+    return whole
+
+
+def _scripted(
+    use: Callable[[Port, Clock], None],
+    require: Callable[[bytes], None],
+    *,
+    dress: Callable[[bytes], bytes] = bytes,
+) -> Callable[[bytes], None]:
+    def hear(data: bytes) -> None:
+        port, clock = ScriptedPort(data, dress=dress), VirtualClock()
+        try:
+            use(port, clock)
+        finally:
+            require(port.said)
+            assert clock.now_s() <= LONGEST_S, f"it took {clock.now_s()} s"
+
+    return hear
+
+
+def _require_targets_inside(said: bytes) -> None:
+    """Whatever it heard, the driver asked for nothing but targets inside the limits that it wrote."""
+    limits: tuple[int, int] | None = None
+    for message in AptFramer(TO_CONTROLLER, to=CONTROLLER).feed(said):
+        assert message.ident not in (0x0443, 0x0448, 0x046A, 0x0457), f"{message.ident:#x} was said"
+        if message.ident == 0x0423:
+            high, low = np.frombuffer(message.data[6:14], "<i4").tolist()
+            limits = low, high
+        elif message.ident == 0x0450:
+            assert limits is not None
+            target = int.from_bytes(message.data[2:6], "little", signed=True)
+            assert limits[0] <= target <= limits[1]
+
+
+def _require_permits_as_permitted(said: bytes) -> None:
+    for line in said.split(b"\n"):
+        command = laserbox.decode_command(line)
+        if isinstance(command, laserbox.PermitPulses):
+            assert command.pulses <= PULSES
+
+
+def _require_off_at_last(said: bytes) -> None:
+    assert not said or said.endswith((b"laseroff\r", b"sreprate 100\r"))
+
+
+def _stage(clock: Clock) -> Port:
+    return DirectPort(device=Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0)), clock=clock)
+
+
+def _box(clock: Clock) -> Port:
+    world: Any = SimpleNamespace(flash=lambda **_: None, angle_deg=0.0)
+    return DirectPort(device=EmulatedLaserBox(world=world, on_triggers=lambda _: None), clock=clock)
+
+
+def _signed(text: bytes) -> bytes:
+    """A line with the checksum that fits, which chance would not find."""
+    return text and text + b"*%04X\n" % laserbox.crc16(text)
+
+
+def _whole_unsigned() -> bytes:
+    """The script of a sound laser box, the last line of each reading without its checksum."""
+    script, bare, at = _whole_of(_use_laser_box, _box)(), bytearray(b"\0"), 1
+    while at < len(script):
+        text = script[at + 1 : at + 1 + script[at]].rstrip(b"\n").rpartition(b"\n")[2].rpartition(b"*")[0]
+        bare += bytes([len(text)]) + text
+        at += 1 + script[at]
+    return bytes(bare)
+
+
+def _read_messages(data: bytes) -> None:
+    """Messages do not depend on how the bytes arrive, and what they say is understood or refused."""
+    at_once = AptFramer().feed(data)
+    framer, one_by_one = AptFramer(), []
+    for byte in data:
+        one_by_one += framer.feed(bytes([byte]))
+    assert at_once == one_by_one
+    for message in at_once:
+        apt.decode(message)
+
+
+def _read_lines(data: bytes) -> None:
+    """Lines do not depend on how the bytes arrive; what is understood is what the other end would write."""
+    at_once = laserbox.Lines().feed(data)
+    lines, one_by_one = laserbox.Lines(), []
+    for byte in data:
+        one_by_one += lines.feed(bytes([byte]))
+    assert at_once == one_by_one
+    for line in at_once:
+        command = laserbox.decode_command(line)
+        if not isinstance(command, laserbox.Refusal):
+            assert laserbox.encode(command) == line + b"\n"
+    refusal = None
+    for line in at_once:
+        try:
+            assert laserbox.encode(laserbox.decode_reply(line)) == line + b"\n"
+        except LaserError as refused:
+            refusal = refused
+    if refusal is not None:
+        raise refusal
+
+
+def _whole_messages() -> bytes:
+    script = _whole_of(_use_stage, _stage)()[1:]
+    heard, at = b"", 0
+    while at < len(script):
+        heard += script[at + 1 : at + 1 + script[at]]
+        at += 1 + script[at]
+    return heard
+
+
+def _whole_lines() -> bytes:
+    said: tuple[laserbox.Reply, ...] = (
+        laserbox.Greeting(identity="box1", version=1, lease_ms=100, last_token=7),
+        laserbox.Permitted(token=8),
+        laserbox.Done(token=8, sent=4, photodiode=4),
+        laserbox.Disarmed(),
+        laserbox.Refusal(reason="BUSY"),
+    )
+    return b"".join(laserbox.encode(reply) for reply in said)
+
+
+def _read_folder(data: bytes) -> None:
+    folder = Path(tempfile.mkdtemp(prefix="daq-", dir="/dev/shm"))
+    try:
+        clock = FolderClock(folder, data)
+        settings = SonixDaqSettings(folder=folder, timeout_s=1.0, stable_s=0.1)
+        receiver = SonixDaqReceiver(settings=settings, clock=clock)
+        permit = _permit(clock)
+        receiver.arm(permit)
+        clock.trigger()
+        frame = receiver.acquire(permit)
+        assert frame.samples.shape[0] == 128
+        assert frame.samples.dtype == np.int16
+        assert clock.now_s() <= LONGEST_S
+    finally:
+        shutil.rmtree(folder)
+
+
+WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
+    "apt-messages": (_whole_messages, _read_messages),
+    "laserbox-lines": (_whole_lines, _read_lines),
+    "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
+    "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
+    "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),
+    "picolas": (_whole_of(_use_picolas, lambda _: AllIsWell()), _scripted(_use_picolas, _require_off_at_last)),
+    "sonixdaq": (whole_folder, _read_folder),
+}
+"""What a sound device would say, and what hears it, by the name of the decoder."""
+
+
+def wire_outcome(hear: Callable[[bytes], None], data: bytes) -> str:
+    """``read`` or ``refused``; any other error comes through."""
+    try:
+        hear(data)
+    except DeviceError as refusal:
+        if not str(refusal):
+            raise AssertionError("a refusal without a sentence") from refusal
+        return "refused"
+    return "read"
