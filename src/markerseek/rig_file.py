@@ -38,7 +38,9 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
         and cure.
     """
     table = read_toml(path, what="rig file")
-    kind = table.pop("kind", None)
+    if "kind" not in table:
+        raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
+    kind = table.pop("kind")
     if not isinstance(kind, str) or kind not in _SETTINGS:
         raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
     wanted = _SETTINGS[kind]

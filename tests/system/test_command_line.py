@@ -186,6 +186,17 @@ def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
         (("search", "--colour", "red"), "No such option"),
         (("replay", "nowhere.csv"), "there is no such file"),
         (("replay", EXAMPLES / "simulated_scan.csv", "--reference-deg", "nan"), "reference_deg is nan"),
+        (("search", "--out", "pictures"), "--out pictures: only pictures go there, and none is asked for; add --plot"),
+        (("replay", EXAMPLES / "simulated_scan.csv", "--out", "a"), "--out a: only pictures go there"),
+        (("resume", "run.journal", "--out", "a"), "--out a: only pictures go there"),
+        (("frame", "nowhere.npy", "--out", "a"), "--out a: only pictures go there"),
+        (("bank", "info", EXAMPLES / "simulated_scan.csv", "--out", "a"), "--out a: only pictures go there"),
+        (("replay", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),
+        (
+            ("reproduce", "fig6", "--bank", EXAMPLES / "simulated_scan.csv", "--probe", "L99"),
+            "probe 'L99' is not known",
+        ),
+        (("reproduce", "fig6", "--bank", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),
         (("replay", EXAMPLES), "angle in degrees as its only number"),
         (("frame", "nowhere.npy"), "nowhere.npy"),
         (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
@@ -278,7 +289,7 @@ def test_a_folder_that_cannot_take_pictures_is_refused_before_anything_is_measur
     taken.write_text("", encoding="utf-8")
     code, out, said = shell("search", "--plot", "--out", taken, "--journal", tmp_path / "run.journal")
     assert code == 2
-    assert "no picture can be written there" in said
+    assert "no picture can be written there: it is a file and no folder; name another --out" in said
     assert not out
     assert not (tmp_path / "run.journal").exists()
 

@@ -81,6 +81,9 @@ def test_a_table_for_people_an_object_for_programs_and_any_row_again(
         (("trials", "trails"), (), "did you mean trials?"),
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
         (("800", "5"), ("--out", "{other}"), "holds another study"),
+        (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
+        (("", ""), ("--beside", "other.toml"), "add --plot FILE, or leave it out"),
+        (("", ""), ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), "leave one of them out"),
     ],
 )
 def test_wrong_usage_ends_with_2_and_the_cure(

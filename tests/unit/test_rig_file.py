@@ -40,7 +40,7 @@ def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "kind is None, it must be one of: simulated"),
+        ("", 'the key kind is missing; write kind = "simulated" or'),
         ('kind = "real"\n', "kind is 'real'"),
         ('kind = "simulated"\ntisue = "liver"\n', "key tisue is unknown; did you mean tissue?"),
         ('kind = "simulated"\n[probe]\nelment_height_m = 1\n', "key probe.elment_height_m is unknown; did you mean"),

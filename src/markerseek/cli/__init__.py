@@ -30,7 +30,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
 )
 for command in (search, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)

@@ -12,7 +12,7 @@ app = typer.Typer(
     name=NAME,
     help="Make, look at and convert banks: scans of many angles.",
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
 )
 for command in (bank_scan, bank_info, bank_import, bank_export):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)

@@ -58,8 +58,12 @@ def command(
         raise ConfigError(f"{to}: the name must end in one of: {', '.join(SUFFIXES)}")
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
+    if face_radius_mm is not None and to.suffix.lower() != ".mha":
+        raise ConfigError(f"--face-radius-mm is for .igs.mha, and {to} has no place for it; leave it out")
     bank = read_bank(source)
     frames = isinstance(bank, FrameBank)
+    if probe is not None and not frames:
+        raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
     announce_compilation()
     count = len(bank.angles_deg)
     if to.suffix.lower() == ".csv":

@@ -77,6 +77,8 @@ def command(
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
     bank = _read(source, first_deg=first_deg, step_deg=step_deg)
+    if probe is not None and not isinstance(bank, FrameBank):
+        raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
     announce_compilation()
     frames = isinstance(bank, FrameBank)

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json
+from markerseek.cli.terminal import announce_compilation, aside, people, picture_folder, print_json
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -63,7 +63,9 @@ def command(
         str | None, typer.Option(help="Compute the intensities anew with this preset of the imaging chain.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
@@ -71,6 +73,7 @@ def command(
     from markerseek.rigs.bank_images import bank_curve, dark_intensity
     from markerseek.search.peak import peak_of
 
+    folder = picture_folder(out, plot=plot)
     held = read_bank(bank)
     if probe is not None and isinstance(held, IntensityBank):
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
@@ -84,7 +87,7 @@ def command(
     else:
         _print(report, computed_with=probe)
     if plot:
-        path = out / f"{bank.stem if bank.is_file() else bank.name}.png"
+        path = folder / f"{bank.stem if bank.is_file() else bank.name}.png"
         _draw(held, curve.intensity.tolist(), report, path, probe=probe)
         (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
 

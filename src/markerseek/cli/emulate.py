@@ -37,9 +37,12 @@ def command(
         Path | None, typer.Option(help="Rig file (TOML, kind simulated) of that world; without one, its defaults.")
     ] = None,
     pace: Annotated[
-        float, typer.Option(help="Time that writing the channel files takes, as a share of the settings': 0.01 to 1.")
+        float,
+        typer.Option(help="Time that daq and bench take to write channel files, over the settings': 0.01 to 1."),
     ] = 1.0,
-    sdk: Annotated[int, typer.Option(min=5, max=6, help="SDK whose channel files are written: 5 or 6.")] = 6,
+    sdk: Annotated[
+        int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
+    ] = 6,
 ) -> None:
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then tell the truth about them."""
     import numpy as np

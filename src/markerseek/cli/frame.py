@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json
+from markerseek.cli.terminal import announce_compilation, aside, people, picture_folder, print_json
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
@@ -71,7 +71,9 @@ def command(
     max_depth_mm: Annotated[float | None, typer.Option(help="Look no deeper than this.")] = None,
     number: Annotated[int, typer.Option(min=1, help="Which frame of an Ultrasonix file, counted from 1.")] = 1,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
@@ -80,9 +82,10 @@ def command(
     from markerseek.records.ultrasonix_files import ULTRASONIX_SUFFIXES
     from markerseek.signals import ImageReader, probe_preset
 
+    folder = picture_folder(out, plot=plot)
     if file.suffix.lower() in ULTRASONIX_SUFFIXES:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm)
-        show_ultrasonix(file, number=number, plot=plot, out=out, as_json=as_json)
+        show_ultrasonix(file, number=number, plot=plot, out=folder, as_json=as_json)
         return
     if number != 1:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
@@ -99,7 +102,7 @@ def command(
     else:
         _print_table(findings, file, probe)
     if plot:
-        path = out / f"{file.stem if file.is_file() else file.name}.png"
+        path = folder / f"{file.stem if file.is_file() else file.name}.png"
         _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}")
         (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)

@@ -43,7 +43,9 @@ def command(
         Path | None, typer.Option(help="Journal of the run, a new SQLite file; without it, none is kept.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
@@ -56,17 +58,17 @@ def command(
     from markerseek import rigs
     from markerseek.cli.hunt import conclude, hunt
     from markerseek.cli.keeping import new_journal
-    from markerseek.cli.terminal import announce_compilation
+    from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.pictures import require_room_for_pictures
     from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
-    if plot:
-        require_room_for_pictures(out)
+    folder = picture_folder(out, plot=plot)
     announce_compilation()
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
+    if probe is not None and assembled.imaging is None:
+        raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = assembled.distinct_angles
     if acquisitions is None:
         usual = method_named(method).acquisitions
@@ -103,6 +105,6 @@ def command(
         journal=kept,
         as_json=as_json,
         plot=plot,
-        out=out,
+        out=folder,
         name="replay",
     )

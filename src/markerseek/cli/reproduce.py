@@ -76,6 +76,8 @@ def command(
 
     own = None
     if bank is not None:
+        if probe is not None:
+            _require_frames(bank, probe)
         own = Recording(
             path=bank,
             material=bank.stem,
@@ -112,6 +114,17 @@ def command(
     for section, took in zip(sections, times, strict=True):
         _print(section, took)
     people.print(f"[dim]report:[/] {page}")
+
+
+def _require_frames(bank: Path, probe: str) -> None:
+    """Refuse a preset that is unknown, or has nothing to image."""
+    from markerseek.core import ConfigError
+    from markerseek.records.banks import FrameBank, read_bank
+    from markerseek.signals import probe_preset
+
+    probe_preset(probe)
+    if not isinstance(read_bank(bank), FrameBank):
+        raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
 
 
 def _made(section: Section, files: list[Path], took: Took) -> Made:

@@ -21,10 +21,13 @@ def command(
     journal: Annotated[Path, typer.Argument(help="Journal of the run.")],
     arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and go on, without being asked.")] = False,
     reset_fault: Annotated[
-        bool, typer.Option("--reset-fault", help="Reset the fault that ended the run; look at the rig before.")
+        bool,
+        typer.Option("--reset-fault", help="Reset a fault that ended the run; look at the rig before."),
     ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Go on with a search after any end: the same next angle, the same result.
@@ -35,13 +38,11 @@ def command(
     """
     from markerseek.cli.hunt import conclude
     from markerseek.cli.on_rig import NOT_ARMED
-    from markerseek.cli.terminal import announce_compilation
-    from markerseek.pictures import require_room_for_pictures
+    from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.records.journal import read_journal, result_of, standing
     from markerseek.rigs.resuming import require_reset
 
-    if plot:
-        require_room_for_pictures(out)
+    folder = picture_folder(out, plot=plot)
     held = read_journal(journal)
     stands = standing(held.entries)
     if stands.state == "finished":
@@ -61,7 +62,7 @@ def command(
         journal=None,
         as_json=as_json,
         plot=plot,
-        out=out,
+        out=folder,
         name="resume",
     )
 

@@ -47,7 +47,9 @@ def command(
     ] = None,
     no_journal: Annotated[bool, typer.Option("--no-journal", help="Keep no journal: it cannot be resumed.")] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for pictures.")] = Path(),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
@@ -56,13 +58,11 @@ def command(
     from markerseek.cli.hunt import conclude, hunt
     from markerseek.cli.keeping import new_journal
     from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
-    from markerseek.cli.terminal import announce_compilation
-    from markerseek.pictures import require_room_for_pictures
+    from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.rigs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
-    if plot:
-        require_room_for_pictures(out)
+    folder = picture_folder(out, plot=plot)
     most = acquisitions or method_named(method).acquisitions
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
         policy = build(
@@ -95,6 +95,6 @@ def command(
         journal=kept,
         as_json=as_json,
         plot=plot,
-        out=out,
+        out=folder,
         name="search",
     )

@@ -54,8 +54,13 @@ def command(
     from markerseek.cli.terminal import aside, people, print_json, progress_bar
     from markerseek.studies import read_study, run_study
 
+    if beside and plot is None:
+        raise ConfigError("--beside adds lines to a picture, and none is asked for; add --plot FILE, or leave it out")
+    if workers is not None and scheduler is not None:
+        raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = read_study(study)
     if row is not None:
+        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound)
         _show_row(settings, row, as_json=as_json)
         return
     folder = out or Path("out") / study.stem
@@ -82,6 +87,13 @@ def command(
     if limits:
         show_against(limits)
     people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
+
+
+def _require_alone(**given: object) -> None:
+    """Refuse options that say nothing of a single row."""
+    for name, value in given.items():
+        if value is not None:
+            raise ConfigError(f"--{name} {value}: --row runs one row and writes nothing; leave one of them out")
 
 
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:

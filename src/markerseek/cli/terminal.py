@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from markerseek.core import MarkerseekError
+from markerseek.core import ConfigError, MarkerseekError
 
 people = Console(highlight=False, soft_wrap=True)
 """Standard output, for people."""
@@ -49,6 +49,26 @@ def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
     """Say on standard error what Python warns of, without the line of code that it came from."""
     aside.print(f"[yellow]warning:[/] {escape(str(message))}")
+
+
+def picture_folder(out: Path | None, *, plot: bool) -> Path:
+    """Folder for pictures, made and tried before anything is measured for them; the current one where none is named.
+
+    Raises
+    ------
+    ConfigError
+        If a folder is named and no picture is wanted, or none can be written there.
+    MissingExtraError
+        If Matplotlib is not installed.
+    """
+    if out is not None and not plot:
+        raise ConfigError(f"--out {out}: only pictures go there, and none is asked for; add --plot, or leave it out")
+    folder = out or Path()
+    if plot:
+        from markerseek.pictures import require_room_for_pictures
+
+        require_room_for_pictures(folder)
+    return folder
 
 
 def announce_compilation() -> None:

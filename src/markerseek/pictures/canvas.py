@@ -69,6 +69,8 @@ def require_room_for_pictures(folder: Path) -> None:
         If Matplotlib is not installed.
     """
     new_figure(width_in=1.0, height_in=1.0)
+    if folder.is_file():
+        raise ConfigError(f"{folder}: no picture can be written there: it is a file and no folder; name another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
