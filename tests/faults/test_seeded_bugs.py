@@ -8,8 +8,6 @@ A bug is one piece of source text replaced by another. ``python tests/faults/tes
 from __future__ import annotations
 
 import contextlib
-import importlib
-import inspect
 import math
 import os
 import select
@@ -17,13 +15,11 @@ import signal
 import socket
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from types import ModuleType
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -46,6 +42,11 @@ from markerseek.core import (
 from markerseek.guard import Admission, FiringLimits, Guard, Lease, Limits, State
 from markerseek.scan import Scanner, run
 from markerseek.supervisor import Line, Supervisor
+
+sys.path.insert(0, str(Path(__file__).parent))
+from seeding import Bug, caught, seeded, table
+from test_seeded_driver_bugs import DRIVER_BUGS
+from test_seeded_journal_bugs import JOURNAL_BUGS
 
 FAREWELL = b"DISARM\n"
 LEASE_S = 0.5
@@ -386,16 +387,6 @@ def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
         assert heard
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bug:
-    """One piece of source replaced by another, and the check that must notice."""
-
-    where: str
-    old: str
-    new: str
-    check: Callable[[], None]
-
-
 BUGS = {
     "clamp for reject": Bug(
         where="guard.machine:Guard.begin_move",
@@ -514,57 +505,21 @@ BUGS = {
 }
 
 SEEDED: list[str] = []
-"""Name of the bug that is in the code now."""
-
-
-@contextlib.contextmanager
-def seeded(name: str) -> Iterator[None]:
-    """The package with one bug in it."""
-    bug = BUGS[name]
-    place, _, path = bug.where.partition(":")
-    module = importlib.import_module(f"markerseek.{place}")
-    owner: ModuleType | type = module
-    *outer, attribute = path.split(".")
-    for step in outer:
-        owner = getattr(owner, step)
-    sound = vars(owner)[attribute]
-    source = textwrap.dedent(inspect.getsource(inspect.unwrap(sound)))
-    assert source.count(bug.old) == 1, f"{bug.where} does not hold {bug.old!r} once: write the bug anew"
-    flags = annotations.compiler_flag
-    made: dict[str, object] = {}
-    exec(compile(source.replace(bug.old, bug.new), module.__file__ or "", "exec", flags=flags), vars(module), made)
-    everywhere = [owner, sys.modules[__name__]] if owner is module else [owner]
-    setattr(owner, attribute, made[attribute])
-    if owner is module:
-        setattr(sys.modules[__name__], attribute, made[attribute])
-    SEEDED.append(name)
-    try:
-        yield
-    finally:
-        SEEDED.pop()
-        for place_of in everywhere:
-            setattr(place_of, attribute, sound)
+"""Name of the bug that is in the code now; the supervisor's process is told."""
 
 
 @pytest.mark.parametrize("name", BUGS)
 def test_the_bug_is_caught_by_its_check(name: str) -> None:
-    check = BUGS[name].check
-    with seeded(name), pytest.raises(AssertionError):
-        check()
+    SEEDED.append(name)
+    try:
+        assert caught(BUGS[name])
+    finally:
+        SEEDED.pop()
 
 
 @pytest.mark.parametrize("check", {bug.check for bug in BUGS.values()}, ids=lambda check: check.__name__)
 def test_the_check_has_nothing_to_say_about_sound_code(check: Callable[[], None]) -> None:
     check()
-
-
-def caught(name: str) -> bool:
-    try:
-        with seeded(name):
-            BUGS[name].check()
-    except AssertionError:
-        return True
-    return False
 
 
 def main() -> None:
@@ -574,12 +529,14 @@ def main() -> None:
         sys.argv = ["supervisor", *arguments]
         from markerseek.supervisor.__main__ import main as supervise
 
-        with seeded(name) if name else contextlib.nullcontext():
+        with seeded(BUGS[name]) if name else contextlib.nullcontext():
             sys.exit(supervise())
     print("| bug | where | caught by | |\n|---|---|---|---|")
     for name, bug in BUGS.items():
-        by = bug.check.__name__.replace("_", " ")
-        print(f"| {name} | `{bug.where}` | {by} | {'caught' if caught(name) else 'MISSED'} |")
+        SEEDED.append(name)
+        print(*table({name: bug}))
+        SEEDED.pop()
+    print(*table(JOURNAL_BUGS), *table(DRIVER_BUGS), sep="\n")
 
 
 if __name__ == "__main__":
