@@ -33,7 +33,7 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
-        raise ConfigError(f"{path}: the {what} cannot be read: {problem.strerror}") from problem
+        raise ConfigError(f"{path}: the {what} cannot be read: {problem.strerror}; check the name") from problem
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
 

@@ -26,7 +26,9 @@ STOPPED = {129: "SIGHUP", 130: "the user", 143: "SIGTERM"}
 app = typer.Typer(
     name="markerseek",
     help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
-    epilog="Try: markerseek search --seed 1 --plot",
+    epilog="Try: markerseek search --seed 1 --plot\n\n"
+    "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
+    "4 not armed",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -27,6 +27,12 @@ REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "devices": "thorlabs_apt_protocol"}
 
 
+_NAP_S, _NAPS = 0.01, 100
+"""One second of short waits, in which a computer shows how late it can be."""
+
+_LEASE_S = 0.1
+"""Longest silence of the control loop that the laser box bears, in seconds."""
+
 _MARKER_DEG = 10.0
 """Where the marker of the short searches is."""
 
@@ -51,7 +57,7 @@ def command(
 
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if rig is not None:
-        findings.append(_rig(rig))
+        findings += [_punctuality(), _rig(rig)]
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -87,6 +93,29 @@ def _rig(path: Path) -> Finding:
     except DeviceError as error:
         return Finding(what=str(path), state="broken", detail=str(error))
     return Finding(what=str(path), state="ok", detail=detail)
+
+
+def _punctuality() -> Finding:
+    """Whether this computer wakes a control loop in time to renew the lease of the laser."""
+    longest_s = max(_timed_nap() for _ in range(_NAPS)) - _NAP_S
+    detail = (
+        f"a wait of {1e3 * _NAP_S:.0f} ms ends up to {1e3 * longest_s:.1f} ms late (longest of {_NAPS}); the laser "
+        f"goes off after {_LEASE_S} s of silence"
+    )
+    if longest_s <= _LEASE_S / 3:
+        return Finding(what="scheduling", state="ok", detail=detail)
+    cure = "; close other programs, switch power saving off, or run the search with a higher priority (nice, chrt)"
+    return Finding(what="scheduling", state="broken", detail=detail + cure, needed=False)
+
+
+def _timed_nap() -> float:
+    """How long a nap really takes, in seconds."""
+    from markerseek.drivers.clock import SystemClock
+
+    clock = SystemClock()
+    began_s = clock.now_s()
+    clock.wait(_NAP_S)
+    return clock.now_s() - began_s
 
 
 def _search(method: str) -> Finding:

@@ -54,6 +54,9 @@ def command(
     from markerseek.cli.terminal import aside, people, print_json, progress_bar
     from markerseek.studies import read_study, run_study
 
+    # Before hours of searching, not after them.
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
+        raise ConfigError(f"--plot is {plot}: a picture's name ends in .png or .svg")
     if beside and plot is None:
         raise ConfigError("--beside adds lines to a picture, and none is asked for; add --plot FILE, or leave it out")
     if workers is not None and scheduler is not None:
@@ -63,6 +66,8 @@ def command(
         _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound)
         _show_row(settings, row, as_json=as_json)
         return
+    for path in beside or []:
+        read_study(path)
     folder = out or Path("out") / study.stem
     try:
         with progress_bar(settings.rows, what="searching") as progress:
@@ -139,8 +144,6 @@ def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None)
     from markerseek.studies import cells
     from markerseek.studies.posterior import error_figure, mean_bounds
 
-    if path.suffix.lower() not in (".png", ".svg"):
-        raise ConfigError(f"--plot is {path}: a picture's name ends in .png or .svg")
     study = runs[0][0]
     counts = study.marks
     bounds = {}
