@@ -57,6 +57,9 @@ def markerseek(*words: object) -> list[str]:
     return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
 
 
+PATIENT = "[supervisor]\nlease_s = 1.0\n"
+
+
 @contextmanager
 def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emulation]:
     world = folder / "world.toml"
@@ -74,7 +77,10 @@ def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emu
             if "Ctrl-C ends it" in line:
                 break
         assert process.poll() is None, process.communicate()
-        yield Emulation(process, folder / "bench")
+        devices = Emulation(process, folder / "bench")
+        if device == "bench":  # other tests keep the processors busy
+            devices.rig.write_text(devices.rig.read_text() + PATIENT)
+        yield devices
     finally:
         process.kill()
         process.communicate()
@@ -100,7 +106,7 @@ def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does
 def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell: Shell, tmp_path: Path) -> None:
     with emulation(tmp_path, seed=4) as devices:
         bare = tmp_path / "bare.toml"
-        bare.write_text(devices.rig.read_text() + "[supervisor]\nenabled = false\n")
+        bare.write_text(devices.rig.read_text().replace(PATIENT, "[supervisor]\nenabled = false\n"))
         for rig, said in ((bare, "WITHOUT a supervisor"), (devices.rig, "stands at 0.000 deg")):
             code, _, err = shell("search", "--rig", rig, *SEARCH)
             assert code == 4
