@@ -16,10 +16,9 @@ from markerseek.acoustics.absorber import Absorber
 from markerseek.core import Reading, Sample
 from markerseek.search.posterior._kernel import LEAST, _exponential
 from markerseek.search.posterior._student import student_evidence
-from markerseek.search.posterior._variance import expected_variance
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.grid import ERRORS, LEVELS, Grid, Heard
+from markerseek.search.posterior.grid import Grid, Heard
 from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables
 from markerseek.search.posterior.middle import offset, uneven_share
 from markerseek.search.posterior.shapes import (
@@ -263,27 +262,3 @@ def test_the_exponential_of_the_weights_is_numpys():
     counted = log > LEAST
     np.testing.assert_allclose(out[counted], np.exp(log[counted], dtype=np.float64), rtol=1e-5)
     assert not out[~counted].any()
-
-
-def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs():
-    """Against the double sum written out in NumPy, for markers of two shapes."""
-    rng = np.random.default_rng(4)
-    shapes, floor = family(), 4.2
-    theta_deg, member = rng.normal(3.0, 2.0, 40), rng.choice([10, 40], 40)
-    log_snr, candidates_deg = rng.normal(4.0, 0.3, 40), np.array([-20.0, 0.0, 2.5, 8.0])
-    out = np.empty(candidates_deg.size)
-    expected_variance(
-        candidates_deg, theta_deg, member, shapes.log_curve, log_snr, STEP_DEG, floor, LEVELS, ERRORS, out
-    )
-    for candidate_deg, found in zip(candidates_deg, out, strict=True):
-        steps = np.arange(shapes.log_curve.shape[1]) * STEP_DEG
-        away_deg = np.abs(candidate_deg - theta_deg)
-        level = np.array([np.interp(t, steps, shapes.log_curve[m]) for t, m in zip(away_deg, member, strict=True)])
-        loud = np.exp(2 * (log_snr + level)) + floor**2
-        error = ERRORS[np.searchsorted(-LEVELS, -level)]
-        spread = error**2 + 1 / loud
-        apart = (0.5 * np.log(loud)[:, None] - 0.5 * np.log(loud)) ** 2 / (spread[:, None] + spread)
-        weight = (1 + apart / 8) ** -4
-        weight /= weight.sum(axis=1, keepdims=True)
-        variance = weight @ theta_deg**2 - (weight @ theta_deg) ** 2
-        assert found == pytest.approx(variance.mean(), rel=1e-6)

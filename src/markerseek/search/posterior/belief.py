@@ -28,6 +28,9 @@ class Belief:
         The same over the whole range.
     theta_deg, member, log_snr
         Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
+    loud_deg, loud_log_snr
+        Samples from which the curve is known to be even: angle in degrees, ln of the intensity over σ; none where it
+        is not known yet.
     fwhm_deg
         Mean of the curve's full width at half maximum, in degrees.
     marker_m
@@ -43,6 +46,8 @@ class Belief:
     theta_deg: Float64[np.ndarray, " particles"]
     member: Int64[np.ndarray, " particles"]
     log_snr: Float64[np.ndarray, " particles"]
+    loud_deg: Float64[np.ndarray, " loud"]
+    loud_log_snr: Float64[np.ndarray, " loud"]
     fwhm_deg: float
     marker_m: float | None
     middle_sigma_deg: float

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from markerseek.core import Interval
 from markerseek.search.posterior._variance import expected_variance
 from markerseek.search.posterior.belief import Belief
-from markerseek.search.posterior.grid import ERRORS, LEVELS
+from markerseek.search.posterior.even import LENGTH, LOG_LEVELS, OWN, STRAYS
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 
 FIRST_ANGLES = 3
@@ -19,6 +19,8 @@ FIRST_ANGLES = 3
 
 TRAVEL_DEG = 150.0
 """Travel that must halve the remaining uncertainty to be worth it, roughly, in degrees."""
+
+_OWN = sum(error * share for error, share in OWN)
 
 
 def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
@@ -78,8 +80,12 @@ def most_telling_deg(
         belief.log_snr,
         STEP_DEG,
         floor,
-        LEVELS,
-        ERRORS,
+        belief.loud_deg,
+        belief.loud_log_snr,
+        LENGTH * shapes.fwhm_deg,
+        LOG_LEVELS,
+        STRAYS,
+        _OWN,
         variance,
     )
     travel = np.abs(candidates - heard_deg[-1])
@@ -89,8 +95,12 @@ def most_telling_deg(
 def _candidates(belief: Belief, heard_deg: Sequence[float], *, limits: Interval) -> Float64[np.ndarray, " candidates"]:
     """Angles about the middle of the posterior, and over all of it; none that was heard, unless all were."""
     near = belief.mean_deg + belief.fwhm_deg * np.linspace(-1.6, 1.6, 19)
-    low_deg, high_deg = float(belief.theta_deg.min()), float(belief.theta_deg.max())
-    wide = np.linspace(low_deg - belief.fwhm_deg, high_deg + belief.fwhm_deg, 18)
+    if belief.loud_deg.size:
+        # The other flank, where the curve was heard on one: what is unknown of it is the same there.
+        wide = 2 * belief.mean_deg - belief.loud_deg
+    else:
+        low_deg, high_deg = float(belief.theta_deg.min()), float(belief.theta_deg.max())
+        wide = np.linspace(low_deg - belief.fwhm_deg, high_deg + belief.fwhm_deg, 18)
     angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
     angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
     apart = np.abs(angles[:, None] - np.array(heard_deg)).min(axis=1)

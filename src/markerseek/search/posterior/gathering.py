@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float64
@@ -14,9 +15,10 @@ from markerseek.core.reading import Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior import arrival, middle
 from markerseek.search.posterior.basis import CLEAR, Basis, all_told, basis_of
-from markerseek.search.posterior.belief import Belief, spread
-from markerseek.search.posterior.grid import Grid, Heard, finer
+from markerseek.search.posterior.belief import Belief
+from markerseek.search.posterior.grid import Grid, Heard
 from markerseek.search.posterior.heard import place_ratio
+from markerseek.search.posterior.narrow import Middle, narrowed
 from markerseek.search.posterior.shapes import Shapes
 
 PARTICLES = 48
@@ -31,11 +33,8 @@ BEYOND_SHARE = 0.05
 COARSE_STEPS = 140
 """Coarse steps over the range: half a degree for ±35°."""
 
-FINE_ANGLES = 49
-"""Angles of a fine grid."""
-
 FINE_KNOTS = 17
-"""Angles of a fine grid at which the moments of arrival are worked out."""
+"""Angles of a finer grid at which the moments of arrival are worked out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,51 +92,47 @@ class Evidence:
         """
         coarse = self._coarse(lit, noise)
         moments = self._moments(lit)
-        log_angle = self._log_prior
-        if moments is not None:
-            log_angle = log_angle + moments.log_likelihood(self._coarse_deg, knots=self._coarse_deg.size // 2 + 1)
-        known = coarse.marginals(log_angle, particles=PARTICLES)
-        grid, best = coarse, known
-        for _ in range(2):
-            step_deg = float(grid.angles_deg[1] - grid.angles_deg[0])
-            _, sigma_deg = spread(grid.angles_deg, best.angle)
-            half_deg = max(5 * sigma_deg, 2 * step_deg)
-            if grid is not coarse and step_deg <= 0.25 * sigma_deg:
-                break
-            if half_deg >= 0.4 * (grid.angles_deg[-1] - grid.angles_deg[0]) / 2 or "intensity" not in self._cues:
-                break
-            grid = finer(self._shapes, grid, best, self._heard, half_deg=half_deg, angles=FINE_ANGLES)
-            fine_prior = np.interp(grid.angles_deg, self._coarse_deg, self._log_prior)
-            if moments is not None:
-                fine_prior = fine_prior + moments.log_likelihood(grid.angles_deg, knots=FINE_KNOTS)
-            best = grid.marginals(fine_prior, particles=PARTICLES)
-        fwhm_deg = float(best.shape @ self._shapes.fwhm_deg[grid.members])
-        angle_deg, share = self._about_the_middle(lit, grid.angles_deg, best.angle, moments, fwhm_deg=fwhm_deg)
+        prior = partial(self._else_known, moments=moments, knots=self._coarse_deg.size // 2 + 1)
+        known = coarse.marginals(prior(self._coarse_deg), particles=PARTICLES)
+        finer_prior = partial(self._else_known, moments=moments, knots=FINE_KNOTS)
+        heard = self._heard if "intensity" in self._cues else []
+        narrow = narrowed(self._shapes, coarse, known, heard, finer_prior, particles=PARTICLES)
+        angle_deg, share = self._about_the_middle(lit, narrow, moments)
         basis = self._basis
+        log_unit = math.log(basis.unit) - math.log(basis.sigma)
         return Belief(
             angle_deg=angle_deg,
             share=share,
             coarse_deg=self._coarse_deg,
             coarse_share=known.angle,
-            theta_deg=grid.angles_deg[best.drawn[:, 0]],
-            member=grid.members[best.drawn[:, 1]],
-            log_snr=grid.log_amplitude[best.drawn[:, 2]] + math.log(basis.unit) - math.log(basis.sigma),
-            fwhm_deg=fwhm_deg,
+            theta_deg=narrow.markers.theta_deg,
+            member=narrow.markers.member,
+            log_snr=narrow.markers.log_amplitude + log_unit,
+            loud_deg=np.array([heard.angle_deg for heard in narrow.loud]),
+            loud_log_snr=np.array([heard.log_intensity for heard in narrow.loud]) + log_unit,
+            fwhm_deg=narrow.fwhm_deg,
             marker_m=basis.marker_m,
-            middle_sigma_deg=spread(grid.angles_deg, best.angle)[1],
+            middle_sigma_deg=narrow.sigma_deg,
         )
+
+    def _else_known(
+        self, angles_deg: Float64[np.ndarray, " angles"], *, moments: _Moments | None, knots: int
+    ) -> Float64[np.ndarray, " angles"]:
+        """Ln of what is known of angles beside the intensities: the prior, and the moments of arrival."""
+        log_angle = np.asarray(np.interp(angles_deg, self._coarse_deg, self._log_prior))
+        if moments is not None:
+            log_angle += moments.log_likelihood(angles_deg, knots=knots)
+        return log_angle
 
     def _about_the_middle(
         self,
         lit: Sequence[Sample],
-        angle_deg: Float64[np.ndarray, " angles"],
-        share: Float64[np.ndarray, " angles"],
+        narrow: Middle,
         moments: _Moments | None,
-        *,
-        fwhm_deg: float,
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities, the middle of its curve being off; see `middle`."""
-        sigma_deg = math.hypot(middle.OFFSET_DEG, middle.OFFSET * fwhm_deg)
+        angle_deg, share = narrow.angles_deg, narrow.share
+        sigma_deg = math.hypot(middle.OFFSET_DEG, middle.OFFSET * narrow.fwhm_deg)
         step_deg = float(angle_deg[1] - angle_deg[0])
         if "intensity" not in self._cues or step_deg > sigma_deg:
             return angle_deg, share

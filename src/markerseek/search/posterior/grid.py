@@ -59,21 +59,40 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Markers:
+    """Markers of equal weight drawn from a posterior.
+
+    Attributes
+    ----------
+    theta_deg
+        Angles in degrees.
+    member
+        Shapes, as places in the family.
+    log_amplitude
+        ln of the amplitudes over the unit of the search.
+    """
+
+    theta_deg: Float64[np.ndarray, " particles"]
+    member: Int64[np.ndarray, " particles"]
+    log_amplitude: Float64[np.ndarray, " particles"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Marginals:
-    """Probabilities on a grid, each adding up to 1, and cells drawn from it.
+    """Probabilities on a grid, each adding up to 1, and markers drawn from it.
 
     Attributes
     ----------
     angle, shape, amplitude
         Marginal probabilities.
-    drawn
-        Indices of angle, shape and amplitude of cells of equal weight, shape (particles, 3).
+    markers
+        Markers of equal weight.
     """
 
     angle: Float64[np.ndarray, " angles"]
     shape: Float64[np.ndarray, " shapes"]
     amplitude: Float64[np.ndarray, " amplitudes"]
-    drawn: Int64[np.ndarray, "particles 3"]
+    markers: Markers
 
 
 class Grid:
@@ -149,9 +168,14 @@ class Grid:
         log_shape = self._shapes.log_prior[self.members]
         _kernel.weigh(self._cube, self._alive, log_angle, log_shape, weight, angle, shape, amplitude)
         drawn = np.zeros((particles, 3), np.int64)
-        count = _kernel.draw(weight, angle, drawn)
+        place = drawn[: _kernel.draw(weight, angle, drawn)]
+        markers = Markers(
+            theta_deg=self.angles_deg[place[:, 0]],
+            member=self.members[place[:, 1]],
+            log_amplitude=self.log_amplitude[place[:, 2]],
+        )
         total = angle.sum()
-        return Marginals(angle=angle / total, shape=shape / total, amplitude=amplitude / total, drawn=drawn[:count])
+        return Marginals(angle=angle / total, shape=shape / total, amplitude=amplitude / total, markers=markers)
 
 
 @lru_cache(maxsize=512)

@@ -26,6 +26,9 @@ LOW, HIGH, STEP = -6.0, 3.0, 0.02
 
 _HEIGHTS = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
 
+HEIGHTS = _HEIGHTS.size
+"""Places of the table."""
+
 SPOILT = 0.01
 """Share of frames that say nothing of the marker."""
 
