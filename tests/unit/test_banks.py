@@ -98,6 +98,7 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
 @pytest.mark.parametrize(
     ("names", "message"),
     [
+        ((), "there is no scan in this folder"),
         (("1", "2", "scan 3 of 7"), "it holds 2"),
         (("1", "2", "dark"), "it holds 0"),
         (("1", "2", "1.0"), "was given before"),

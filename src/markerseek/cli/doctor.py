@@ -30,9 +30,6 @@ EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "de
 _NAP_S, _NAPS = 0.01, 100
 """One second of short waits, in which a computer shows how late it can be."""
 
-_LEASE_S = 0.1
-"""Longest silence of the control loop that the laser box bears, in seconds."""
-
 _MARKER_DEG = 10.0
 """Where the marker of the short searches is."""
 
@@ -55,9 +52,12 @@ def command(
     """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be)."""
     from markerseek.cli.terminal import people, print_json
 
+    lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
+    if lease_s is not None:
+        findings.append(_punctuality(lease_s))
     if rig is not None:
-        findings += [_punctuality(), _rig(rig)]
+        findings.append(_rig(rig))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -95,14 +95,23 @@ def _rig(path: Path) -> Finding:
     return Finding(what=str(path), state="ok", detail=detail)
 
 
-def _punctuality() -> Finding:
+def _lease_s(path: Path) -> float | None:
+    """Longest silence of the control loop that a rig's devices bear, in seconds; None if they are simulated."""
+    from markerseek.drivers.settings import BenchSettings
+    from markerseek.rig_file import read_rig_file
+
+    settings = read_rig_file(path)
+    return settings.supervisor.lease_s if isinstance(settings, BenchSettings) else None
+
+
+def _punctuality(lease_s: float) -> Finding:
     """Whether this computer wakes a control loop in time to renew the lease of the laser."""
     longest_s = max(_timed_nap() for _ in range(_NAPS)) - _NAP_S
     detail = (
         f"a wait of {1e3 * _NAP_S:.0f} ms ends up to {1e3 * longest_s:.1f} ms late (longest of {_NAPS}); the laser "
-        f"goes off after {_LEASE_S} s of silence"
+        f"goes off after {lease_s:g} s of silence"
     )
-    if longest_s <= _LEASE_S / 3:
+    if longest_s <= lease_s / 3:
         return Finding(what="scheduling", state="ok", detail=detail)
     cure = "; close other programs, switch power saving off, or run the search with a higher priority (nice, chrt)"
     return Finding(what="scheduling", state="broken", detail=detail + cure, needed=False)

@@ -65,6 +65,11 @@ def read_folder(path: Path) -> FolderBank:
         if angle in by_angle:
             raise RecordError(f"{place}: the angle {angle:g} deg was given before, by {by_angle[angle].name}")
         by_angle[angle] = place
+    if not by_angle:
+        raise RecordError(
+            f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
+            "with the angle in its name, as in 'angle_-12.5deg'"
+        )
     require_angles(path, len(by_angle))
     angles = sorted(by_angle)
     return FolderBank(angles_deg=tuple(angles), places=tuple(by_angle[angle] for angle in angles))

@@ -78,7 +78,9 @@ def run_study(
     try:
         (folder / PARTS).mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise RecordError(f"{folder}: the folder cannot be made: {problem.strerror}") from problem
+        raise RecordError(
+            f"{folder}: the folder cannot be made ({problem.strerror}); name one that can be written, with --out"
+        ) from problem
     with _alone(folder):
         _claim(folder, study)
         if not (folder / ROWS).exists():
