@@ -1,0 +1,99 @@
+"""What a decision costs: ``python -m benchmarks.decision [--markers N] [--methods NAME ...]``.
+
+The posterior and other people's optimisers search for the same simulated markers in turn, on one core. A decision is
+what a policy does from a sample to the next angle. The whole of the physics table is drawn anew for each marker, and
+a reading holds what an image's would, as in the studies of the posterior.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import statistics
+import time
+from pathlib import Path
+
+from benchmarks import machine
+
+STUDY = Path(__file__).parents[1] / "examples" / "studies" / "posterior-40-db.toml"
+
+OURS = "posterior"
+
+PEERS = {"scikit-optimize": "skopt", "botorch": "botorch"}
+"""Methods to compare with, and the package that each needs."""
+
+ACQUISITIONS = 12
+
+TARGET_MS = 2.0
+"""Median of a decision of ours."""
+
+
+def main() -> None:
+    """Measure, and print one line for each method."""
+    here = [name for name, package in PEERS.items() if importlib.util.find_spec(package) is not None]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.decision", description=__doc__)
+    parser.add_argument("--markers", type=int, default=20, help="markers that each method searches for (default 20)")
+    parser.add_argument("--methods", nargs="*", default=here, choices=PEERS, help="peers (default: those installed)")
+    arguments = parser.parse_args()
+    machine.hold_to_cores(1)
+    for name, value in machine.describe(cores=1).items():
+        print(f"- {name}: {value}")
+    methods = [OURS, *arguments.methods]
+    times_ms: dict[str, list[float]] = {method: [] for method in methods}
+    for method in methods:
+        _search(method, 0)
+    for trial in range(1, arguments.markers + 1):
+        for method in methods:
+            times_ms[method] += _search(method, trial)
+    median_ms = {method: statistics.median(times) for method, times in times_ms.items()}
+    print("\n| method | median, ms | a tenth above, ms | decisions | over ours |\n| --- | --- | --- | --- | --- |")
+    for method, times in times_ms.items():
+        ninth = statistics.quantiles(times, n=10)[-1]
+        ratio = median_ms[method] / median_ms[OURS]
+        print(f"| {method} | {median_ms[method]:.2f} | {ninth:.2f} | {len(times)} | {ratio:.3g} |")
+    said = "met" if median_ms[OURS] <= TARGET_MS else "missed"
+    print(f"\ntarget: a decision of ours in at most {TARGET_MS:g} ms: {said}")
+
+
+def _search(method: str, trial: int) -> list[float]:
+    """Times of the decisions of one search, in milliseconds of the clock."""
+    from markerseek.adapters import build_adapter
+    from markerseek.core import Estimate, Sample
+    from markerseek.scan import run
+    from markerseek.search import build
+    from markerseek.studies import cells, read_study
+    from markerseek.studies.worlds import draw_trial, study_rig
+
+    study = read_study(STUDY)
+    cell = cells(study)[0]
+    rig = study_rig(study, cell, draw_trial(study, cell, trial))
+    if method == OURS:
+        inner = build(method, limits=rig.limits.search, acquisitions=ACQUISITIONS, early_end=False)
+    else:
+        inner = build_adapter(method, limits=rig.limits.search, acquisitions=ACQUISITIONS, as_published=True)
+    times_ms: list[float] = []
+
+    class Timed:
+        """The policy, with its decisions timed."""
+
+        def ask(self) -> float | None:
+            return inner.ask()
+
+        def tell(self, sample: Sample) -> None:
+            began_s = time.perf_counter()
+            inner.tell(sample)
+            inner.ask()
+            if not sample.dark:
+                times_ms.append(1e3 * (time.perf_counter() - began_s))
+
+        def estimate(self) -> Estimate:
+            return inner.estimate()
+
+    for _ in run(Timed(), rig.scanner, dark_frames=rig.dark_frames, stay=True):
+        pass
+    # The last one decides to end.
+    return times_ms[:-1]
+
+
+if __name__ == "__main__":
+    main()
