@@ -1,4 +1,4 @@
-"""The next angle: planned while nothing is heard, then where one more sample narrows the posterior most."""
+"""The next angle: planned, then where the marker is likeliest to be heard, then where a sample tells most of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.special import ndtr
 
 from markerseek.core import Interval
 from markerseek.search.posterior._variance import expected_variance
@@ -17,6 +18,15 @@ from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 FIRST_ANGLES = 3
 """Planned angles, evenly spread over the range."""
 
+AUDIBLE_ANGLES = 141
+"""Angles, evenly spread over the range, at which a marker may be heard next."""
+
+LEAST_APART_DEG = 0.4
+"""Least distance of such an angle from those heard, in degrees."""
+
+AUDIBLE_TRAVEL_DEG = 300.0
+"""Travel that must double the probability of hearing the marker to be worth it, in degrees."""
+
 TRAVEL_DEG = 150.0
 """Travel that must halve the remaining uncertainty to be worth it, roughly, in degrees."""
 
@@ -24,7 +34,7 @@ _OWN = sum(error * share for error, share in OWN)
 
 
 def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
-    """Return the next angle of a search that has heard nothing yet, in degrees.
+    """Return the next angle of a search that has heard nothing yet, and does not know its noise or has just begun.
 
     First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a
     gap at an end of the range counts twice and is closed by the end itself.
@@ -47,6 +57,38 @@ def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) 
     low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
     gaps += [(2 * low_gap, limits.low_deg), (2 * high_gap, limits.high_deg)]
     return max(gaps, key=lambda gap: gap[0])[1]
+
+
+def most_audible_deg(
+    belief: Belief, shapes: Shapes, heard_deg: Sequence[float], *, limits: Interval, level: float
+) -> float:
+    """Return the angle at which the marker is likeliest to exceed the noise, travel weighed in, in degrees.
+
+    What was heard so far was all below that level, but not all alike: a wide gap draws the search, and so does a place
+    where the largest of the noise was larger than usual.
+
+    Parameters
+    ----------
+    belief
+        The posterior, with many markers drawn.
+    shapes
+        Family of curves.
+    heard_deg
+        Angles reached so far, the last one last, in degrees.
+    limits
+        Range of the search.
+    level
+        Intensity that noise does not reach, over σ.
+    """
+    candidates = np.linspace(limits.low_deg, limits.high_deg, AUDIBLE_ANGLES)
+    apart = np.abs(candidates[:, None] - np.array(heard_deg)).min(axis=1)
+    candidates = candidates[apart >= min(LEAST_APART_DEG, apart.max())]
+    away = np.abs(candidates[:, None] - belief.theta_deg) / STEP_DEG
+    place = np.minimum(np.rint(away).astype(np.int64), shapes.log_curve.shape[1] - 1)
+    height = np.exp(np.minimum(belief.log_snr + shapes.log_curve[belief.member, place], 50.0))
+    heard = ndtr(height - level).mean(axis=1)
+    travel = np.abs(candidates - heard_deg[-1])
+    return float(candidates[np.argmax(heard / (1 + travel / AUDIBLE_TRAVEL_DEG))])
 
 
 def most_telling_deg(

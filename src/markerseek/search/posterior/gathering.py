@@ -21,9 +21,6 @@ from markerseek.search.posterior.heard import place_ratio
 from markerseek.search.posterior.narrow import Middle, narrowed
 from markerseek.search.posterior.shapes import Shapes
 
-PARTICLES = 48
-"""Markers that are drawn from the posterior to choose the next angle."""
-
 BEYOND_STEPS = 12
 """Coarse steps that the grid goes on beyond each end of the range."""
 
@@ -80,7 +77,7 @@ class Evidence:
         self._basis = Basis(unit=0.0, sigma=1.0, marker_m=None, cells=1)
         self._heard: list[Heard] = []
 
-    def belief(self, lit: Sequence[Sample], noise: Noise) -> Belief:
+    def belief(self, lit: Sequence[Sample], noise: Noise, *, particles: int) -> Belief:
         """Return the posterior of these samples, of which the earlier ones were seen before.
 
         Parameters
@@ -89,14 +86,16 @@ class Evidence:
             Samples with the laser on, at least one.
         noise
             Noise of the search.
+        particles
+            Markers to draw.
         """
         coarse = self._coarse(lit, noise)
         moments = self._moments(lit)
         prior = partial(self._else_known, moments=moments, knots=self._coarse_deg.size // 2 + 1)
-        known = coarse.marginals(prior(self._coarse_deg), particles=PARTICLES)
+        known = coarse.marginals(prior(self._coarse_deg), particles=particles)
         finer_prior = partial(self._else_known, moments=moments, knots=FINE_KNOTS)
         heard = self._heard if "intensity" in self._cues else []
-        narrow = narrowed(self._shapes, coarse, known, heard, finer_prior, particles=PARTICLES)
+        narrow = narrowed(self._shapes, coarse, known, heard, finer_prior, particles=particles)
         angle_deg, share = self._about_the_middle(lit, narrow, moments)
         basis = self._basis
         log_unit = math.log(basis.unit) - math.log(basis.sigma)

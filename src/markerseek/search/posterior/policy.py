@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -28,7 +28,7 @@ from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.belief import Belief
-from markerseek.search.posterior.choice import most_telling_deg, planned_deg
+from markerseek.search.posterior.choice import FIRST_ANGLES, most_audible_deg, most_telling_deg, planned_deg
 from markerseek.search.posterior.gathering import Evidence
 from markerseek.search.posterior.modes import modes_deg, rival_deg
 from markerseek.search.posterior.reach import hiding_deg, unheard
@@ -46,6 +46,9 @@ LEAST_ACQUISITIONS = 4
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end from which an angle that is not known is said to be at that end."""
+
+PARTICLES, SCOUTS = 48, 400
+"""Markers that are drawn from the posterior to choose the next angle, and while nothing was heard."""
 
 FLOOR_SNR = 4.2
 """Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
@@ -206,7 +209,8 @@ class Posterior:
         if self._known is None:
             noise = noise_of(self._lit, dark=self._dark)
             missing = missing_evidence(self._lit, dark=self._dark, noise=noise)
-            belief = self._evidence.belief(self._lit, noise)
+            particles = PARTICLES if self._heard_anything() else SCOUTS
+            belief = self._evidence.belief(self._lit, noise, particles=particles)
             self._known = _State(noise=noise, missing=missing, belief=belief, hiding_deg=self._hiding(belief, noise))
         return self._known
 
@@ -224,13 +228,21 @@ class Posterior:
             return None
         heard_deg = [sample.angle_deg for sample in self._lit]
         if not self._lit or not self._heard_anything():
-            return planned_deg(heard_deg, limits=self._limits, falling=self._falling)
+            return self._unheard_deg(heard_deg)
         state = self._state()
         if count >= LEAST_ACQUISITIONS and self._knows_enough(state.belief):
             return None
         if state.hiding_deg is not None:
             return state.hiding_deg
         return most_telling_deg(state.belief, _family(), heard_deg, limits=self._limits, floor=FLOOR_SNR)
+
+    def _unheard_deg(self, heard_deg: Sequence[float]) -> float:
+        """Where to listen next while nothing was heard."""
+        noise = noise_of(self._lit, dark=self._dark)
+        if len(heard_deg) < FIRST_ANGLES or noise.floor.level is None or not noise.sigma:
+            return planned_deg(heard_deg, limits=self._limits, falling=self._falling)
+        level = noise.floor.level / noise.sigma
+        return most_audible_deg(self._state().belief, _family(), heard_deg, limits=self._limits, level=level)
 
     def _knows_enough(self, belief: Belief) -> bool:
         """Whether the marker is found to the target; or is not, and more samples could not help."""

@@ -36,5 +36,5 @@ def load_kernels(shapes: Shapes, *, cues: frozenset[str], floor: float) -> None:
         )
         for angle_deg, intensity in ((-5.0, 20.0), (0.0, 60.0), (5.0, 20.0))
     ]
-    belief = Evidence(limits=PAPER_RANGE, shapes=shapes, cues=cues).belief(heard, noise_of(heard))
+    belief = Evidence(limits=PAPER_RANGE, shapes=shapes, cues=cues).belief(heard, noise_of(heard), particles=8)
     most_telling_deg(belief, shapes, [sample.angle_deg for sample in heard], limits=PAPER_RANGE, floor=floor)
