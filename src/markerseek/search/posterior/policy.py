@@ -31,7 +31,8 @@ from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.choice import FIRST_ANGLES, most_audible_deg, most_telling_deg, planned_deg
 from markerseek.search.posterior.gathering import Evidence
 from markerseek.search.posterior.modes import modes_deg, rival_deg
-from markerseek.search.posterior.reach import hiding_deg, unheard
+from markerseek.search.posterior.reach import hiding_deg
+from markerseek.search.posterior.reasons import doubt, missed
 from markerseek.search.posterior.shapes import Shapes, family
 from markerseek.search.posterior.warm import load_kernels
 
@@ -155,7 +156,9 @@ class Posterior:
         belief, floor = state.belief, state.noise.floor
         mean_deg = min(max(belief.mean_deg, self._limits.low_deg), self._limits.high_deg)
         if state.missing is not None:
-            return NotFound(mean_deg=mean_deg, reason=state.missing + self._missed(state.noise), floor=floor)
+            return NotFound(
+                mean_deg=mean_deg, reason=state.missing + missed(self._lit, state.noise, self._limits), floor=floor
+            )
         side = self._side(belief)
         if side is not None:
             return AtBound(mean_deg=mean_deg, side=side, floor=floor)
@@ -179,31 +182,9 @@ class Posterior:
             sigma_deg=belief.sigma_deg,
             interval95_deg=interval,
             interval_kind="posterior",
-            reason=self._doubt(state),
+            reason=doubt(belief, state.hiding_deg),
             floor=floor,
         )
-
-    def _missed(self, noise: Noise) -> str:
-        """What may have been there unheard; nothing where something was heard, or the noise is unknown."""
-        level = noise.floor.level
-        if level is None or noise.sigma is None or max(sample.reading.intensity for sample in self._lit) > level:
-            return ""
-        return unheard(self._limits, made=len(self._lit), level=level, sigma=noise.sigma)
-
-    def _doubt(self, state: _State) -> str:
-        belief = state.belief
-        if belief.sigma_deg <= SIGMA_LIMIT_DEG:
-            return (
-                "what was heard is faint, and may be clutter of a louder marker unheard about "
-                f"{state.hiding_deg:.0f} deg; take more acquisitions"
-            )
-        said = f"the standard deviation, {belief.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
-        if belief.middle_sigma_deg <= SIGMA_LIMIT_DEG:
-            return (
-                f"{said}: the middle of the curve is known to {belief.middle_sigma_deg:.2f} deg, but its place and "
-                "coherence change with the angle, so that it is no point, and its middle may be off"
-            )
-        return f"{said}; take more acquisitions or average more pulses"
 
     def _state(self) -> _State:
         if self._known is None:
