@@ -45,7 +45,7 @@ def test_the_angle_has_the_largest_probability_of_hearing_a_marker():
     found = most_audible_deg(belief(theta_deg, log_snr, member), SHAPES, heard_deg, limits=LIMITS, level=LEVEL)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     best, largest = 0.0, 0.0
-    for angle_deg in np.arange(-35.0, 35.1, 0.5):
+    for angle_deg in np.arange(-35.0, 35.1, 1.0):
         if min(abs(angle_deg - other) for other in heard_deg) < LEAST_APART_DEG:
             continue
         heights = [

@@ -18,7 +18,10 @@ from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 FIRST_ANGLES = 3
 """Planned angles, evenly spread over the range."""
 
-AUDIBLE_ANGLES = 141
+PLANNED_ANGLES = 8
+"""Planned angles in all, where the noise is known: the gaps are halved until they are about as wide as a usual curve."""
+
+AUDIBLE_ANGLES = 71
 """Angles, evenly spread over the range, at which a marker may be heard next."""
 
 LEAST_APART_DEG = 0.4
@@ -34,7 +37,8 @@ _OWN = sum(error * share for error, share in OWN)
 
 
 def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
-    """Return the next angle of a search that has heard nothing yet, and does not know its noise or has just begun.
+    """Return the next angle of a search that has heard nothing yet, as long as it has not made `PLANNED_ANGLES`, or
+    does not know its noise.
 
     First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a
     gap at an end of the range counts twice and is closed by the end itself.

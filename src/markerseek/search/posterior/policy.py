@@ -28,7 +28,7 @@ from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.belief import Belief
-from markerseek.search.posterior.choice import FIRST_ANGLES, most_audible_deg, most_telling_deg, planned_deg
+from markerseek.search.posterior.choice import PLANNED_ANGLES, most_audible_deg, most_telling_deg, planned_deg
 from markerseek.search.posterior.gathering import Evidence
 from markerseek.search.posterior.modes import modes_deg, rival_deg
 from markerseek.search.posterior.reach import hiding_deg
@@ -48,7 +48,7 @@ LEAST_ACQUISITIONS = 4
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end from which an angle that is not known is said to be at that end."""
 
-PARTICLES, SCOUTS = 48, 400
+PARTICLES, SCOUTS = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle, and while nothing was heard."""
 
 FLOOR_SNR = 4.2
@@ -220,7 +220,7 @@ class Posterior:
     def _unheard_deg(self, heard_deg: Sequence[float]) -> float:
         """Where to listen next while nothing was heard."""
         noise = noise_of(self._lit, dark=self._dark)
-        if len(heard_deg) < FIRST_ANGLES or noise.floor.level is None or not noise.sigma:
+        if len(heard_deg) < PLANNED_ANGLES or noise.floor.level is None or not noise.sigma:
             return planned_deg(heard_deg, limits=self._limits, falling=self._falling)
         level = noise.floor.level / noise.sigma
         return most_audible_deg(self._state().belief, _family(), heard_deg, limits=self._limits, level=level)
