@@ -19,7 +19,7 @@ FIRST_ANGLES = 3
 """Planned angles, evenly spread over the range."""
 
 PLANNED_ANGLES = 8
-"""Planned angles in all, where the noise is known: the gaps are halved until they are about as wide as a usual curve."""
+"""Planned angles in all, where the noise is known: gaps are halved until they are about as wide as a usual curve."""
 
 AUDIBLE_ANGLES = 71
 """Angles, evenly spread over the range, at which a marker may be heard next."""
@@ -37,8 +37,7 @@ _OWN = sum(error * share for error, share in OWN)
 
 
 def planned_deg(heard_deg: Sequence[float], *, limits: Interval, falling: bool) -> float:
-    """Return the next angle of a search that has heard nothing yet, as long as it has not made `PLANNED_ANGLES`, or
-    does not know its noise.
+    """Return the next angle of a search that has heard nothing yet, in degrees.
 
     First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a
     gap at an end of the range counts twice and is closed by the end itself.
