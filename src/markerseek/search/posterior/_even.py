@@ -11,20 +11,28 @@ from markerseek.core.compiled import compiled
 
 
 @compiled
-def stray_of(log_level: float, levels: Float64[np.ndarray, " levels"], strays: Float64[np.ndarray, " levels"]) -> float:
-    """Standard deviation of g where ln of the curve is ``log_level``: one of ``strays`` at each of ``levels``."""
-    if log_level >= levels[0]:
+def log_level(log_curve: Float64[np.ndarray, " distances"], place: float) -> float:
+    """Ln S at so many steps from the marker."""
+    near = min(int(place), log_curve.size - 2)
+    part = min(place - near, 1.0)
+    return float((1 - part) * log_curve[near] + part * log_curve[near + 1])
+
+
+@compiled
+def stray_of(height: float, levels: Float64[np.ndarray, " levels"], strays: Float64[np.ndarray, " levels"]) -> float:
+    """Standard deviation of g where ln of the curve is ``height``: one of ``strays`` at each of ``levels``."""
+    if height >= levels[0]:
         return float(strays[0])
     for row in range(1, levels.size):
-        if log_level >= levels[row]:
-            part = (levels[row - 1] - log_level) / (levels[row - 1] - levels[row])
+        if height >= levels[row]:
+            part = (levels[row - 1] - height) / (levels[row - 1] - levels[row])
             return float(strays[row - 1] + part * (strays[row] - strays[row - 1]))
     return float(strays[-1])
 
 
 @compiled
 def _covariance(
-    log_level: Float64[np.ndarray, " loud"],
+    height: Float64[np.ndarray, " loud"],
     place: Float64[np.ndarray, " loud"],
     variance: Float64[np.ndarray, " loud"],
     levels: Float64[np.ndarray, " levels"],
@@ -32,10 +40,10 @@ def _covariance(
     out: Float64[np.ndarray, "loud loud"],
 ) -> None:
     """Fill in the lower half: s_i·s_k/(1 + (x_i − x_k)²/2), and each sample's own variance on the diagonal."""
-    count = log_level.size
+    count = height.size
     stray = np.empty(count)
     for i in range(count):
-        stray[i] = stray_of(log_level[i], levels, strays)
+        stray[i] = stray_of(height[i], levels, strays)
         for k in range(i):
             apart = place[i] - place[k]
             out[i, k] = stray[i] * stray[k] / (1 + 0.5 * apart * apart)
@@ -139,15 +147,13 @@ def even_likelihood(
     level, place, value, variance = np.empty(samples), np.empty(loud), np.empty(loud), np.empty(loud)
     matrix, inverse = np.empty((loud, loud)), np.empty((loud, loud))
     unit, whitened = np.empty(loud), np.empty(loud)
-    distances, heights = log_curve.shape[1], tables.shape[2]
+    heights = tables.shape[2]
     for k in range(angles_deg.size):
         for j in range(members.size):
             member = members[j]
             for i in range(samples):
                 distance = abs(heard_deg[i] - angles_deg[k])
-                near = min(int(distance / step_deg), distances - 2)
-                part = min(distance / step_deg - near, 1.0)
-                level[i] = (1 - part) * log_curve[member, near] + part * log_curve[member, near + 1]
+                level[i] = log_level(log_curve[member], distance / step_deg)
                 if i < loud:
                     place[i] = distance / (length * fwhm_deg[member])
                     value[i] = log_intensity[i] - level[i]

@@ -8,15 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from markerseek.core.compiled import compiled
-from markerseek.search.posterior._even import stray_of
-
-
-@compiled
-def _log_level(log_curve: Float64[np.ndarray, " distances"], place: float) -> float:
-    """Ln S at so many steps from the marker."""
-    near = min(int(place), log_curve.size - 2)
-    part = min(place - near, 1.0)
-    return float((1 - part) * log_curve[near] + part * log_curve[near + 1])
+from markerseek.search.posterior._even import log_level, stray_of
 
 
 @compiled
@@ -80,14 +72,14 @@ def expected_variance(
     for p in range(count):
         for i in range(loud):
             distance = abs(heard_deg[i] - theta_deg[p])
-            level = _log_level(log_curve[member[p]], distance / step_deg)
+            level = log_level(log_curve[member[p]], distance / step_deg)
             far[p, i] = distance / length_deg[member[p]]
             strayed[p, i] = (heard_log[i] - log_amplitude[p] - level) / stray_of(level, levels, strays)
     height, spread, sums = np.empty(count), np.empty(count), np.empty((3, count))
     for c in range(candidates_deg.size):
         for p in range(count):
             distance = abs(candidates_deg[c] - theta_deg[p])
-            level = _log_level(log_curve[member[p]], distance / step_deg)
+            level = log_level(log_curve[member[p]], distance / step_deg)
             stray, place = stray_of(level, levels, strays), distance / length_deg[member[p]]
             alike, expected = 0.0, 0.0
             for i in range(loud):
