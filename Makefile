@@ -17,7 +17,8 @@ demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
 
 test: .venv/dev  ## run every test
-	$(BIN)/python -m pytest -n 2 $(TESTS)
+	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
+	$(BIN)/python -m pytest -m real_time $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
 	$(BIN)/ruff check

@@ -21,6 +21,7 @@ from markerseek.emulators import PtyLine
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash
 
+pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 
 PULSES, RATE_HZ = 1000, 100

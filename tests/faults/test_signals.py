@@ -30,6 +30,7 @@ from markerseek.emulators.bench import EmulatedBench, ServingClock, serve
 from markerseek.records.journal import Recording, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
+pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 

@@ -24,6 +24,7 @@ from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.supervisor import Line, Supervisor
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, step_of, unpacked
 
+pytestmark = pytest.mark.real_time
 serial = pytest.importorskip("serial")
 
 SOON_S = 1.0

@@ -20,6 +20,7 @@ from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
 from markerseek.records.frame_files import load_frame
 
+pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
@@ -58,6 +59,7 @@ def markerseek(*words: object) -> list[str]:
 
 
 PATIENT = "[supervisor]\nlease_s = 1.0\n"
+"""A busy machine is no fault."""
 
 
 @contextmanager
@@ -78,8 +80,9 @@ def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emu
                 break
         assert process.poll() is None, process.communicate()
         devices = Emulation(process, folder / "bench")
-        if device == "bench":  # other tests keep the processors busy
-            devices.rig.write_text(devices.rig.read_text() + PATIENT)
+        if device == "bench":
+            rig = devices.rig.read_text().replace("[stage]", "[stage]\nbegin_s = 5\nage_s = 1")
+            devices.rig.write_text(rig.replace("[laser]", "[laser]\nanswer_s = 5") + PATIENT)
         yield devices
     finally:
         process.kill()
@@ -155,6 +158,15 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(shell: Shell, tmp
         assert (code, finding["state"]) == (0, "ok")
         assert "KDC101 27000001 at" in finding["detail"]
         assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
+        usual = devices.rig.read_text()
+        for name, wrong in (
+            ("age_s = 1", "age_s = 1.5"),
+            ("begin_s = 5", "begin_s = 6.0"),
+            ("answer_s = 5", "answer_s = 8.0"),
+        ):
+            devices.rig.write_text(usual.replace(name, wrong))
+            _, out, _ = shell("doctor", "--rig", devices.rig, "--json")
+            assert wrong.replace("=", "is") in out
         assert devices.end() == (0.0, 0.0, 0)
     code, out, _ = shell("doctor", "--rig", devices.rig, "--json")
     finding = json.loads(out)["findings"][-1]

@@ -12,6 +12,8 @@ from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
 
+pytestmark = pytest.mark.real_time
+
 SERVE = """
 from types import SimpleNamespace
 from markerseek.drivers.clock import SystemClock

@@ -156,6 +156,18 @@ def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_heard
         SystemClock(beat=lapsed).wait(1.0)
 
 
+def test_what_is_made_ready_changes_nothing_that_is_heard(tmp_path: Path) -> None:
+    heard = []
+    for warm in (False, True):
+        bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path)
+        if warm:
+            bench.daq.warm_up()
+        bench.world.flash(pulses=16, at_s=0.0)
+        assert len(bench.world.flashes) == 1
+        heard.append(bench.world.listen(bench.world.flashes[0]))
+    assert np.array_equal(*heard)
+
+
 def test_a_served_bench_answers_on_its_lines_and_an_error_of_the_writer_ends_it(tmp_path: Path) -> None:
     """In this thread, by a driver's end that is read between the ticks."""
     bench = EmulatedBench(settings=replace(SETTINGS), rng=np.random.default_rng(1), folder=tmp_path / "daq")

@@ -198,6 +198,9 @@ def test_a_lease_longer_than_the_protocol_s_and_a_dark_frame_without_triggers_ar
     bench = Bench()
     with pytest.raises(ConfigError, match="dark_triggers is 0"):
         LaserBox(port=bench.port, clock=bench.clock, dark_triggers=0)
+    for answer_s in (0.09, 5.1, math.nan):
+        with pytest.raises(ConfigError, match=f"answer_s is {answer_s} s"):
+            LaserBox(port=bench.port, clock=bench.clock, answer_s=answer_s)
 
 
 def test_an_open_interlock_fires_nothing_and_closing_it_gives_no_permit_back() -> None:

@@ -83,6 +83,8 @@ def _serve(
     from markerseek.emulators.bench import ServingClock, serve
 
     real = SystemClock()
+    if device in ("daq", "bench"):
+        emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
     clock = ServingClock(real)
     behind: dict[str, ByteDevice] = {"stage": emulated.stage, "laser": emulated.laser_box}
     with ExitStack() as opened:

@@ -18,9 +18,6 @@ _BEAT_S = 0.02
 """Time between two beats, in seconds: five in the longest lease."""
 
 _POLL_S = 0.002
-_ANSWER_S = 0.5
-"""Longest time for an answer, in seconds."""
-
 _LEAST_LEASE_MS = 50
 """Shortest lease that beats of this period keep alive with one of them lost, in milliseconds."""
 
@@ -55,6 +52,8 @@ class LaserBox:
         Pulses per second, a whole number.
     dark_triggers
         How often the acquisition is triggered for a dark frame: as often as for a lit one, so that both average alike.
+    answer_s
+        Longest time for an answer, in seconds.
 
     Raises
     ------
@@ -64,7 +63,9 @@ class LaserBox:
         If no box of this protocol answers.
     """
 
-    def __init__(self, *, port: Port, clock: Clock, rate_hz: float = 100.0, dark_triggers: int = 16) -> None:
+    def __init__(
+        self, *, port: Port, clock: Clock, rate_hz: float = 100.0, dark_triggers: int = 16, answer_s: float = 0.5
+    ) -> None:
         if not 1 <= rate_hz <= wire.MOST_RATE_HZ or rate_hz != round(rate_hz):
             raise ConfigError(
                 f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MOST_RATE_HZ}"
@@ -73,10 +74,13 @@ class LaserBox:
             raise ConfigError(
                 f"laser box: dark_triggers is {dark_triggers}, it must lie between 1 and {wire.MOST_PULSES}"
             )
+        if not 0.1 <= answer_s <= 5:
+            raise ConfigError(f"laser box: answer_s is {answer_s} s, it must lie between 0.1 and 5 s")
         self._port = port
         self._clock = clock
         self._rate_hz = round(rate_hz)
         self._dark_triggers = dark_triggers
+        self._answer_s = answer_s
         self._lines = wire.Lines()
         self._heard: list[bytes] = []
         self._used: set[str] = set()
@@ -175,12 +179,12 @@ class LaserBox:
         self._listen()
         self._heard.clear()
         self._port.write(wire.encode(ask))
-        if (answer := self._next(within_s=_ANSWER_S, after="PERMIT")) != wire.Permitted(token=self._token):
+        if (answer := self._next(within_s=self._answer_s, after="PERMIT")) != wire.Permitted(token=self._token):
             raise LaserError(f"laser box: {answer} answers the permit {self._token}; {_cure(answer)}")
         self._holds_permit = True
         self.beat()
         self._port.write(wire.encode(wire.Fire(token=self._token)))
-        done = self._next(within_s=triggers / self._rate_hz + _ANSWER_S, after="FIRE")
+        done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
         if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
         if not done.sent == done.photodiode == pulses:
@@ -192,7 +196,7 @@ class LaserBox:
 
     def _skip_to(self, kind: type[_Kind], *, after: str) -> _Kind:
         """The next reply of a kind; others, and damaged lines, are left over from before and passed by."""
-        ends_s = self._clock.now_s() + _ANSWER_S
+        ends_s = self._clock.now_s() + self._answer_s
         while True:
             try:
                 reply = self._next(within_s=ends_s - self._clock.now_s(), after=after)

@@ -31,6 +31,10 @@ class BenchStage:
         How it moves, in degrees per second and per second squared.
     approach_from, approach_deg
         Side from which every target is arrived at, and on how long a way, in degrees.
+    begin_s
+        How long it may stand still before it is taken to be stuck, in seconds.
+    age_s
+        How old the controller's answer may be, in seconds.
     """
 
     port: str
@@ -41,6 +45,8 @@ class BenchStage:
     acceleration_deg_s2: float = 10.0
     approach_from: Literal["below", "above"] = "below"
     approach_deg: float = 1.0
+    begin_s: float = 0.5
+    age_s: float = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +63,15 @@ class BenchLaser:
         Pulses averaged in one acquisition.
     rate_hz
         Pulses per second.
+    answer_s
+        Longest time for the laser box's answer, in seconds; a PicoLAS driver has its own.
     """
 
     port: str
     driver: Literal["laserbox", "picolas"] = "laserbox"
     pulses: int = 16
     rate_hz: float = 100.0
+    answer_s: float = 0.5
 
     def __post_init__(self) -> None:
         if not 1 <= self.pulses <= 1024:

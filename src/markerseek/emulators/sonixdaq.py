@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -109,6 +109,14 @@ class EmulatedSonixDaq:
         self._previous: list[bytes] = []
         self._queue: list[bytes] = []
         self._written = 0
+
+    def warm_up(self) -> None:
+        """Take an acquisition that nobody gets, so that the first real one finds its code loaded and its tables made.
+
+        The world, and what it draws next, stay as they are.
+        """
+        header = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+        deepcopy(self._world).frame(Flash(at_s=0.0, pulses=1, energy=1.0), header=header)
 
     def trigger(self, count: int) -> None:
         """Take an acquisition of so many triggers now, with the probe as it stands; all work is left to `advance`."""

@@ -160,7 +160,13 @@ def _lines(settings: BenchSettings) -> list[Line]:
 def _laser(settings: BenchSettings, port: Port, clock: Clock) -> Laser:
     if settings.laser.driver == "picolas":
         return picolas.PicolasLaser(port=port, clock=clock, rate_hz=settings.laser.rate_hz)
-    return LaserBox(port=port, clock=clock, rate_hz=settings.laser.rate_hz, dark_triggers=settings.laser.pulses)
+    return LaserBox(
+        port=port,
+        clock=clock,
+        rate_hz=settings.laser.rate_hz,
+        dark_triggers=settings.laser.pulses,
+        answer_s=settings.laser.answer_s,
+    )
 
 
 def _stage(settings: BenchSettings) -> StageSettings:
@@ -172,6 +178,8 @@ def _stage(settings: BenchSettings) -> StageSettings:
         acceleration_deg_s2=stage.acceleration_deg_s2,
         approach_from=stage.approach_from,
         approach_deg=stage.approach_deg,
+        begin_s=stage.begin_s,
+        age_s=stage.age_s,
         serial_number=stage.serial_number,
     )
 
