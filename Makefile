@@ -8,10 +8,10 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench faults kills mutants peers docs lock clean
+.PHONY: help demo test check bench faults failures kills mutants peers docs lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
@@ -32,6 +32,9 @@ bench: .venv-bench/ready  ## time the kernels side by side with other people's p
 faults: .venv/dev  ## break a device in 100,000 simulated runs and judge them by the truth (an hour; goes on where it stopped)
 	$(BIN)/python -m tests.faults.campaign --runs 100000 --frames 2000 --workers 2 --state out/faults.json \
 		--out docs/explanation/faults.md
+
+failures: .venv/dev  ## search under each fault of the table of failures 3,700 times (half an hour; goes on where it stopped)
+	$(BIN)/python -m tests.faults.campaign.failure_rows --workers 2 --out docs/explanation/failures.md
 
 kills: .venv/dev  ## kill 1,300 searches with -9 and go on with each (some 10 minutes)
 	TMPDIR=/dev/shm $(BIN)/python tests/faults/kill_campaign.py --kills 1300 --seed 1 --out docs/explanation/kills.txt

@@ -66,6 +66,21 @@ def test_the_long_campaign_runs_on_two_processes_and_goes_on_where_it_stopped(tm
     assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
 
 
+def test_the_rows_of_the_table_of_failures_are_added_as_they_are_done(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    page = tmp_path / "failures.md"
+    command = [sys.executable, "-m", "tests.faults.campaign.failure_rows", "--count", "2", "--out", str(page)]
+    for faults in (["dead"], ["dead", "narrow", "bursts"]):
+        subprocess.run([*command, "--faults", *faults], cwd=root, capture_output=True, check=True)
+    rows = [line.strip("| ").split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")][1:]
+    assert [(cells[0].split()[0], cells[2]) for cells in rows] == [
+        *(("dead", method) for method in ("TS", "GSS", "WA", "posterior")),
+        *(("narrow", method) for method in ("TS", "GSS", "WA", "posterior")),
+        ("bursts", "posterior"),
+    ]
+    assert [cells[1:2] + cells[3:] for cells in rows[:4]] == [["yes", "2", "0", "0.78", "100.0%"]] * 4
+
+
 def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) -> None:
     """In real time, unlike the rest: the lease of the supervisor's process lapses, and the search ends in FAULT."""
 

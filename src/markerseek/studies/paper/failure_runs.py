@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -77,6 +77,8 @@ class Fault:
         Whether it runs on frames of channel data instead of the curve.
     peak_counts, bursts
         Settings of a run on frames; None: the usual ones.
+    observable
+        Whether the evidence is in what the devices send; None without a fault.
     """
 
     words: str
@@ -88,22 +90,25 @@ class Fault:
     frames: bool = False
     peak_counts: float | None = None
     bursts: Bursts | None = None
+    observable: bool | None = True
 
 
 _HALF = 0.5 * 10 ** (WIDE.peak_snr_db / 20)
 
 FAULTS: dict[str, Fault] = {
-    "none": Fault(words="no fault"),
+    "none": Fault(words="no fault", observable=None),
     "no marker": Fault(words="no marker", present=False),
     "one NaN": Fault(words="one frame NaN", spoil=faults.nan_at),
     "all NaN": Fault(words="all frames NaN", spoil=lambda _: faults.nan_always),
     "dead": Fault(words="dead receiver: all intensities 0", spoil=lambda _: faults.dead),
     "late": Fault(words="frames one step late", spoil=lambda _: faults.late),
     "clipped": Fault(words="intensities clipped at 50 %", spoil=lambda _: faults.clipped(_HALF)),
-    "narrow": Fault(words="narrow curve over a noise floor, no fault", condition=NARROW),
-    "fading": Fault(words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING),
-    "moving": Fault(words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG),
-    "frames": Fault(words="no fault (from frames)", condition=FRAMED, frames=True),
+    "narrow": Fault(words="narrow curve over a noise floor, no fault", condition=NARROW, observable=None),
+    "fading": Fault(words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING, observable=False),
+    "moving": Fault(
+        words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG, observable=False
+    ),
+    "frames": Fault(words="no fault (from frames)", condition=FRAMED, frames=True, observable=None),
     "clipped channels": Fault(
         words="channels clipped at 50 % (from frames)", condition=FRAMED, frames=True, peak_counts=4094.0
     ),
@@ -119,9 +124,11 @@ FAULTS: dict[str, Fault] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One search under one fault."""
+    """One marker searched for under one fault, by bare rules and by ours."""
 
     fault: str
+    bare: tuple[Name, ...]
+    ours: tuple[Method, ...]
     marker_deg: float
     number: int
     seed: int
@@ -154,11 +161,42 @@ def outcomes_of(effort: Effort) -> list[Outcome]:
         What may be used.
     """
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
-    runs = []
+    runs: list[_Run] = []
     for name, fault in FAULTS.items():
         count = max(1, round((FRAMED_RUNS if fault.frames else RUNS) * effort.markers / PAPER_MARKERS))
-        for number, marker_deg in enumerate(rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)):
-            runs.append(_Run(fault=name, marker_deg=float(marker_deg), number=number, seed=int(rng.integers(2**31))))
+        runs += _runs(name, count, rng, bare=NAMES, ours=METHODS["ours"])
+    return _of_all(runs, effort)
+
+
+def outcomes_of_ours(fault: str, *, methods: tuple[Method, ...], count: int, effort: Effort) -> list[Outcome]:
+    """Outcomes of some methods, by our rules, under one fault.
+
+    Parameters
+    ----------
+    fault
+        Its name in `FAULTS`.
+    methods
+        Who searches.
+    count
+        Markers.
+    effort
+        What may be used; its markers do not count.
+    """
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 10, list(FAULTS).index(fault)])))
+    return _of_all(_runs(fault, count, rng, bare=(), ours=methods), effort)
+
+
+def _runs(
+    fault: str, count: int, rng: np.random.Generator, *, bare: tuple[Name, ...], ours: tuple[Method, ...]
+) -> list[_Run]:
+    places_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
+    return [
+        _Run(fault=fault, bare=bare, ours=ours, marker_deg=float(place), number=number, seed=int(rng.integers(2**31)))
+        for number, place in enumerate(places_deg)
+    ]
+
+
+def _of_all(runs: Sequence[_Run], effort: Effort) -> list[Outcome]:
     parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]
     return [outcome for part in effort.each(_outcomes, parts, what="failures") for outcome in part]
 
@@ -167,8 +205,10 @@ def _outcomes(runs: tuple[_Run, ...]) -> list[Outcome]:
     outcomes = []
     for run in runs:
         truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
-        answers: list[tuple[Rules, Method, float | None]] = [("the paper's", name, _bare(run, name)) for name in NAMES]
-        answers += [("ours", method, _guarded(run, method)) for method in METHODS["ours"]]
+        answers: list[tuple[Rules, Method, float | None]] = [
+            ("the paper's", name, _bare(run, name)) for name in run.bare
+        ]
+        answers += [("ours", method, _guarded(run, method)) for method in run.ours]
         for rules, method, angle_deg in answers:
             error_deg = None if angle_deg is None else angle_deg - truth_deg
             outcomes.append(Outcome(fault=run.fault, rules=rules, method=method, error_deg=error_deg))

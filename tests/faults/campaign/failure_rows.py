@@ -1,0 +1,81 @@
+"""The reproduction's table of failures for ours alone, row by row, with searches enough for a share of 1e-3.
+
+``python -m tests.faults.campaign.failure_rows --workers 2 --out docs/explanation/failures.md`` (half an hour): every
+method on intensities, the posterior alone from frames. Rows are added as they are done; those that are there already,
+from the same commit, are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.progress import Progress
+
+from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.failure_runs import FAULTS, METHODS, Method, Outcome, outcomes_of_ours
+from markerseek.studies.paper.failures import CLOSE_DEG
+
+from .tally import upper95
+
+HEAD = (
+    "| fault | to be seen | method | searches | found and off by more than 1° | upper 95 % limit | no angle |\n"
+    "|---|---|---|---|---|---|---|\n"
+)
+
+
+def row(words: str, seen: bool | None, method: Method, outcomes: Sequence[Outcome]) -> str:
+    """Line of the table for one method under one fault."""
+    errors = [abs(each.error_deg) for each in outcomes if each.error_deg is not None]
+    off, count = sum(error > CLOSE_DEG for error in errors), len(outcomes)
+    told, none = {None: "", True: "yes", False: "no"}[seen], 1 - len(errors) / count
+    return f"| {words} | {told} | {method} | {count:,} | {off} | {upper95(off, count):.2g} | {none:.1%} |\n"
+
+
+def commit() -> str:
+    """Commit of the working tree, and whether the package was changed since."""
+    root = Path(__file__).parents[3]
+    at = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, check=True).stdout
+    changed = subprocess.run(["git", "status", "--porcelain", "src"], cwd=root, capture_output=True, check=True).stdout
+    return at[:12] + (" with changes" if changed.strip() else "")
+
+
+def main() -> None:
+    """Add to the page the rows that are missing."""
+    parser = argparse.ArgumentParser(description="table of failures, for ours alone")
+    parser.add_argument("--count", type=int, default=3700, help="markers of each fault")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--faults", nargs="+", choices=tuple(FAULTS), default=tuple(FAULTS))
+    parser.add_argument("--out", type=Path, required=True, help="page of the table")
+    words = parser.parse_args()
+    head = (
+        "# The table of failures, for ours alone\n\n"
+        f"Made from commit {commit()} by `python -m tests.faults.campaign.failure_rows --count {words.count} "
+        f"--seed {words.seed}`. Limits are one-sided (Clopper-Pearson). All of it is simulated; the "
+        f"report of `markerseek reproduce failures` says what each fault does.\n\n{HEAD}"
+    )
+    done = words.out.read_text() if words.out.is_file() else ""
+    page = done if done.startswith(head) else head
+    with Progress() as progress:
+        for name in words.faults:
+            fault = FAULTS[name]
+            if f"| {fault.words} |" in page:
+                continue
+            methods: tuple[Method, ...] = ("posterior",) if fault.frames else METHODS["ours"]
+            bar = progress.add_task(fault.words)
+            effort = Effort(
+                seed=words.seed,
+                workers=words.workers,
+                advance=lambda _what, part, parts, bar=bar: progress.update(bar, completed=part, total=parts),
+            )
+            outcomes = outcomes_of_ours(name, methods=methods, count=words.count, effort=effort)
+            for method in methods:
+                page += row(fault.words, fault.observable, method, [o for o in outcomes if o.method == method])
+            words.out.write_text(page)
+
+
+if __name__ == "__main__":
+    main()
