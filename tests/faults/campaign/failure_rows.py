@@ -15,7 +15,8 @@ from pathlib import Path
 from rich.progress import Progress
 
 from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.failure_runs import FAULTS, METHODS, Method, Outcome, outcomes_of_ours
+from markerseek.studies.paper.failure_kinds import FAULTS
+from markerseek.studies.paper.failure_runs import METHODS, Method, Outcome, outcomes_of_ours
 from markerseek.studies.paper.failures import CLOSE_DEG
 
 from .tally import upper95

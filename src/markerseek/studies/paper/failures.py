@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.failure_runs import FAULTS, MARKERS_DEG, METHODS, NARROW, WIDE, Outcome, outcomes_of
+from markerseek.studies.paper.failure_kinds import FAULTS, NARROW, WIDE
+from markerseek.studies.paper.failure_runs import MARKERS_DEG, METHODS, Outcome, outcomes_of
 from markerseek.studies.paper.reported import SENSITIVE_DEG
 from markerseek.studies.paper.section import Cell, Section, Table
 from markerseek.studies.statistics import Share, clopper_pearson
@@ -38,8 +39,9 @@ def failures(effort: Effort) -> Section:
             ),
             (
                 f"Off: an angle is claimed and lies more than {SENSITIVE_DEG}° from the marker; without a marker, from "
-                "where it would have been. No angle: refused, not found, at a bound or unsure; of the bare rules, a "
-                "result that is no number."
+                "where it would have been; of one that moves, from where it is then, so that a search that ended "
+                "before, as the posterior's did, is off by as far. No angle: refused, not found, at a bound or unsure; "
+                "of the bare rules, a result that is no number."
             ),
         ),
         tables=(_table(outcomes),),
