@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Int16
+from jaxtyping import Float32, Int16
 
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
 from markerseek.core import ChannelFrame, Frame, FrameHeader
@@ -103,5 +104,15 @@ class World:
             self._rng, channels=model.probe.array.elements, samples=model.samples, sampling_hz=model.sampling_hz
         )
         if flash is not None:
-            heard += np.float32(flash.energy) * model.channel_data(self._absorbers, angle_deg=self.angle_deg)
+            heard += np.float32(flash.energy) * _without_noise(model, self._absorbers, self.angle_deg)
         return self._digitiser.digitise(heard)
+
+
+@lru_cache(maxsize=1)
+def _without_noise(
+    model: AcousticModel, absorbers: tuple[Absorber, ...], angle_deg: float
+) -> Float32[np.ndarray, "channels samples"]:
+    """Channel data of the absorbers; kept, since worlds that differ in their noise alone are heard in turn."""
+    heard = model.channel_data(absorbers, angle_deg=angle_deg)
+    heard.flags.writeable = False
+    return heard

@@ -60,9 +60,9 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scan:
-    """One bank to be made."""
+    """Banks of one place to be made, one for each noise."""
 
-    recording: Recording
+    recordings: tuple[Recording, ...]
     marker: MarkerSettings
     step_deg: float
     seed: int
@@ -95,38 +95,42 @@ def simulated_banks(folder: Path, effort: Effort, *, levels_db: Sequence[float] 
         places = grid(np.random.Generator(np.random.PCG64(seeds)))
         count = 1 if material == ONE_BANK else max(2, round(len(places) * effort.share))
         for position, marker in enumerate(places[:count], start=1):
-            for level_db in levels_db:
-                recording = Recording(
+            recordings = tuple(
+                Recording(
                     path=folder / f"{tissue}-{level_db:g}dB-{position}.csv",
                     material=material,
                     position=position,
                     peak_snr_db=level_db,
                     reference_deg=marker.angle_deg,
                 )
-                seed = 1000 * effort.seed + 10 * number + position
-                scans.append(_Scan(recording=recording, marker=marker, step_deg=step_deg, seed=seed))
+                for level_db in levels_db
+            )
+            seed = 1000 * effort.seed + 10 * number + position
+            scans.append(_Scan(recordings=recordings, marker=marker, step_deg=step_deg, seed=seed))
     effort.each(_scan, scans, what="offline banks, from channel data")
-    return [scan.recording for scan in scans]
+    return [recording for scan in scans for recording in scan.recordings]
 
 
 def _scan(scan: _Scan) -> None:
-    recording = scan.recording
     settings = SimulatedSettings(
-        tissue=TISSUES[recording.material],
+        tissue=TISSUES[scan.recordings[0].material],
         marker=scan.marker,
-        noise=NoiseSettings(peak_snr_db=recording.peak_snr_db or 0.0),
         receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
     )
-    rig = rigs.simulated(seed=scan.seed, settings=replace(settings, start_deg=settings.limits.search.low_deg))
-    search = rig.limits.search
+    search = settings.limits.search
+    settings = replace(settings, start_deg=search.low_deg)
+    noises = [NoiseSettings(peak_snr_db=recording.peak_snr_db or 0.0) for recording in scan.recordings]
+    scanners = [rigs.simulated(seed=scan.seed, settings=replace(settings, noise=noise)).scanner for noise in noises]
     asked = np.linspace(search.low_deg, search.high_deg, round(search.width_deg / scan.step_deg) + 1)
-    heard = [rig.scanner.measure(float(angle_deg)) for angle_deg in asked]
-    bank = IntensityBank(
-        # The ends are kept as asked, so that a search over the whole range finds all of it recorded.
-        angles_deg=(float(asked[0]), *(sample.angle_deg for sample in heard[1:-1]), float(asked[-1])),
-        intensities=tuple(sample.reading.intensity for sample in heard),
-    )
-    write_bank(bank, recording.path)
+    # In turn at each angle, where all of them hear the same but for the noise: that is computed once.
+    heard = [[scanner.measure(float(angle_deg)) for scanner in scanners] for angle_deg in asked]
+    for recording, samples in zip(scan.recordings, zip(*heard, strict=True), strict=True):
+        bank = IntensityBank(
+            # The ends are kept as asked, so that a search over the whole range finds all of it recorded.
+            angles_deg=(float(asked[0]), *(sample.angle_deg for sample in samples[1:-1]), float(asked[-1])),
+            intensities=tuple(sample.reading.intensity for sample in samples),
+        )
+        write_bank(bank, recording.path)
 
 
 def as_intensities(recording: Recording, folder: Path, effort: Effort) -> Recording:
