@@ -1,114 +1,22 @@
-"""Runs that go on after an end: equal to the whole run, never without arming, never on a rig that has changed."""
+"""Runs that go on after an end: equal to the whole run, never without arming, never with another policy."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
+from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
 
-from markerseek import rigs
-from markerseek.core import (
-    AcquisitionError,
-    Asked,
-    DeviceError,
-    Event,
-    Failed,
-    Finished,
-    Frame,
-    Measured,
-    MoveError,
-    Policy,
-    Reader,
-    Reading,
-    RecordError,
-)
+from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, RecordError
 from markerseek.guard import State
-from markerseek.records.journal import (
-    Checked,
-    Configuration,
-    Journal,
-    Recording,
-    Resuming,
-    read_journal,
-    result_of,
-    standing,
-    verify,
-)
-from markerseek.rigs import Rig
-from markerseek.rigs.again import differences, next_angle, policy_again, reader_again, rig_again
-from markerseek.rigs.journalled import configuration_of, journalled
-from markerseek.rigs.resemblance import change_of
+from markerseek.records.journal import Journal, read_journal, result_of, standing, verify
+from markerseek.rigs.again import differences, next_angle, reader_again
+from markerseek.rigs.journalled import journalled
 from markerseek.rigs.resuming import resumed
 from markerseek.search import build
-from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
-
-METHOD, ACQUISITIONS, SEED, MARKER_DEG = "golden-section", 8, 5, -9.4
-
-
-class Refusing:
-    """A reader that refuses each fourth frame."""
-
-    def __init__(self, reader: Reader) -> None:
-        self._reader = reader
-
-    def read(self, frame: Frame) -> Reading:
-        if frame.header.sequence % 4 == 0:
-            raise AcquisitionError("a frame that this test refuses")
-        return self._reader.read(frame)
-
-
-def begin(*, marker_deg: float = MARKER_DEG, snr_db: float = 40.0) -> tuple[Policy, Rig, Configuration]:
-    rig = rigs.of_intensities(
-        seed=SEED,
-        curve=GaussianCurve(fwhm_deg=12.0),
-        marker_deg=marker_deg,
-        settings=SimulatedSettings(noise=NoiseSettings(peak_snr_db=snr_db)),
-    )
-    rig.scanner._reader = Refusing(rig.scanner._reader)
-    start_deg = rig.stage.angle_deg
-    policy = build(METHOD, limits=rig.limits.search, acquisitions=ACQUISITIONS, start_deg=start_deg)
-    return policy, rig, configured(rig)
-
-
-def configured(rig: Rig, **changes: object) -> Configuration:
-    plain = configuration_of(
-        rig,
-        method=METHOD,
-        acquisitions=ACQUISITIONS,
-        as_published=False,
-        start_deg=rig.stage.angle_deg,
-        dark_frames=rig.dark_frames,
-        stay=False,
-        seed=SEED,
-    )
-    return msgspec.structs.replace(plain, **changes)
-
-
-def live(path: Path, *, until: int | None = None) -> list[Event]:
-    """The events of a run, or as many as there are until it is stopped."""
-    policy, rig, configuration = begin()
-    heard: list[Event] = []
-    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
-        for event in events:
-            heard.append(event)
-            if len(heard) == until:
-                break
-    return heard
-
-
-def go_on(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> list[Event]:
-    policy, same, _ = begin()
-    journal, held = Journal.reopen(path)
-    with journal:
-        return list(resumed(policy, rig or same, journal, held, by="a person", reset_fault=reset_fault))
-
-
-def times_and_events(held: Recording) -> list[tuple[object, float]]:
-    return [(entry.event, entry.clock_s) for entry in held.entries if not isinstance(entry.event, Resuming | Checked)]
 
 
 @pytest.fixture(scope="module")
@@ -168,49 +76,6 @@ def test_the_next_angle_is_the_one_that_was_asked_for(whole: Path, tmp_path: Pat
     measured = sum(isinstance(event, Measured) for event in heard)
     assert len(asked) in (measured, measured + 1)
     assert next_angle(read_journal(path), begin()[0]) == following[measured]
-
-
-def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    heard = live(path, until=20)
-    strongest = max(
-        (event.sample for event in heard if isinstance(event, Measured) and not event.sample.dark),
-        key=lambda sample: sample.reading.intensity,
-    )
-    policy, rig, _ = begin()
-    targets: list[float] = []
-    move_to = rig.stage.move_to
-    rig.stage.move_to = lambda angle_deg: (targets.append(angle_deg), move_to(angle_deg))[1]  # type: ignore[method-assign]
-    journal, held = Journal.reopen(path)
-    with journal:
-        list(resumed(policy, rig, journal, held, by="a person"))
-    assert strongest.frame is not None
-    assert targets[0] == strongest.frame.header.commanded_deg
-    note, checked = [e.event for e in read_journal(path).entries if isinstance(e.event, Resuming | Checked)]
-    assert isinstance(note, Resuming)
-    assert (note.by, note.fault_reset) == ("a person", False)
-    assert note.check_deg == pytest.approx(strongest.angle_deg, abs=0.01)
-    assert isinstance(checked, Checked)
-    assert checked.difference is None
-
-
-@pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
-def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: float, tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    live(path, until=20)
-    before = times_and_events(read_journal(path))
-    _, other, _ = begin(marker_deg=MARKER_DEG + moved_deg)
-    with pytest.raises(AcquisitionError, match=r"the intensity is .* and was .*begin a new search"):
-        go_on(path, rig=other)
-    assert other.scanner.guard.state is State.DISARMED
-    held = read_journal(path)
-    assert times_and_events(held) == before
-    checked = held.entries[-1].event
-    assert isinstance(checked, Checked)
-    assert checked.difference is not None
-    assert standing(held.entries).state == "open"
-    go_on(path)
-    assert standing(read_journal(path).entries).state == "finished"
 
 
 def test_a_fault_is_left_by_a_reset_only(tmp_path: Path) -> None:
@@ -309,117 +174,3 @@ def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path:
     Journal.create(path, begin()[2]).close()
     go_on(path)
     assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
-
-
-def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
-    held = read_journal(whole)
-    assert differences(held, begin()[0], reader_again(held.configuration)) == []
-    assert differences(held, build("ternary", acquisitions=ACQUISITIONS), reader_again(held.configuration)) != []
-
-
-class Louder:
-    def __init__(self, reader: Reader) -> None:
-        self._reader = reader
-
-    def read(self, frame: Frame) -> Reading:
-        reading = self._reader.read(frame)
-        return replace(reading, intensity=reading.intensity * (1 + 1e-15))
-
-
-def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
-    rig = rigs.simulated(seed=2, marker_deg=4.0)
-    path = tmp_path / "run.journal"
-    configuration = configured(rig, dark_frames=1)
-    policy = policy_again(configuration)
-    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
-        for _ in range(8):
-            next(events)
-    held = read_journal(path)
-    reader = reader_again(configuration)
-    assert differences(held, policy_again(configuration), reader) == []
-    found = differences(held, policy_again(configuration), Louder(reader))
-    assert found
-    assert "its frame is read as" in found[0]
-
-
-def test_a_rig_is_put_together_again_from_its_settings(tmp_path: Path) -> None:
-    settings = SimulatedSettings(tissue="liver", start_deg=3.0)
-    rig = rigs.simulated(seed=9, settings=settings)
-    again = rig_again(configured(rig))
-    assert (again.configuration, again.truth_deg, again.description) == (
-        rig.configuration,
-        rig.truth_deg,
-        rig.description,
-    )
-    assert again.stage.angle_deg == rig.stage.angle_deg
-    with pytest.raises(RecordError, match="not the same any more"):
-        rig_again(configured(rig, fingerprint="0" * 32))
-    with pytest.raises(RecordError, match="from Python, with the rig"):
-        rig_again(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
-
-
-def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -> None:
-    scan = tmp_path / "scan.csv"
-    rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
-    scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
-
-    def begin_replay() -> tuple[Policy, Rig, Configuration]:
-        rig = rigs.replayed(scan)
-        configuration = configured(rig, start_deg=rig.stage.angle_deg)
-        return policy_again(configuration), rig, configuration
-
-    def run_until(path: Path, until: int) -> None:
-        policy, rig, configuration = begin_replay()
-        with Journal.create(path, configuration) as journal:
-            events: Generator[Event, None, None] = journalled(policy, rig, journal)
-            with closing(events):
-                for count, _ in enumerate(events, start=1):
-                    if count == until:
-                        break
-
-    whole, part = tmp_path / "whole.journal", tmp_path / "part.journal"
-    run_until(whole, 1000)
-    run_until(part, 7)
-    journal, held = Journal.reopen(part)
-    with journal:
-        rig = rig_again(held.configuration)
-        list(resumed(policy_again(held.configuration), rig, journal, held, by="a person"))
-    assert times_and_events(read_journal(part)) == times_and_events(read_journal(whole))
-    scan.write_text(scan.read_text().replace("0,", "0,1", 1))
-    with pytest.raises(RecordError, match="was the recording changed"):
-        rig_again(held.configuration)
-
-
-LOUD = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
-
-
-@pytest.mark.parametrize(
-    ("before", "now", "said"),
-    [
-        (LOUD, LOUD, None),
-        (LOUD, replace(LOUD, intensity=115.0), None),
-        (LOUD, replace(LOUD, intensity=85.0), None),
-        (LOUD, replace(LOUD, intensity=120.0), "intensity"),
-        (LOUD, replace(LOUD, intensity=80.0), "intensity"),
-        (LOUD, replace(LOUD, lateral_m=0.0115), "lateral_m"),
-        (LOUD, replace(LOUD, depth_m=0.0485), "depth_m"),
-        (LOUD, replace(LOUD, depth_m=None), None),
-        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=6.0, depth_m=0.02), None),
-        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=14.0), "intensity"),
-        (Reading(intensity=100.0), Reading(intensity=91.0), None),
-        (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
-    ],
-)
-def test_what_chance_can_explain_and_what_it_cannot(before: Reading, now: Reading, said: str | None) -> None:
-    for first, second in ((before, now), (now, before)):
-        change = change_of(first, second)
-        assert (change is None) if said is None else (change is not None and said in change)
-
-
-def test_an_unchanged_rig_is_rarely_refused() -> None:
-    """500 pairs of readings at the peak of one rig, as noisy as a search still finds: none seems changed."""
-    _, rig, _ = begin(snr_db=20.0)
-    rig.arm(by="a person")
-    rig.scanner._reader = rig.scanner._reader._reader
-    readings = [rig.scanner.measure(MARKER_DEG).reading for _ in range(1000)]
-    assert [change_of(*pair) for pair in zip(readings[::2], readings[1::2], strict=True)] == [None] * 500

@@ -1,0 +1,81 @@
+"""Simulated runs that keep a journal, for tests: begun, stopped after some event, and gone on with."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from markerseek import rigs
+from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading
+from markerseek.records.journal import Checked, Configuration, Journal, Recording, Resuming
+from markerseek.rigs import Rig
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.resuming import resumed
+from markerseek.search import build
+from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
+
+METHOD, ACQUISITIONS, SEED, MARKER_DEG = "golden-section", 8, 5, -9.4
+
+
+class Refusing:
+    """A reader that refuses each fourth frame."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    def read(self, frame: Frame) -> Reading:
+        if frame.header.sequence % 4 == 0:
+            raise AcquisitionError("a frame that this test refuses")
+        return self._reader.read(frame)
+
+
+def begin(*, marker_deg: float = MARKER_DEG, snr_db: float = 40.0) -> tuple[Policy, Rig, Configuration]:
+    rig = rigs.of_intensities(
+        seed=SEED,
+        curve=GaussianCurve(fwhm_deg=12.0),
+        marker_deg=marker_deg,
+        settings=SimulatedSettings(noise=NoiseSettings(peak_snr_db=snr_db)),
+    )
+    rig.scanner._reader = Refusing(rig.scanner._reader)
+    start_deg = rig.stage.angle_deg
+    policy = build(METHOD, limits=rig.limits.search, acquisitions=ACQUISITIONS, start_deg=start_deg)
+    return policy, rig, configured(rig)
+
+
+def configured(rig: Rig, **changes: object) -> Configuration:
+    plain = configuration_of(
+        rig,
+        method=METHOD,
+        acquisitions=ACQUISITIONS,
+        as_published=False,
+        start_deg=rig.stage.angle_deg,
+        dark_frames=rig.dark_frames,
+        stay=False,
+        seed=SEED,
+    )
+    return msgspec.structs.replace(plain, **changes)
+
+
+def live(path: Path, *, until: int | None = None) -> list[Event]:
+    """The events of a run, or as many as there are until it is stopped."""
+    policy, rig, configuration = begin()
+    heard: list[Event] = []
+    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
+        for event in events:
+            heard.append(event)
+            if len(heard) == until:
+                break
+    return heard
+
+
+def go_on(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> list[Event]:
+    policy, same, _ = begin()
+    journal, held = Journal.reopen(path)
+    with journal:
+        return list(resumed(policy, rig or same, journal, held, by="a person", reset_fault=reset_fault))
+
+
+def times_and_events(held: Recording) -> list[tuple[object, float]]:
+    return [(entry.event, entry.clock_s) for entry in held.entries if not isinstance(entry.event, Resuming | Checked)]

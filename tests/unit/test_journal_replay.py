@@ -1,0 +1,107 @@
+"""What a journal gives again by itself: the result from the frames, the rig, a run on a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from journalled_runs import ACQUISITIONS, begin, configured, live, times_and_events
+
+from markerseek import rigs
+from markerseek.core import Event, Frame, Policy, Reader, Reading, RecordError
+from markerseek.records.journal import Configuration, Journal, read_journal
+from markerseek.rigs import Rig
+from markerseek.rigs.again import differences, policy_again, reader_again, rig_again
+from markerseek.rigs.journalled import journalled
+from markerseek.rigs.resuming import resumed
+from markerseek.search import build
+from markerseek.sim import SimulatedSettings
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "run.journal"
+    live(path)
+    return path
+
+
+def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
+    held = read_journal(whole)
+    assert differences(held, begin()[0], reader_again(held.configuration)) == []
+    assert differences(held, build("ternary", acquisitions=ACQUISITIONS), reader_again(held.configuration)) != []
+
+
+class Louder:
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    def read(self, frame: Frame) -> Reading:
+        reading = self._reader.read(frame)
+        return replace(reading, intensity=reading.intensity * (1 + 1e-15))
+
+
+def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
+    rig = rigs.simulated(seed=2, marker_deg=4.0)
+    path = tmp_path / "run.journal"
+    configuration = configured(rig, dark_frames=1)
+    policy = policy_again(configuration)
+    with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
+        for _ in range(8):
+            next(events)
+    held = read_journal(path)
+    reader = reader_again(configuration)
+    assert differences(held, policy_again(configuration), reader) == []
+    found = differences(held, policy_again(configuration), Louder(reader))
+    assert found
+    assert "its frame is read as" in found[0]
+
+
+def test_a_rig_is_put_together_again_from_its_settings(tmp_path: Path) -> None:
+    settings = SimulatedSettings(tissue="liver", start_deg=3.0)
+    rig = rigs.simulated(seed=9, settings=settings)
+    again = rig_again(configured(rig))
+    assert (again.configuration, again.truth_deg, again.description) == (
+        rig.configuration,
+        rig.truth_deg,
+        rig.description,
+    )
+    assert again.stage.angle_deg == rig.stage.angle_deg
+    with pytest.raises(RecordError, match="not the same any more"):
+        rig_again(configured(rig, fingerprint="0" * 32))
+    with pytest.raises(RecordError, match="from Python, with the rig"):
+        rig_again(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
+
+
+def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -> None:
+    scan = tmp_path / "scan.csv"
+    rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
+    scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
+
+    def begin_replay() -> tuple[Policy, Rig, Configuration]:
+        rig = rigs.replayed(scan)
+        configuration = configured(rig, start_deg=rig.stage.angle_deg)
+        return policy_again(configuration), rig, configuration
+
+    def run_until(path: Path, until: int) -> None:
+        policy, rig, configuration = begin_replay()
+        with Journal.create(path, configuration) as journal:
+            events: Generator[Event, None, None] = journalled(policy, rig, journal)
+            with closing(events):
+                for count, _ in enumerate(events, start=1):
+                    if count == until:
+                        break
+
+    whole, part = tmp_path / "whole.journal", tmp_path / "part.journal"
+    run_until(whole, 1000)
+    run_until(part, 7)
+    journal, held = Journal.reopen(part)
+    with journal:
+        rig = rig_again(held.configuration)
+        list(resumed(policy_again(held.configuration), rig, journal, held, by="a person"))
+    assert times_and_events(read_journal(part)) == times_and_events(read_journal(whole))
+    scan.write_text(scan.read_text().replace("0,", "0,1", 1))
+    with pytest.raises(RecordError, match="was the recording changed"):
+        rig_again(held.configuration)

@@ -1,0 +1,93 @@
+"""Before a run goes on, its strongest angle is measured again: what has changed beyond chance is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from journalled_runs import MARKER_DEG, begin, go_on, live, times_and_events
+
+from markerseek.core import AcquisitionError, Measured, Reading
+from markerseek.guard import State
+from markerseek.records.journal import Checked, Journal, Resuming, read_journal, standing
+from markerseek.rigs.resemblance import change_of
+from markerseek.rigs.resuming import resumed
+
+
+def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    heard = live(path, until=20)
+    strongest = max(
+        (event.sample for event in heard if isinstance(event, Measured) and not event.sample.dark),
+        key=lambda sample: sample.reading.intensity,
+    )
+    policy, rig, _ = begin()
+    targets: list[float] = []
+    move_to = rig.stage.move_to
+    rig.stage.move_to = lambda angle_deg: (targets.append(angle_deg), move_to(angle_deg))[1]  # type: ignore[method-assign]
+    journal, held = Journal.reopen(path)
+    with journal:
+        list(resumed(policy, rig, journal, held, by="a person"))
+    assert strongest.frame is not None
+    assert targets[0] == strongest.frame.header.commanded_deg
+    note, checked = [e.event for e in read_journal(path).entries if isinstance(e.event, Resuming | Checked)]
+    assert isinstance(note, Resuming)
+    assert (note.by, note.fault_reset) == ("a person", False)
+    assert note.check_deg == pytest.approx(strongest.angle_deg, abs=0.01)
+    assert isinstance(checked, Checked)
+    assert checked.difference is None
+
+
+@pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
+def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=20)
+    before = times_and_events(read_journal(path))
+    _, other, _ = begin(marker_deg=MARKER_DEG + moved_deg)
+    with pytest.raises(AcquisitionError, match=r"the intensity is .* and was .*begin a new search"):
+        go_on(path, rig=other)
+    assert other.scanner.guard.state is State.DISARMED
+    held = read_journal(path)
+    assert times_and_events(held) == before
+    checked = held.entries[-1].event
+    assert isinstance(checked, Checked)
+    assert checked.difference is not None
+    assert standing(held.entries).state == "open"
+    go_on(path)
+    assert standing(read_journal(path).entries).state == "finished"
+
+
+LOUD = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "said"),
+    [
+        (LOUD, LOUD, None),
+        (LOUD, replace(LOUD, intensity=115.0), None),
+        (LOUD, replace(LOUD, intensity=85.0), None),
+        (LOUD, replace(LOUD, intensity=120.0), "intensity"),
+        (LOUD, replace(LOUD, intensity=80.0), "intensity"),
+        (LOUD, replace(LOUD, lateral_m=0.0115), "lateral_m"),
+        (LOUD, replace(LOUD, depth_m=0.0485), "depth_m"),
+        (LOUD, replace(LOUD, depth_m=None), None),
+        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=6.0, depth_m=0.02), None),
+        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=14.0), "intensity"),
+        (Reading(intensity=100.0), Reading(intensity=91.0), None),
+        (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
+    ],
+)
+def test_what_chance_can_explain_and_what_it_cannot(before: Reading, now: Reading, said: str | None) -> None:
+    for first, second in ((before, now), (now, before)):
+        change = change_of(first, second)
+        assert (change is None) if said is None else (change is not None and said in change)
+
+
+def test_an_unchanged_rig_is_rarely_refused() -> None:
+    """500 pairs of readings at the peak of one rig, as noisy as a search still finds: none seems changed."""
+    _, rig, _ = begin(snr_db=20.0)
+    rig.arm(by="a person")
+    rig.scanner._reader = rig.scanner._reader._reader
+    readings = [rig.scanner.measure(MARKER_DEG).reading for _ in range(1000)]
+    assert [change_of(*pair) for pair in zip(readings[::2], readings[1::2], strict=True)] == [None] * 500
