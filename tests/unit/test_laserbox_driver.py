@@ -1,0 +1,155 @@
+"""The laser box's driver against its emulator: what is permitted is fired and counted, and nothing else ever is."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import pytest
+from laserbox_bench import Bench, permit
+
+from markerseek.core import ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.emulators import DirectPort
+from markerseek.sim import VirtualClock
+from markerseek.wire import laserbox as wire
+
+
+def test_the_pulses_come_at_their_rate_and_are_counted() -> None:
+    bench = Bench()
+    assert bench.driver(rate_hz=50).fire(permit(pulses=16)) == 16
+    times = [pulse.at_s for pulse in bench.box.pulses]
+    assert [later - sooner for sooner, later in itertools.pairwise(times)] == pytest.approx([0.02] * 15)
+    assert {pulse.angle_deg for pulse in bench.box.pulses} == {3.0}
+    assert [flash.pulses for flash in bench.world.flashes] == [16]
+    assert bench.triggers == [16]
+
+
+def test_a_train_longer_than_many_leases_is_kept_alive_by_beats() -> None:
+    bench = Bench(lease_ms=50)
+    assert bench.driver(rate_hz=20).fire(permit(pulses=128)) == 128
+
+
+def test_a_dark_frame_triggers_the_acquisition_as_often_as_a_lit_one_and_no_light_falls() -> None:
+    bench = Bench()
+    assert bench.driver().fire(permit(pulses=0)) == 0
+    assert (bench.triggers, bench.box.pulses, bench.world.flashes) == ([16], [], [])
+
+
+def test_permits_are_used_once_also_by_a_second_program() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    driver.fire(permit("a"))
+    with pytest.raises(LaserError, match="used before"):
+        driver.fire(permit("a"))
+    assert bench.driver().fire(permit("a")) == 16  # a later program goes on with the box's own counter
+    assert len(bench.box.pulses) == 32
+
+
+@pytest.mark.parametrize("expires_s", [-math.inf, 0.0, 0.1, math.nan])
+def test_a_permit_that_ends_before_its_pulses_fires_none(expires_s: float) -> None:
+    bench = Bench()
+    with pytest.raises(LaserError, match="nothing was fired"):
+        bench.driver().fire(permit(expires_s=expires_s))
+    assert bench.box.pulses == []
+
+
+@pytest.mark.parametrize("change", [{"laser_dead": True}, {"photodiode_dead": True}, {"extra_pulses": 1}])
+def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(change: dict[str, bool | int]) -> None:
+    bench = Bench()
+    driver = bench.driver()
+    for name, value in change.items():
+        setattr(bench.faults, name, value)
+    with pytest.raises(LaserError, match=r"16 pulses were permitted, 1[67] sent and (0|17) seen"):
+        driver.fire(permit())
+    assert not bench.box.permitted
+
+
+def test_a_silent_box_is_told_to_disarm_and_given_up_in_time() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    bench.faults.silent = True
+    began_s = bench.clock.now_s()
+    with pytest.raises(DeviceTimeoutError, match="no answer to PERMIT in time"):
+        driver.fire(permit())
+    with pytest.raises(DeviceTimeoutError, match="no answer to DISARM"):
+        driver.disarm()
+    assert bench.clock.now_s() - began_s < 2
+    assert not bench.box.permitted
+    assert bench.box.pulses == []
+
+
+def test_no_box_at_all_is_not_connected() -> None:
+    bench = Bench()
+    bench.faults.silent = True
+    with pytest.raises(NotConnectedError, match="nothing answers HELLO"):
+        bench.driver()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 2}, "speaks version 2 of its protocol, 1 is needed"),
+        ({"lease_ms": 40}, "its lease is 40 ms, it must lie between 50 and 100 ms"),
+        ({"lease_ms": 5000}, "its lease is 5000 ms"),
+    ],
+)
+def test_a_box_of_another_kind_is_not_connected(change: dict[str, int], message: str) -> None:
+    greeting = wire.Greeting(identity="other", version=1, lease_ms=100, last_token=0)
+    told = wire.encode(replace(greeting, **change))
+
+    class Other:
+        def advance(self, now_s: float) -> bytes:
+            return b""
+
+        def feed(self, data: bytes) -> bytes:
+            return b"half a line\n" + told if b"HELLO" in data else b""
+
+    clock = VirtualClock()
+    with pytest.raises(NotConnectedError, match=message):
+        LaserBox(port=DirectPort(device=Other(), clock=clock), clock=clock)
+
+
+@pytest.mark.parametrize("answer", [wire.Permitted(token=2), wire.Done(token=9, sent=16, photodiode=16)])
+def test_an_answer_to_something_else_is_no_answer(answer: wire.Reply) -> None:
+    bench = Bench()
+    driver = bench.driver()
+    feed = bench.box.feed
+
+    def confused(data: bytes) -> bytes:
+        wanted = b"PERMIT" if isinstance(answer, wire.Permitted) else b"FIRE"
+        return wire.encode(answer) if data.startswith(wanted) else feed(data)
+
+    bench.box.feed = confused  # type: ignore[method-assign]
+    with pytest.raises(LaserError, match=r"answers the (permit|firing of) 1"):
+        driver.fire(permit())
+    assert bench.box.pulses == []
+
+
+def test_a_lease_longer_than_the_protocol_s_and_a_dark_frame_without_triggers_are_refused() -> None:
+    with pytest.raises(ConfigError, match="lease_ms is 101 ms"):
+        Bench(lease_ms=101)
+    bench = Bench()
+    with pytest.raises(ConfigError, match="dark_triggers is 0"):
+        LaserBox(port=bench.port, clock=bench.clock, dark_triggers=0)
+    for answer_s in (0.09, 5.1, math.nan):
+        with pytest.raises(ConfigError, match=f"answer_s is {answer_s} s"):
+            LaserBox(port=bench.port, clock=bench.clock, answer_s=answer_s)
+
+
+def test_an_open_interlock_fires_nothing_and_closing_it_gives_no_permit_back() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    bench.box.open_interlock()
+    with pytest.raises(LaserError, match="the interlock is open: close it"):
+        driver.fire(permit())
+    bench.box.close_interlock()
+    assert not bench.box.permitted
+    assert bench.box.pulses == []
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, 0.5, 99.5, 1001.0, math.nan, math.inf])
+def test_a_rate_that_the_box_cannot_keep_is_refused(rate_hz: float) -> None:
+    with pytest.raises(ConfigError, match="rate_hz is"):
+        Bench().driver(rate_hz=rate_hz)
