@@ -1,4 +1,4 @@
-"""A move of the stage that is disturbed, by death, a cut line, a hand or a wrong reading, goes no further than it may."""
+"""A move that is disturbed, by death, a cut line, a hand or a wrong reading, goes no further than allowed."""
 
 from __future__ import annotations
 
