@@ -35,11 +35,7 @@ from markerseek.records.journal import Checked, Configuration, Interrupted, Jour
 from markerseek.records.journal.entries import Happening
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
-
-
 FLOOR = Floor(level=3.25, source="dark frames")
-
-
 HEADER = FrameHeader(
     sequence=4,
     token="permit-4",
@@ -50,8 +46,6 @@ HEADER = FrameHeader(
     angle_before_deg=1.1000000000000003,
     angle_after_deg=1.1,
 )
-
-
 FULL_READING = Reading(
     intensity=1971.0123456789,
     lateral_m=0.018,
