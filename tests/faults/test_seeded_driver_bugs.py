@@ -1,4 +1,4 @@
-"""Bugs that somebody might write into the drivers, each caught by its check; see `test_seeded_bugs`."""
+"""Bugs that somebody might write into the drivers, each caught by its check; see `seeded_bugs`."""
 
 from __future__ import annotations
 

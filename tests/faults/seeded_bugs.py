@@ -1,0 +1,29 @@
+"""A checker of the checker: bugs that somebody might write into the package, each caught by its check.
+
+A bug is one piece of source text replaced by another. ``python tests/faults/seeded_bugs.py`` prints the table.
+"""
+
+# ruff: noqa: T201 - a program, which prints
+
+from __future__ import annotations
+
+from seeding import table
+from test_seeded_driver_bugs import DRIVER_BUGS
+from test_seeded_guard_bugs import GUARD_BUGS
+from test_seeded_journal_bugs import JOURNAL_BUGS
+from test_seeded_supervisor_bugs import SEEDED, SUPERVISOR_BUGS
+
+
+def main() -> None:
+    """Print the table."""
+    print("| bug | where | caught by | |\n|---|---|---|---|")
+    print(*table(GUARD_BUGS), sep="\n")
+    for name, bug in SUPERVISOR_BUGS.items():
+        SEEDED.append(name)
+        print(*table({name: bug}))
+        SEEDED.pop()
+    print(*table(JOURNAL_BUGS), *table(DRIVER_BUGS), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
