@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from hostile_folders import FolderClock, whole_folder
 
+from hostile_folders import FolderClock, whole_folder
 from markerseek.core import Clock, DeviceError, LaserError, Permit
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox

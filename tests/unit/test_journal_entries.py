@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration, counts, measured, whole_run
 
+from made_up_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration, counts, measured, whole_run
 from markerseek.core import Asked, ChannelFrame, Failed, Finished, Measured, MoveError, RecordError, Started, Unsure
 from markerseek.records.journal import Journal, Resuming, read_journal, result_of, standing, verify
 from markerseek.records.journal.entries import Happening, RecordedError

@@ -9,8 +9,8 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from made_up_journals import RANGE, configuration, died, whole_run, write
 
+from made_up_journals import RANGE, configuration, died, whole_run, write
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Journal, default_journal, read_journal, result_of, salvage, verify

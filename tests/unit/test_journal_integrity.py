@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_journals import EVENTS, configuration, counts, died, measured, whole_run, write
 
+from made_up_journals import EVENTS, configuration, counts, died, measured, whole_run, write
 from markerseek.core import Asked, RecordError
 from markerseek.records.journal import Journal, read_journal, salvage, verify
 from markerseek.records.journal.entries import Happening

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from journalled_runs import ACQUISITIONS, begin, configured, live, times_and_events
 
+from journalled_runs import ACQUISITIONS, begin, configured, live, times_and_events
 from markerseek import rigs
 from markerseek.core import Event, Frame, Policy, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Journal, read_journal

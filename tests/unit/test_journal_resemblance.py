@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from journalled_runs import MARKER_DEG, begin, go_on, live, times_and_events
 
+from journalled_runs import MARKER_DEG, begin, go_on, live, times_and_events
 from markerseek.core import AcquisitionError, Measured, Reading
 from markerseek.guard import State
 from markerseek.records.journal import Checked, Journal, Resuming, read_journal, standing

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
 
+from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
 from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, RecordError
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, standing, verify

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from kdc101_bench import bench
 
+from kdc101_bench import bench
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers.kdc101 import StageSettings
 from markerseek.wire import apt

@@ -6,8 +6,8 @@ import contextlib
 
 import numpy as np
 import pytest
-from kdc101_bench import Killed, bench
 
+from kdc101_bench import Killed, bench
 from markerseek.core import DeviceTimeoutError, MoveError, NotConnectedError
 from markerseek.wire import apt
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kdc101_bench import TRAVEL, bench
 
+from kdc101_bench import TRAVEL, bench
 from markerseek.drivers._approach import DOWN, UP, plan_approach
 from markerseek.drivers._kdc101_move import MoveRules
 from markerseek.emulators._motor import Motor

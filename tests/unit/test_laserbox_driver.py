@@ -7,8 +7,8 @@ import math
 from dataclasses import replace
 
 import pytest
-from laserbox_bench import Bench, permit
 
+from laserbox_bench import Bench, permit
 from markerseek.core import ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.emulators import DirectPort

@@ -6,8 +6,8 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
-from laserbox_bench import Bench, pulses_of
 
+from laserbox_bench import Bench, pulses_of
 from markerseek.wire import laserbox as wire
 
 

@@ -6,7 +6,6 @@ import contextlib
 from dataclasses import replace
 
 import pytest
-from scan_bench import Bench, Tour, drain, kinds, scanner
 
 from markerseek.core import (
     AcquisitionError,
@@ -26,6 +25,7 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.scan import run
+from scan_bench import Bench, Tour, drain, kinds, scanner
 
 
 @pytest.mark.parametrize(

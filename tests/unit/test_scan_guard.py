@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from scan_bench import Bench, Tour, drain, kinds, scanner
 
 from markerseek.core import Finished, Frame, LimitError, Permit
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
+from scan_bench import Bench, Tour, drain, kinds, scanner
 
 
 @pytest.mark.parametrize("angle_deg", [35.001, -36.0, float("nan"), float("inf")])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from scan_bench import FOUND, Bench, Tour, drain, kinds, scanner
 
 from markerseek.core import (
     AcquisitionError,
@@ -22,6 +21,7 @@ from markerseek.core import (
     Started,
 )
 from markerseek.scan import RunLimits, run
+from scan_bench import FOUND, Bench, Tour, drain, kinds, scanner
 
 
 def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
