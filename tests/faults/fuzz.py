@@ -13,8 +13,6 @@ from pathlib import Path
 
 import atheris
 
-sys.path.insert(0, str(Path(__file__).parent))
-
 with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", "zipfile", "csv"]):
     import decoders
     import wire_decoders
@@ -32,6 +30,9 @@ def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
 
 def main() -> None:
     """Fuzz the decoder that the first argument names; the others go to libFuzzer."""
+    names = (*wire_decoders.WIRES, *decoders.UNVETTED)
+    if len(sys.argv) < 2 or sys.argv[1] not in names:
+        sys.exit(f"say first which decoder to fuzz: {', '.join(names)}")
     whole, one_input = _target(sys.argv.pop(1))
     for corpus in (Path(each) for each in sys.argv[1:] if not each.startswith("-")):
         corpus.mkdir(parents=True, exist_ok=True)

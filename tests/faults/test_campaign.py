@@ -17,7 +17,6 @@ from markerseek.sim.faults import FaultKind
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
-sys.path.insert(0, str(Path(__file__).parent))
 from campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
 from campaign.checker import check  # type: ignore[import-not-found, unused-ignore]
 from campaign.chunks import frames, readings  # type: ignore[import-not-found, unused-ignore]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import struct
-import sys
 import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hostile_folders import STEP
 from markerseek.core import DeviceError, MoveError, NotConnectedError
 from markerseek.drivers.daq_folder import DaqFolder
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
@@ -26,9 +26,6 @@ from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
 from markerseek.wire import sonixdaq as daq
-
-sys.path.insert(0, str(Path(__file__).parent))
-from hostile_folders import STEP
 from wire_decoders import WIRES, ScriptedPort, wire_outcome
 
 CORPUS = Path(__file__).parent / "corpus"

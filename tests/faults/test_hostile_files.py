@@ -7,7 +7,6 @@ otherwise, by the name of the decoder; ``tests/faults/fuzz.py`` looks for more o
 from __future__ import annotations
 
 import os
-import sys
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -18,13 +17,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from decoders import DECODERS, UNVETTED, outcome, zip_bomb
 from markerseek.core import RecordError
 from markerseek.records._vetting import vet
 from markerseek.records.banks import read_bank
 from markerseek.records.ipasc_reading import read_unvetted
-
-sys.path.insert(0, str(Path(__file__).parent))
-from decoders import DECODERS, UNVETTED, outcome, zip_bomb
 
 CORPUS = Path(__file__).parent / "corpus"
 IN_PROCESS = sorted(set(DECODERS) - {"hdf5"})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,8 +26,6 @@ from markerseek.sim import VirtualClock
 from markerseek.wire import apt
 from markerseek.wire import sonixdaq as daq
 from markerseek.wire.apt_frames import AptFramer
-
-sys.path.insert(0, str(Path(__file__).parent))
 from seeding import Bug, caught
 
 

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
+from guarded_rig import Rig, Twice, armed, refused, scanner
 from markerseek.core import AcquisitionError, DeviceError, FrameHeader, LimitError, Measured, ReadingFrame
 from markerseek.guard import Lease, State
 from markerseek.scan import run
-
-sys.path.insert(0, str(Path(__file__).parent))
-from guarded_rig import Rig, Twice, armed, refused, scanner
 from seeding import Bug, caught
 
 

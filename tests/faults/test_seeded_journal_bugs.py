@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sqlite3
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -18,8 +17,6 @@ from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordErr
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.search import build
-
-sys.path.insert(0, str(Path(__file__).parent))
 from seeding import Bug, caught
 
 

@@ -13,15 +13,12 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import msgspec
 import pytest
 
 from markerseek.core import ConfigError
 from markerseek.supervisor import Line, Supervisor
-
-sys.path.insert(0, str(Path(__file__).parent))
 from seeding import Bug, caught, seeded
 
 FAREWELL = b"DISARM\n"

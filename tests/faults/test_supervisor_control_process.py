@@ -8,11 +8,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
 from pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time

@@ -5,19 +5,15 @@ from __future__ import annotations
 import os
 import select
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.supervisor import Line, Supervisor
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, step_of, unpacked
-
-sys.path.insert(0, str(Path(__file__).parent))
 from pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
