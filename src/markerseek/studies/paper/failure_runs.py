@@ -31,6 +31,9 @@ MARKERS_DEG = 30.0
 RUNS, FRAMED_RUNS = 120, 30
 """Markers of each fault, and of one that needs frames, for as many markers as the paper has."""
 
+PART = 3
+"""Runs that one process makes in a row: from frames they take seconds, and none should wait for another."""
+
 Rules: TypeAlias = Literal["the paper's", "ours"]
 
 Method: TypeAlias = Name | Literal["posterior"]
@@ -114,7 +117,7 @@ def _runs(
 
 
 def _of_all(runs: Sequence[_Run], effort: Effort) -> list[Outcome]:
-    parts = [tuple(runs[first : first + 10]) for first in range(0, len(runs), 10)]
+    parts = [tuple(runs[first : first + PART]) for first in range(0, len(runs), PART)]
     return [outcome for part in effort.each(_outcomes, parts, what="failures") for outcome in part]
 
 
