@@ -18,6 +18,7 @@ _BEAT_S = 0.02
 """Time between two beats, in seconds: five in the longest lease."""
 
 _POLL_S = 0.002
+
 _LEAST_LEASE_MS = 50
 """Shortest lease that beats of this period keep alive with one of them lost, in milliseconds."""
 
