@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from journalled_runs import ACQUISITIONS, begin, configured, live, times_and_events
+from journalled_runs import ACQUISITIONS, begin, configured, times_and_events
 from markerseek import rigs
 from markerseek.core import Event, Frame, Policy, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Journal, read_journal
@@ -19,13 +19,6 @@ from markerseek.rigs.journalled import journalled
 from markerseek.rigs.resuming import resumed
 from markerseek.search import build
 from markerseek.sim import SimulatedSettings
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("whole") / "run.journal"
-    live(path)
-    return path
 
 
 def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:

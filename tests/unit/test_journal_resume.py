@@ -19,13 +19,6 @@ from markerseek.rigs.resuming import resumed
 from markerseek.search import build
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("whole") / "run.journal"
-    live(path)
-    return path
-
-
 def test_a_journal_holds_what_run_reports(whole: Path) -> None:
     held = read_journal(whole)
     kinds = [type(entry.event).__name__ for entry in held.entries]

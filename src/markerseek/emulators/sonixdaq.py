@@ -115,8 +115,7 @@ class EmulatedSonixDaq:
 
         The world, and what it draws next, stay as they are.
         """
-        header = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-        deepcopy(self._world).frame(Flash(at_s=0.0, pulses=1, energy=1.0), header=header)
+        self._acquisition(deepcopy(self._world), Flash(at_s=0.0, pulses=1, energy=1.0), 1)
 
     def trigger(self, count: int) -> None:
         """Take an acquisition of so many triggers now, with the probe as it stands; all work is left to `advance`."""

@@ -7,7 +7,6 @@ was; they hold for one commit and one seed.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -19,6 +18,7 @@ import msgspec
 from rich.progress import Progress
 
 from .chunks import CHUNK, FRAMES_CHUNK, frames, readings
+from .commit import commit_made_from
 from .points import enumerate_points
 from .report import byte_keys, kinds, observable, observable_keys, over_the_line, promises, uncovered
 from .tally import Tally
@@ -110,24 +110,12 @@ def _above(out: Path) -> str:
 
 
 def _kept(path: Path | None, *, seed: int) -> _Kept:
-    commit = _commit()
+    commit = commit_made_from()
     if path is not None and path.is_file():
         kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
         if (kept.commit, kept.seed) == (commit, seed):
             return kept
     return _Kept(commit=commit, seed=seed)
-
-
-def _commit() -> str:
-    """Commit of the working tree, and whether the package or the campaign was changed since."""
-    here = Path(__file__).parent
-    told = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
-    root = here.parents[2]
-    changed = subprocess.run(
-        ["git", "status", "--porcelain", "src", "tests/faults/campaign"],
-        cwd=root, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return told.stdout.strip()[:12] + (" with changes" if changed.stdout.strip() else "")
 
 
 def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[str]]) -> str:

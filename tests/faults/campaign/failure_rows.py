@@ -8,7 +8,6 @@ from the same commit, are kept.
 from __future__ import annotations
 
 import argparse
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,8 +16,9 @@ from rich.progress import Progress
 from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.failure_kinds import FAULTS
 from markerseek.studies.paper.failure_runs import METHODS, Method, Outcome, outcomes_of_ours
-from markerseek.studies.paper.failures import CLOSE_DEG
+from markerseek.studies.paper.failures import CLOSE_DEG, share_off
 
+from .commit import commit_made_from
 from .tally import upper95
 
 HEAD = (
@@ -29,18 +29,9 @@ HEAD = (
 
 def row(words: str, seen: bool | None, method: Method, outcomes: Sequence[Outcome]) -> str:
     """Line of the table for one method under one fault."""
-    errors = [abs(each.error_deg) for each in outcomes if each.error_deg is not None]
-    off, count = sum(error > CLOSE_DEG for error in errors), len(outcomes)
-    told, none = {None: "", True: "yes", False: "no"}[seen], 1 - len(errors) / count
-    return f"| {words} | {told} | {method} | {count:,} | {off} | {upper95(off, count):.2g} | {none:.1%} |\n"
-
-
-def commit() -> str:
-    """Commit of the working tree, and whether the package was changed since."""
-    root = Path(__file__).parents[3]
-    at = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, check=True).stdout
-    changed = subprocess.run(["git", "status", "--porcelain", "src"], cwd=root, capture_output=True, check=True).stdout
-    return at[:12] + (" with changes" if changed.strip() else "")
+    off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
+    told, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
+    return f"| {words} | {told} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
 
 
 def main() -> None:
@@ -54,7 +45,7 @@ def main() -> None:
     words = parser.parse_args()
     head = (
         "# The table of failures, for ours alone\n\n"
-        f"Made from commit {commit()} by `python -m tests.faults.campaign.failure_rows --count {words.count} "
+        f"Made from commit {commit_made_from()} by `python -m tests.faults.campaign.failure_rows --count {words.count} "
         f"--seed {words.seed}`. Limits are one-sided (Clopper-Pearson). All of it is simulated; the "
         f"report of `markerseek reproduce failures` says what each fault does.\n\n{HEAD}"
     )

@@ -54,7 +54,7 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
     for fault, rules, method in dict.fromkeys((each.fault, each.rules, each.method) for each in outcomes):
         here = [o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, method)]
         errors = [o.error_deg for o in here if o.error_deg is not None]
-        off, close = _off(here), _off(here, limit_deg=CLOSE_DEG)
+        off, close = share_off(here), share_off(here, limit_deg=CLOSE_DEG)
         rows.append(
             (
                 FAULTS[fault].words,
@@ -90,8 +90,16 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
     )
 
 
-def _off(outcomes: Sequence[Outcome], *, limit_deg: float = SENSITIVE_DEG) -> Share:
-    """Share of runs that claim an angle and are off by more than the limit."""
+def share_off(outcomes: Sequence[Outcome], *, limit_deg: float = SENSITIVE_DEG) -> Share:
+    """Return the share of runs that claim an angle and are off by more than the limit.
+
+    Parameters
+    ----------
+    outcomes
+        How the runs ended.
+    limit_deg
+        Largest error that is not off, in degrees.
+    """
     errors = [each.error_deg for each in outcomes]
     return Share.of(sum(error is not None and abs(error) > limit_deg for error in errors), len(errors))
 
@@ -101,7 +109,10 @@ def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
     for rules, methods in METHODS.items():
         worst = {
             fault: max(
-                (_off([o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, m)]) for m in methods),
+                (
+                    share_off([o for o in outcomes if (o.fault, o.rules, o.method) == (fault, rules, m)])
+                    for m in methods
+                ),
                 key=lambda off: off.share or 0.0,
             )
             for fault in FAULTS
