@@ -79,6 +79,30 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
     assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
 
 
+def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_path: Path) -> None:
+    assert json.loads(shell("journal", "list", "--json")[1])["journals"] == []
+    result = json.loads(shell(*SEARCH, "--json")[1])
+    (kept,) = journals(tmp_path)
+    killed = kept.with_name("killed.journal")
+    killed_search(killed, signal.SIGKILL, after=2)
+    kept.with_name("foreign.journal").write_text("text" * 999)
+    code, out, _ = shell("journal", "list", "--json")
+    told = json.loads(out)
+    by_name = {Path(each["path"]).name: each for each in told["journals"]}
+    assert (code, told["count"], next(iter(by_name))) == (0, 3, kept.name)
+    over, open_run = by_name[kept.name], by_name["killed.journal"]
+    assert (over["state"], over["answer"]) == ("finished", result["answer"])
+    assert (over["angle_deg"], over["acquisitions"]) == (result["angle_deg"], 8)
+    assert (open_run["state"], open_run["answer"], open_run["acquisitions"]) == ("open", None, 2)
+    assert open_run["size_bytes"] > Path(f"{killed}-wal").stat().st_size > 0
+    assert by_name["foreign.journal"]["state"] == "unreadable"
+    assert told["total_bytes"] == sum(each["size_bytes"] for each in told["journals"])
+    code, out, _ = shell("journal", "list", "--last", 1)
+    assert (code, kept.name in out) == (0, False)
+    assert "3 journals" in out
+    assert "the newest 1 are listed" in out
+
+
 def test_a_journal_is_shown_as_a_table(shell: Shell, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     shell(*SEARCH, "--journal", path)

@@ -1,4 +1,4 @@
-"""``markerseek journal``: looks at the journal of a run, checks it, and works its result out anew."""
+"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and works its result out anew."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from markerseek.cli import journal_list
+
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, Recording
 
 NAME = "journal"
 
-app = typer.Typer(help="Look at the journal of a run, check it, or work its result out anew.", no_args_is_help=True)
+app = typer.Typer(
+    help="List the journals of runs; look at one, check it, work its result out anew.", no_args_is_help=True
+)
+app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]

@@ -8,7 +8,8 @@ from markerseek.records.journal.answer import result_of, result_with
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Checked, Entry, Interrupted, Resuming
 from markerseek.records.journal.grammar import Standing, standing
-from markerseek.records.journal.place import default_journal
+from markerseek.records.journal.outline import Outline, journals_in, outline, size_with_log
+from markerseek.records.journal.place import default_journal, journals_folder
 from markerseek.records.journal.reader import Recording, open_journal, read_journal, salvage
 from markerseek.records.journal.verify import Finding, verify
 from markerseek.records.journal.writer import Journal
@@ -20,15 +21,20 @@ __all__ = [
     "Finding",
     "Interrupted",
     "Journal",
+    "Outline",
     "Recording",
     "Resuming",
     "Standing",
     "default_journal",
+    "journals_folder",
+    "journals_in",
     "open_journal",
+    "outline",
     "read_journal",
     "result_of",
     "result_with",
     "salvage",
+    "size_with_log",
     "standing",
     "verify",
 ]

@@ -20,6 +20,11 @@ def data_folder() -> Path:
     return Path.home() / ".local" / "share" / "markerseek"
 
 
+def journals_folder() -> Path:
+    """Folder of journals that nobody named."""
+    return data_folder() / "journals"
+
+
 def default_journal(*, method: str) -> Path:
     """Name of a new journal in the user's data folder; its name begins with the time, UTC.
 
@@ -29,4 +34,4 @@ def default_journal(*, method: str) -> Path:
         What searches.
     """
     now = datetime.now(UTC)
-    return data_folder() / "journals" / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
+    return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.place import data_folder
+from markerseek.records.journal.place import journals_folder
 
 APPLICATION = 0x4D53656B
 """What SQLite's header calls our files: "MSek"."""
@@ -164,8 +164,8 @@ def require_file(path: Path) -> None:
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
     if not path.exists():
         raise RecordError(
-            f"{path}: there is no such journal; check the name (a search that named none keeps its journal in "
-            f"{data_folder() / 'journals'})"
+            f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
+            f"searches that named none, in {journals_folder()})"
         )
     if not path.is_file():
         raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")

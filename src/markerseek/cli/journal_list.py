@@ -1,0 +1,62 @@
+"""``markerseek journal list``: which runs were kept, and how they ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from markerseek.records.journal import Outline
+
+NAME = "list"
+EXAMPLES = "Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json"
+
+
+def command(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
+    ] = None,
+    last: Annotated[int, typer.Option(min=1, help="So many of the newest are read.")] = 20,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """List the journals of a folder, the newest last: when, what searched, how it ended, and how much room they take.
+
+    Nothing removes a journal by itself: delete the files that nobody needs any more.
+    """
+    from markerseek.cli.terminal import print_json
+    from markerseek.records.journal import journals_folder, journals_in, outline, size_with_log
+
+    place = folder or journals_folder()
+    paths = journals_in(place)
+    total_bytes = sum(map(size_with_log, paths))
+    outlines = [outline(path) for path in paths[-last:]]
+    if as_json:
+        print_json(
+            {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": outlines},
+        )
+    else:
+        _print(outlines, place, count=len(paths), total_bytes=total_bytes)
+
+
+def _print(outlines: list[Outline], place: Path, *, count: int, total_bytes: int) -> None:
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import people
+
+    for each in outlines:
+        people.print(f"[bold]{escape(Path(each.path).name)}[/]\n  {escape(_in_words(each))}")
+    shown = "" if len(outlines) == count else f", the newest {len(outlines)} are listed (--last)"
+    people.print(f"{count} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
+
+
+def _in_words(each: Outline) -> str:
+    if each.method is None:
+        return f"{each.state}: {each.problem}"
+    begun = "not begun" if each.begun is None else f"{each.begun[:16].replace('T', ' ')} UTC"
+    end = each.answer or each.state
+    if each.angle_deg is not None:
+        end += f" at {each.angle_deg:.3f}°"
+    told = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
+    return f"{told}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
