@@ -160,7 +160,7 @@ def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: 
 def test_a_journal_taken_for_a_bank_is_called_a_journal(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     Journal.create(path, configuration()).close()
-    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*: markerseek journal replay .*{name}"):
+    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*'markerseek journal replay .*{name}'"):
         read_bank(path)
 
 

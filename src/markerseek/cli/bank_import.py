@@ -1,4 +1,4 @@
-"""``markerseek bank import``: other people's recordings as a bank in IPASC HDF5."""
+"""``markerseek bank import``: other people's recordings, or the frames of a journal, as a bank in IPASC HDF5."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5\n\n"
     "  markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40\n\n"
-    "  markerseek bank import examples/simulated_scan.csv scan.hdf5"
+    "  markerseek bank import examples/simulated_scan.csv scan.hdf5\n\n"
+    "  markerseek bank import run.journal frames.hdf5"
 )
 
 
@@ -40,7 +41,8 @@ def command(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat; IPASC HDF5.",
+            help="Folder with a SonixDAQ folder (or .npy, .mat) per angle; CSV; .npy, .npz or .mat; IPASC HDF5; "
+            "journal of a search.",
             metavar="FROM",
         ),
     ],
@@ -112,12 +114,14 @@ def _scaled(option: str, value: float | None, unit: float) -> float | None:
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
     from markerseek.records.bank_arrays import ARRAY_SUFFIXES, read_arrays
     from markerseek.records.banks import read_bank
+    from markerseek.records.journal import is_journal
+    from markerseek.rigs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
         if any(given):
             raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
-        return read_bank(source)
+        return journal_bank(source) if source.is_file() and is_journal(source) else read_bank(source)
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")

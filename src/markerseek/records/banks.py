@@ -140,8 +140,9 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
             raise RecordError(f"{path}: there is no such file or folder")
         if path.is_file() and is_journal(path):
             raise RecordError(
-                f"{path}: it is the journal of a run and no bank; its run is worked out again by: "
-                f"markerseek journal replay {path}"
+                f"{path}: it is the journal of a run and no bank; its run is worked out again by "
+                f"'markerseek journal replay {path}', and its frames become a bank by "
+                f"'markerseek bank import {path} frames.hdf5'"
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path)

@@ -14,6 +14,7 @@ from markerseek.records.ipasc import BankWriter
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
+from markerseek.signals import ImageReader
 
 MOST_ANGLES = 5000
 """Most angles of one scan."""
@@ -38,17 +39,24 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
     return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
 
 
-def facts_of(rig: Rig) -> BankFacts:
-    """What a rig knows of the bank that it takes; of a simulated one the marker's true angle is the reference."""
-    preset = None if rig.imaging is None else rig.imaging.preset
+def known_facts(
+    imaging: ImageReader | None,
+    *,
+    description: str,
+    face_radius_m: float | None,
+    truth_deg: float | None,
+    reference_deg: float | None,
+) -> BankFacts:
+    """What is known of frames that an imaging chain reads; of a simulated marker the true angle is the reference."""
+    preset = None if imaging is None else imaging.preset
     return BankFacts(
-        description=f"{rig.kind} rig: {rig.description}",
+        description=description,
         probe=None if preset is None else preset.name,
         sampling_hz=None if preset is None else preset.sampling_hz,
         sound_speed_m_s=None if preset is None else preset.sound_speed_m_s,
         pitch_m=None if preset is None else preset.array.pitch_m,
-        face_radius_m=rig.face_radius_m,
-        reference_angle_deg=rig.reference_deg if rig.truth_deg is None else rig.truth_deg,
+        face_radius_m=face_radius_m,
+        reference_angle_deg=reference_deg if truth_deg is None else truth_deg,
     )
 
 
@@ -93,7 +101,14 @@ def scan_bank(
     for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
         if value is not None and not 0 < value < math.inf:
             raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
-    facts = replace(facts_of(rig), wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
+    facts = known_facts(
+        rig.imaging,
+        description=f"{rig.kind} rig: {rig.description}",
+        face_radius_m=rig.face_radius_m,
+        truth_deg=rig.truth_deg,
+        reference_deg=rig.reference_deg,
+    )
+    facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     with (

@@ -11,6 +11,7 @@ from markerseek.records.journal.grammar import Standing, standing
 from markerseek.records.journal.outline import Outline, journals_in, outline, size_with_log
 from markerseek.records.journal.place import default_journal, journals_folder
 from markerseek.records.journal.reader import Recording, open_journal, read_journal, salvage
+from markerseek.records.journal.store import is_journal
 from markerseek.records.journal.verify import Finding, verify
 from markerseek.records.journal.writer import Journal
 
@@ -26,6 +27,7 @@ __all__ = [
     "Resuming",
     "Standing",
     "default_journal",
+    "is_journal",
     "journals_folder",
     "journals_in",
     "open_journal",

@@ -1,0 +1,93 @@
+"""The acquisitions of a run as a bank, so that other people's programs can open the frames of a journal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from markerseek.core import ChannelFrame, Measured, RecordError, Sample
+from markerseek.records.banks import FrameBank, IntensityBank, require_angles
+from markerseek.records.journal import Recording, read_journal
+from markerseek.rigs.again import reader_again
+from markerseek.rigs.bank_scan import known_facts
+from markerseek.signals import ImageReader
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JournalBank(FrameBank):
+    """Frames of a run, in memory.
+
+    Attributes
+    ----------
+    samples
+        Acquisitions with light, in the order of the angles; those without, in the order of time.
+    dark
+        Those without, in the order of time.
+    """
+
+    samples: tuple[Sample, ...] = field(repr=False)
+    dark: tuple[Sample, ...] = field(repr=False)
+
+    def frame(self, index: int) -> ChannelFrame:
+        """Channel data of one angle, with the header that they came with."""
+        return _channels(self.samples[index])
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        """One frame without laser, counted from 0; `RecordError` where there is none."""
+        if not 0 <= index < self.dark_frames:
+            raise RecordError(f"there is no dark frame {index + 1}, the journal holds {self.dark_frames}")
+        return _channels(self.dark[index])
+
+
+def journal_bank(path: Path) -> IntensityBank | JournalBank:
+    """Bank of what a run measured, the confirmation included; of acquisitions at one angle the last.
+
+    Parameters
+    ----------
+    path
+        The journal; its run may be over or not.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read, is damaged, or holds fewer than 3 angles.
+    """
+    held = read_journal(path)
+    samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
+    by_angle = {each.angle_deg: each for each in samples if not each.dark}
+    repeated = sum(not each.dark for each in samples) - len(by_angle)
+    require_angles(path, len(by_angle))
+    lit = tuple(by_angle[angle_deg] for angle_deg in sorted(by_angle))
+    bank = IntensityBank(
+        angles_deg=tuple(each.angle_deg for each in lit),
+        intensities=tuple(each.reading.intensity for each in lit),
+        facts=known_facts(
+            _imaging(held),
+            description=f"journal of {held.configuration.method} on a {held.configuration.rig} rig: "
+            f"{held.configuration.description}" + (f", without {repeated} at repeated angles" if repeated else ""),
+            face_radius_m=held.configuration.face_radius_m,
+            truth_deg=held.configuration.truth_deg,
+            reference_deg=held.configuration.reference_deg,
+        ),
+    )
+    if not all(isinstance(each.frame, ChannelFrame) for each in lit):
+        return bank
+    dark = tuple(each for each in samples if each.dark and isinstance(each.frame, ChannelFrame))
+    return JournalBank(
+        angles_deg=bank.angles_deg,
+        intensities=bank.intensities,
+        facts=bank.facts,
+        dark_frames=len(dark),
+        samples=lit,
+        dark=dark,
+    )
+
+
+def _imaging(held: Recording) -> ImageReader | None:
+    reader = reader_again(held.configuration)
+    return reader if isinstance(reader, ImageReader) else None
+
+
+def _channels(sample: Sample) -> ChannelFrame:
+    assert isinstance(sample.frame, ChannelFrame)  # noqa: S101 - only such samples are put into a bank of frames
+    return sample.frame
