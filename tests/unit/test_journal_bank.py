@@ -44,10 +44,12 @@ def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path)
     assert list(bank.angles_deg) == [each.angle_deg for each in lit]
     assert list(bank.intensities) == [each.reading.intensity for each in lit]
     for index, sample in enumerate(lit):
-        assert bank.frame(index) == sample.frame
         assert isinstance(sample.frame, ChannelFrame)
+        assert bank.frame(index).header == sample.frame.header
         np.testing.assert_array_equal(bank.frame(index).samples, sample.frame.samples)
-    assert [bank.dark_frame(index) for index in (0, 1)] == [each.frame for each in samples if each.dark]
+    for index, sample in enumerate(each for each in samples if each.dark):
+        assert isinstance(sample.frame, ChannelFrame)
+        np.testing.assert_array_equal(bank.dark_frame(index).samples, sample.frame.samples)
     with pytest.raises(RecordError, match="there is no dark frame 3, the journal holds 2"):
         bank.dark_frame(2)
     facts = bank.facts
