@@ -68,6 +68,7 @@ def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
         frame = bank.frame(index)
         np.testing.assert_array_equal(frame.samples, counts(seed))
         assert frame.sampling_hz == 40e6
+        assert (frame.header.pulses, frame.header.started_s) == (16, seed * 2.0)
     for index, seed in enumerate((8, 9)):
         np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed))
     with pytest.raises(RecordError, match="no dark frame 3"):

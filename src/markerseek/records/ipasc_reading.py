@@ -32,11 +32,17 @@ class IpascBank(FrameBank):
         Number of the measurement in the file for each angle.
     room
         Measurements that the file has room for.
+    pulses
+        Laser pulses averaged in each; 1 where the file does not say.
+    started_s
+        When each began, on the rig's clock in seconds; 0 where the file does not say.
     """
 
     path: Path
     rows: tuple[int, ...] = field(repr=False)
     room: int
+    pulses: tuple[int, ...] = field(repr=False)
+    started_s: tuple[float, ...] = field(repr=False)
 
     @property
     def planned(self) -> int:
@@ -51,15 +57,21 @@ class IpascBank(FrameBank):
         RecordError
             If they cannot be read, or are no ADC counts.
         """
-        return self._frame(fields.FRAMES, self.rows[index], angle_deg=self.angles_deg[index])
+        return self._frame(
+            fields.FRAMES,
+            self.rows[index],
+            angle_deg=self.angles_deg[index],
+            pulses=self.pulses[index],
+            started_s=self.started_s[index],
+        )
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
-        return self._frame(fields.DARK_FRAMES, index, angle_deg=0.0)
+        return self._frame(fields.DARK_FRAMES, index, angle_deg=0.0, pulses=0, started_s=0.0)
 
-    def _frame(self, name: str, row: int, *, angle_deg: float) -> ChannelFrame:
+    def _frame(self, name: str, row: int, *, angle_deg: float, pulses: int, started_s: float) -> ChannelFrame:
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
         with opened(self.path) as file:
@@ -67,10 +79,10 @@ class IpascBank(FrameBank):
         header = FrameHeader(
             sequence=row + 1,
             token=self.path.name,
-            pulses=0 if name == fields.DARK_FRAMES else 1,
+            pulses=pulses,
             commanded_deg=angle_deg,
-            started_s=0.0,
-            ended_s=0.0,
+            started_s=started_s,
+            ended_s=started_s,
         )
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
@@ -126,6 +138,8 @@ def read_unvetted(path: Path) -> IntensityBank | IpascBank:
             path=path,
             rows=tuple(rows.tolist()),
             room=angles.size,
+            pulses=tuple(int(each) for each in _known(file, fields.PULSES, angles.size, otherwise=1.0)[rows]),
+            started_s=tuple(_known(file, fields.TIMES, angles.size, otherwise=0.0)[rows].tolist()),
         )
 
 
@@ -167,6 +181,15 @@ def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarra
     if not (values[np.isfinite(values)] >= 0).all():
         raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
     return np.where(np.isfinite(values), values, np.nan)
+
+
+def _known(file: CarefulFile, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
+    """One number for each measurement, with another in the place of those that are missing."""
+    values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
+    if values.size not in (0, count):
+        raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
+    values = values if values.size else np.full(count, otherwise)
+    return np.where(np.isfinite(values) & (values >= 0), values, otherwise)
 
 
 def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] | None:
