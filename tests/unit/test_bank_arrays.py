@@ -42,6 +42,7 @@ def test_frames_come_back(tmp_path, suffix):
     for index, row in enumerate(ORDER):
         np.testing.assert_array_equal(bank.frame(index).samples, FRAMES[row])
         assert bank.frame(index).header.commanded_deg == ANGLES[row]
+        assert np.isnan((bank.frame(index).header.started_s, bank.frame(index).header.ended_s)).all()
     assert (bank.facts.sampling_hz, bank.facts.reference_angle_deg) == (31.25e6, 0.7)
     assert bank.frame(0).sampling_hz == 31.25e6
 

@@ -99,8 +99,9 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
     ("names", "message"),
     [
         ((), "there is no scan in this folder"),
-        (("1", "2", "scan 3 of 7"), "it holds 2"),
-        (("1", "2", "dark"), "it holds 0"),
+        (("1", "2", "scan 3 of 7"), "cannot be told"),
+        (("1", "2", "dark"), "cannot be told"),
+        (("left_5", "left_6", "right_5"), "right_5: it is named by another word than left_5"),
         (("1", "2", "1.0"), "was given before"),
         (("1", "2"), "it holds 2 angles"),
     ],
@@ -109,6 +110,64 @@ def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple
     for name in names:
         (tmp_path / name).mkdir()
     with pytest.raises(RecordError, match=message):
+        read_bank(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "angle_deg"),
+    [
+        ("angle_-.5deg", -0.5),
+        (".5", 0.5),
+        ("-12.5°", -12.5),
+        ("trus angle -30 deg", -30.0),
+        ("Phantom_7", 7.0),
+        ("+08", 8.0),
+        ("-0.0", 0.0),
+    ],
+)
+def test_an_angle_is_read_with_its_sign_and_its_fraction(tmp_path: Path, name: str, angle_deg: float) -> None:
+    for other in ("100", "101", name):
+        (tmp_path / other).mkdir()
+    bank = read_bank(tmp_path)
+    assert bank.angles_deg == (angle_deg, 100.0, 101.0)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "angle_\N{MINUS SIGN}30",
+        "\N{EN DASH}30",
+        "neg30",
+        "angle_minus_30",
+        "m30",
+        "scan_n30",
+        "P30",
+        "angle-30",
+        "30-",
+        "--30",
+        "12,5",
+        "12p5",
+        "1e1",
+        "3of7",
+        "5.",
+        "30cm",
+        "\N{ARABIC-INDIC DIGIT THREE}",
+    ],
+)
+@pytest.mark.parametrize("suffix", ["", ".npy", ".mat"])
+def test_an_angle_that_could_be_meant_otherwise_is_refused(tmp_path: Path, name: str, suffix: str) -> None:
+    for other in ("100", "101"):
+        (tmp_path / other).mkdir()
+    (tmp_path / (name + suffix)).touch() if suffix else (tmp_path / name).mkdir()
+    with pytest.raises(RecordError, match=r"cannot be told from this name.*-12\.5 or angle_-12\.5deg"):
+        read_bank(tmp_path)
+
+
+def test_a_folder_and_a_file_of_one_angle_are_refused(tmp_path: Path) -> None:
+    for name in ("-5", "1", "2"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "-5.mat").touch()
+    with pytest.raises(RecordError, match=r"-5\.mat: the angle -5 deg was given before, by -5"):
         read_bank(tmp_path)
 
 

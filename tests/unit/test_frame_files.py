@@ -43,6 +43,7 @@ def test_daq_folder_is_averaged_and_in_the_order_of_the_elements(tmp_path, new, 
     frame = load_frame(write_daq(tmp_path / "a", pulses, new=new), angle_deg=5.0)
     np.testing.assert_array_equal(frame.samples, np.rint(pulses.mean(axis=0)).astype(np.int16))
     assert (frame.header.pulses, frame.header.commanded_deg, frame.sampling_hz) == (frames, 5.0, 40e6)
+    assert np.isnan((frame.header.started_s, frame.header.ended_s)).all()
 
 
 def test_elements_are_a_permutation_with_the_published_first_ones():

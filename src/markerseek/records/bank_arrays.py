@@ -57,8 +57,8 @@ class ArrayBank(FrameBank):
             token=self.path.name,
             pulses=1,
             commanded_deg=self.angles_deg[index],
-            started_s=0.0,
-            ended_s=0.0,
+            started_s=math.nan,
+            ended_s=math.nan,
         )
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)

@@ -11,8 +11,12 @@ from markerseek.records.bank_arrays import USUAL_SAMPLING_HZ
 from markerseek.records.banks import FrameBank, require_angles
 from markerseek.records.frame_files import load_frame
 
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?", re.ASCII)
 _FRAME_FILES = (".mat", ".npy")
+_NAME = re.compile(
+    r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?",
+    re.ASCII | re.IGNORECASE,
+)
+_SIGN_WORDS = re.compile(r"(?:^|[_ ])(?:m|n|p)$|(?:neg|negative|minus|pos|positive|plus)$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,24 +48,30 @@ class FolderBank(FrameBank):
 
 
 def read_folder(path: Path) -> FolderBank:
-    """Bank in a folder; the name of each sub-folder or file of channel data holds its angle as its only number.
+    """Bank in a folder, from the names of its sub-folders and files of channel data.
+
+    A name is the angle in degrees, as ``-12.5``; a word may stand before it, the same in the whole folder, and ``deg``
+    or ``°`` behind it, as in ``angle_-12.5deg``.
 
     Raises
     ------
     RecordError
-        If a name holds no angle, or one that was given before.
+        If a name holds no angle, one that was given before, or one whose sign could be meant otherwise.
     """
     by_angle: dict[float, Path] = {}
+    words: dict[str, Path] = {}
     for place in sorted(path.iterdir()):
-        if place.name.startswith(".") or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
+        if re.match(r"\.\D", place.name) or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
             continue
-        numbers = _NUMBER.findall(place.name if place.is_dir() else place.stem)
-        if len(numbers) != 1:
+        word, angle = _named(place)
+        if word:
+            words.setdefault(word, place)
+        if len(words) > 1:
+            first = next(iter(words.values()))
             raise RecordError(
-                f"{place}: the name must hold the angle in degrees as its only number, as in 'angle_-12.5deg'; "
-                f"it holds {len(numbers)}"
+                f"{place}: it is named by another word than {first.name}; if the words tell the sides apart, write "
+                "negative angles with a sign, as in 'angle_-12.5deg', and the same word everywhere"
             )
-        angle = float(numbers[0])
         if angle in by_angle:
             raise RecordError(f"{place}: the angle {angle:g} deg was given before, by {by_angle[angle].name}")
         by_angle[angle] = place
@@ -73,3 +83,16 @@ def read_folder(path: Path) -> FolderBank:
     require_angles(path, len(by_angle))
     angles = sorted(by_angle)
     return FolderBank(angles_deg=tuple(angles), places=tuple(by_angle[angle] for angle in angles))
+
+
+def _named(place: Path) -> tuple[str, float]:
+    """Word and angle of a name."""
+    name = place.name if place.is_dir() else place.stem
+    match = _NAME.fullmatch(name)
+    word = match["word"].strip("_ ").lower() if match else ""
+    if match is None or _SIGN_WORDS.search(word):
+        raise RecordError(
+            f"{place}: the angle cannot be told from this name; it must be a word, or none, and then degrees in plain "
+            "digits with a point and, below zero, a hyphen as the sign, set off from the word: -12.5 or angle_-12.5deg"
+        )
+    return word, float(match["angle"])

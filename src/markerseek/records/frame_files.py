@@ -6,6 +6,7 @@ times the file's size.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float 
             error
         )
     header = FrameHeader(
-        sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=0.0, ended_s=0.0
+        sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
     return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
 
