@@ -195,7 +195,7 @@ def put(name, value):
         (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
         (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg stands there twice"),
         (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, np.nan, np.nan])), "2 angles, at least 3"),
-        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])), "more than one turn"),
+        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])), "4e.09 deg, it must be finite and within one turn"),
         (put("meta_data/trus_angle_deg", "many"), "numbers are expected"),
         (put("meta_data/intensity", np.array([1.0, 2.0, 3.0])), "3 intensities for 4 angles"),
         (put("meta_data/intensity", np.array([1.0, 2.0, 3.0, -4.0])), "negative"),

@@ -80,8 +80,8 @@ def read_folder(path: Path) -> FolderBank:
             f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
-    require_angles(path, len(by_angle))
     angles = sorted(by_angle)
+    require_angles(path, angles)
     return FolderBank(angles_deg=tuple(angles), places=tuple(by_angle[angle] for angle in angles))
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, Interval, RecordError
 
 HDF5_SUFFIXES = (".hdf5", ".h5")
 """Suffixes of a bank in IPASC HDF5."""
+
+MOST_DEG = 360.0
+"""Largest angle of a bank to either side, in degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +158,32 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     return read_ipasc(path)
 
 
-def require_angles(path: Path, count: int) -> None:
-    """Refuse a bank of fewer angles than a search can work with."""
-    if count < 3:
-        raise RecordError(f"{path}: it holds {count} angles, at least 3 are needed for a search")
+def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
+    """Refuse angles that no search can work with.
+
+    Parameters
+    ----------
+    path
+        The bank, for the message.
+    angles_deg
+        Its angles in degrees, in rising order.
+
+    Raises
+    ------
+    RecordError
+        If there are fewer than 3, one is not finite or more than one turn from zero, or one does not lie above the
+        one before.
+    """
+    for angle_deg in angles_deg:
+        if not abs(angle_deg) <= MOST_DEG:
+            raise RecordError(
+                f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MOST_DEG:g} to "
+                f"{MOST_DEG:g} deg; leave it out, or write it in degrees"
+            )
+    for low_deg, high_deg in pairwise(angles_deg):
+        if low_deg == high_deg:
+            raise RecordError(f"{path}: the angle {low_deg:g} deg stands there twice; average repeated angles")
+        if not low_deg < high_deg:
+            raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them, rising")
+    if len(angles_deg) < 3:
+        raise RecordError(f"{path}: it holds {len(angles_deg)} angles, at least 3 are needed for a search")

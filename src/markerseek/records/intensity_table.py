@@ -69,8 +69,7 @@ def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:
         angles.append(angle)
         intensities.append(intensity)
         lines_of.append(line)
-    require_angles(path, len(angles))
-    if angles[-1] < angles[0]:  # a scan from high to low
+    if angles and angles[-1] < angles[0]:  # a scan from high to low
         angles, intensities, lines_of = angles[::-1], intensities[::-1], lines_of[::-1]
     for (low, high), line in zip(pairwise(angles), lines_of[1:], strict=True):
         if not low < high:
@@ -78,6 +77,7 @@ def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:
                 f"{path}, line {line}: the angle {high:g} deg is out of order beside {low:g} deg; "
                 "sort the rows by angle_deg, and average repeated angles"
             )
+    require_angles(path, angles)
     return IntensityBank(angles_deg=tuple(angles), intensities=tuple(intensities))
 
 

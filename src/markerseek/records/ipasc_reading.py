@@ -120,7 +120,7 @@ def read_unvetted(path: Path) -> IntensityBank | IpascBank:
         taken = np.flatnonzero(np.isfinite(angles))
         rows = taken[np.argsort(angles[taken], kind="stable")]
         ordered = angles[rows]
-        _require_rising(path, ordered)
+        require_angles(path, ordered.tolist())
         intensities = _intensities(path, file, angles.size)[rows]
         facts = _facts(file)
         frames = _frame_shape(path, file, angles.size)
@@ -161,15 +161,6 @@ def _require_version(path: Path, file: CarefulFile) -> None:
             f"{path}: it is a bank of version {version:g}, this markerseek reads up to {fields.BANK_VERSION}; "
             "install a newer markerseek"
         )
-
-
-def _require_rising(path: Path, angles: Float64[np.ndarray, " taken"]) -> None:
-    require_angles(path, angles.size)
-    doubled = np.flatnonzero(np.diff(angles) <= 0)
-    if doubled.size:
-        raise RecordError(f"{path}: the angle {angles[doubled[0]]:g} deg stands there twice; average repeated angles")
-    if not np.abs(angles).max() <= 360:
-        raise RecordError(f"{path}: an angle is {angles[np.abs(angles).argmax()]:g} deg, more than one turn")
 
 
 def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarray, " planned"]:

@@ -56,7 +56,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
     by_angle = {each.angle_deg: each for each in samples if not each.dark}
     repeated = sum(not each.dark for each in samples) - len(by_angle)
-    require_angles(path, len(by_angle))
+    require_angles(path, sorted(by_angle))
     lit = tuple(by_angle[angle_deg] for angle_deg in sorted(by_angle))
     bank = IntensityBank(
         angles_deg=tuple(each.angle_deg for each in lit),
