@@ -9,10 +9,12 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 from scipy.io import savemat
 
 from markerseek.core import RecordError
+from markerseek.records._mat73 import HEAD_BYTES, is_mat73, unvetted_arrays, walk_arrays
 from markerseek.records.bank_arrays import read_arrays
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.frame_files import load_frame
@@ -48,6 +50,20 @@ def _whole_frame_mat() -> bytes:
     frame = np.arange(32 * 2 * 4, dtype=np.int16).reshape(32, 2, 4)
     savemat(stream, {"AdcData_frame000": frame, "SampleNum": 2.0}, do_compression=True)
     return stream.getvalue()
+
+
+def _whole_mat73() -> bytes:
+    """Angles in one piece, frames in compressed chunks, and a variable that is passed over."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mat"
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file["angle_deg"] = _ANGLES[:, None]
+            frames = np.stack([_FRAME] * 3).T
+            file.create_dataset("frames", data=frames, chunks=(3, 2, 3), compression="gzip", shuffle=True)
+            file["note"] = np.array([[77, 65]], np.uint16)
+            for name, kind in (("angle_deg", "double"), ("frames", "int16"), ("note", "char")):
+                file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+        return b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + path.read_bytes()[128:]
 
 
 def _whole_npy() -> bytes:
@@ -102,6 +118,13 @@ def _read_ultrasonix(path: Path) -> None:
         (file.b_mode if file.header.kind == "b-mode" else file.rf)(index)
 
 
+def _read_unvetted_mat73(path: Path) -> None:
+    if not is_mat73(path.read_bytes()[:HEAD_BYTES]):
+        raise RecordError(f"{path}: it is another version, which goes to another reader")
+    walk_arrays(path)
+    unvetted_arrays(path)
+
+
 def _read_unvetted_hdf5(path: Path) -> None:
     bank = read_unvetted(path)
     walk_frames(bank)
@@ -113,6 +136,7 @@ DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] =
     "b8": ("a.b8", lambda: _whole_ultrasonix(4), _read_ultrasonix),
     "rf": ("a.rf", lambda: _whole_ultrasonix(16), _read_ultrasonix),
     "mat": ("a.mat", _whole_mat, lambda path: _frames_of(read_arrays(path))),
+    "mat73": ("a.mat", _whole_mat73, lambda path: _frames_of(read_arrays(path))),
     "mat-frame": ("a.mat", _whole_frame_mat, load_frame),
     "npy": ("a.npy", _whole_npy, load_frame),
     "npz": ("a.npz", _whole_npz, lambda path: _frames_of(read_arrays(path))),
@@ -121,7 +145,11 @@ DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] =
 }
 """File's name, a whole file, and what reads it, by the decoder's name."""
 
-UNVETTED = {**DECODERS, "hdf5": ("a.hdf5", _whole_hdf5, _read_unvetted_hdf5)}
+UNVETTED = {
+    **DECODERS,
+    "hdf5": ("a.hdf5", _whole_hdf5, _read_unvetted_hdf5),
+    "mat73": ("a.mat", _whole_mat73, _read_unvetted_mat73),
+}
 """The same, HDF5 without the process of its own that would shield it: for fuzzing that library."""
 
 

@@ -24,7 +24,8 @@ from markerseek.records.banks import read_bank
 from markerseek.records.ipasc_reading import read_unvetted
 
 CORPUS = Path(__file__).parent / "corpus"
-IN_PROCESS = sorted(set(DECODERS) - {"hdf5"})
+VETTED = ("hdf5", "mat73")
+IN_PROCESS = sorted(set(DECODERS) - set(VETTED))
 ROOM_BYTES = 3_000_000
 
 
@@ -221,20 +222,24 @@ def test_hdf5_that_leads_elsewhere_or_promises_much_is_refused(tmp_path, change)
     assert most < 40 * path.stat().st_size + ROOM_BYTES
 
 
+@pytest.mark.parametrize("decoder", VETTED)
 @pytest.mark.parametrize("seed", range(40))
-def test_damaged_hdf5_is_read_or_refused(tmp_path, seed):
+def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
     """In this process, what the library merely dislikes; what it hangs on is in the corpus, and needs the other."""
-    whole = bank(tmp_path / "a.hdf5").read_bytes()
+    name, whole_file, read = UNVETTED[decoder]
+    whole = whole_file()
     rng = np.random.default_rng(seed)
     damaged = np.frombuffer(whole, np.uint8).copy()
     # The first blocks hold the structure; of the global heap, on which HDF5 2.0 hangs, the last part.
     damaged[rng.integers(0, 2000, 1 + seed % 4)] = rng.integers(0, 256, 1 + seed % 4)
-    name, _, read = UNVETTED["hdf5"]
     assert outcome(read, tmp_path / name, damaged.tobytes()) in ("read", "refused")
 
 
-def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch):
-    path = bank(tmp_path / "a.hdf5")
+@pytest.mark.parametrize("decoder", VETTED)
+def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch, decoder):
+    name, whole, _ = DECODERS[decoder]
+    path = tmp_path / name
+    path.write_bytes(whole())
     vet(path)
     monkeypatch.setattr("markerseek.records._vetting.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):

@@ -2,7 +2,7 @@
 
 Written out for the few fields that are needed ("MAT-File Level 5 File Format", The MathWorks), because SciPy's
 reader can be made to crash the interpreter by damaged bytes, and to ask for gigabytes by a file of some kilobytes. The
-tests hold it against SciPy's on whole files.
+tests hold it against SciPy's on whole files. Version 7.3 is another format, read in `markerseek.records._mat73`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import RecordError
+from markerseek.records._mat73 import HEAD_BYTES, is_mat73, mat73_arrays
 
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _HEADER_BYTES = 128
@@ -25,6 +26,11 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _INT16_CLASS, _NUMERIC_CLASSES = 10, range(6, 16)
 _COMPLEX = 0x800
 _MOST_PER_BYTE = 32
+_LONGEST_NAME = 64
+
+
+class _UnpacksTooFarError(Exception):
+    """The compressed parts hold more than `_MOST_PER_BYTE` times the file."""
 
 
 def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
@@ -38,7 +44,8 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
         found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
         raise RecordError(
             f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {found}; "
-            "save channel data as an .npy of int16 (channels, samples) instead"
+            "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
+            f"see 'markerseek bank import {path} scan.hdf5'"
         )
     aligned = frame.shape[1]
     if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
@@ -51,26 +58,50 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
 
 
 def mat_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Real numeric variables of a ``.mat`` of version 6 or 7, by name.
+    """Real numeric variables of a ``.mat`` of version 6, 7 or 7.3, by name.
 
     Raises
     ------
     RecordError
         If it is damaged, of another version, or unpacks to far more than it holds.
+    MissingExtraError
+        If it is of version 7.3, and h5py is not installed.
     """
-    data = path.read_bytes()
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        if is_mat73(head):
+            return mat73_arrays(path)
+        if _is_version_4(head):
+            raise RecordError(f"{path}: it was saved with -v4, which is not read; save it with -v7")
+        data = head + file.read()
     try:
         return dict(_arrays(data))
+    except _UnpacksTooFarError as error:
+        raise RecordError(
+            f"{path}: it unpacks to more than {_MOST_PER_BYTE} times its size; save it with -v6 (uncompressed)"
+        ) from error
     # Lengths that lead out of the data, numbers that are no text, streams that are not compressed.
     except (ValueError, struct.error, zlib.error) as error:
         raise RecordError(f"{path}: {len(data)} bytes, cut off or damaged: {error}; fetch or save it again") from error
+
+
+def _is_version_4(head: bytes) -> bool:
+    """Whether five numbers begin the file as in version 4: type, rows, columns, 0 or 1 if complex, length of a name."""
+    if len(head) < 20:
+        return False
+    for order, machine in (("<", 0), (">", 1000)):
+        kind, rows, columns, imaginary, name = struct.unpack_from(f"{order}5i", head)
+        numbers, matrix = divmod(kind - machine, 10)
+        if numbers in range(6) and matrix in range(3) and imaginary in (0, 1) and min(rows, columns) >= 0:
+            return 1 < name <= _LONGEST_NAME
+    return False
 
 
 def _arrays(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """Names and values of the real numeric variables in the file."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or struct.unpack_from(f"{order}H", data, 124)[0] != 0x0100:
-        raise ValueError("no MATLAB 5 file (.mat of version 6 or 7, saved with -v6 or -v7)")
+        raise ValueError("no MATLAB file of version 6, 7 or 7.3")
     left = _MOST_PER_BYTE * len(data)
     place = _HEADER_BYTES
     while place < len(data):
@@ -80,7 +111,7 @@ def _arrays(data: bytes) -> Iterator[tuple[str, np.ndarray]]:
             unpacked = unpacker.decompress(body, left + 1)
             left -= len(unpacked)
             if left < 0:
-                raise ValueError(f"it unpacks to more than {_MOST_PER_BYTE} times as many")
+                raise _UnpacksTooFarError
             kind, body, _ = _element(unpacked, 0, order)
         if kind == _MATRIX and (array := _array(body, order)) is not None:
             yield array

@@ -53,22 +53,25 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     RecordError
         If it is damaged, or unpacks to far more than it holds.
     """
-    most = MOST_PER_BYTE * path.stat().st_size
     try:
         with zipfile.ZipFile(path) as archive:
             members = [each for each in archive.infolist() if each.filename.endswith(".npy")]
-            _require_room(members, most)
+            _require_room(path, members)
             arrays = {}
             for each in members:
                 with archive.open(each) as stream:
                     arrays[each.filename.removesuffix(".npy")] = read_npy(stream, size=each.file_size)
             return arrays
+    except RecordError:
+        raise
     # Damaged archives raise errors of many kinds.
     except Exception as problem:
         raise RecordError(f"{path}: no .npz that can be read: {problem}; save it again with numpy.savez") from problem
 
 
-def _require_room(members: list[zipfile.ZipInfo], most: int) -> None:
-    unpacked = sum(each.file_size for each in members)
-    if unpacked > most:
-        raise ValueError(f"it unpacks to {unpacked} bytes, more than {MOST_PER_BYTE} times the file")
+def _require_room(path: Path, members: list[zipfile.ZipInfo]) -> None:
+    if sum(each.file_size for each in members) > MOST_PER_BYTE * path.stat().st_size:
+        raise RecordError(
+            f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with numpy.savez instead of "
+            "savez_compressed"
+        )

@@ -1,7 +1,8 @@
 """Reads a file of HDF5 in a process of its own first, because the library can crash or hang on damaged bytes.
 
-``python -m markerseek.records._vetting FILE`` does what `ipasc_reading` will do, under limits of time and memory. Only
-how the process ends counts: a file that is merely wrong is refused again, with its reason, by the caller.
+``python -m markerseek.records._vetting FILE`` does what `ipasc_reading` will do, or `_mat73` with a ``.mat``, under
+limits of time and memory. Only how the process ends counts: a file that is merely wrong is refused again, with its
+reason, by the caller.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-from markerseek.core import RecordError
+from markerseek.core import MissingExtraError, RecordError
 
 LIMIT_S, COMPUTING_S = 60.0, 5
 """Longest time for one file, and of it for computing, in seconds."""
@@ -42,7 +44,9 @@ def vet(path: Path) -> None:
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be vetted, no process can be started: {problem.strerror}") from problem
     if ended.returncode != 0:
-        raise RecordError(f"{path}: the HDF5 library breaks down when it reads it; it is damaged: scan again")
+        raise RecordError(
+            f"{path}: the HDF5 library breaks down when it reads it; it is damaged: scan, or save it, again"
+        )
 
 
 def _limit(size: int) -> None:
@@ -62,14 +66,24 @@ def _limit(size: int) -> None:
 
 
 def _main() -> None:
-    from markerseek.records.ipasc_reading import read_unvetted, walk_frames
-
     path = Path(sys.argv[1])
+    walk = _walker(path)
     _limit(path.stat().st_size)
     try:
-        walk_frames(read_unvetted(path))
-    except RecordError:
+        walk(path)
+    except (RecordError, MissingExtraError):
         return
+
+
+def _walker(path: Path) -> Callable[[Path], None]:
+    """What reads such a file, or as much of it as could do harm."""
+    if path.suffix.lower() == ".mat":
+        from markerseek.records._mat73 import walk_arrays
+
+        return walk_arrays
+    from markerseek.records.ipasc_reading import read_unvetted, walk_frames
+
+    return lambda path: walk_frames(read_unvetted(path))
 
 
 if __name__ == "__main__":
