@@ -31,12 +31,15 @@ def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Pa
         list(resumed(policy, rig, journal, held, by="a person"))
     assert strongest.frame is not None
     assert targets[0] == strongest.frame.header.commanded_deg
-    note, checked = [e.event for e in read_journal(path).entries if isinstance(e.event, Resuming | Checked)]
+    note, checked, flank = [e.event for e in read_journal(path).entries if isinstance(e.event, Resuming | Checked)]
     assert isinstance(note, Resuming)
     assert (note.by, note.fault_reset) == ("a person", False)
     assert note.check_deg == pytest.approx(strongest.angle_deg, abs=0.01)
-    assert isinstance(checked, Checked)
-    assert checked.difference is None
+    assert note.flank_deg == targets[1]
+    for check in (checked, flank):
+        assert isinstance(check, Checked)
+        assert check.difference is None
+    assert checked.reading.intensity > flank.reading.intensity > 0.2 * checked.reading.intensity
 
 
 @pytest.mark.parametrize("moved_deg", [-6.0, 6.0])

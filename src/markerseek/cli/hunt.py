@@ -16,8 +16,8 @@ from rich.table import Table
 from markerseek.cli.keeping import tell_where
 from markerseek.cli.stopping import StoppedBySignal, stopped_by_signals
 from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar
-from markerseek.core import Event, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
-from markerseek.records.journal import Configuration, Journal, result_with
+from markerseek.core import Event, Failed, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
+from markerseek.records.journal import Checked, Configuration, Journal, result_with
 from markerseek.records.result import Recorder, SearchResult
 from markerseek.signals import ImageReader
 
@@ -52,8 +52,7 @@ def hunt(
             raise typer.Exit(stop.exit_code) from None
         except MarkerseekError:
             if journal is not None:
-                path = escape(str(journal.path))
-                aside.print(f"[dim]journal:[/] {path}; once the rig is well: markerseek resume {path} --reset-fault")
+                _tell_how_to_go_on(journal)
             raise
     return recorder, result_with(recorder, begun_with)
 
@@ -69,6 +68,17 @@ def _watch(events: Iterable[Event], recorder: Recorder, most: int) -> None:
                 progress.update(task, completed=event.index, description=said)
             elif isinstance(event, Refused):
                 progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+
+
+def _tell_how_to_go_on(journal: Journal) -> None:
+    """Say by which command a run that ended with an error goes on; nothing where only a new search helps."""
+    path = escape(str(journal.path))
+    if isinstance(journal.last, Failed):
+        aside.print(f"[dim]journal:[/] {path}; once the rig is well: markerseek resume {path} --reset-fault")
+    elif isinstance(journal.last, Checked):
+        aside.print(f"[dim]journal:[/] {path}")
+    else:
+        aside.print(f"[dim]journal:[/] {path}; go on with: markerseek resume {path}")
 
 
 def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:

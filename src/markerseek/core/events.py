@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from markerseek.core.estimate import Estimate
+from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Sample
 
@@ -63,10 +64,21 @@ class Measured:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refused:
-    """A frame was refused and will be tried again."""
+    """An acquisition was refused and will be tried again.
+
+    Attributes
+    ----------
+    angle_deg
+        Angle in degrees at which it was asked for.
+    reason
+        Why.
+    frame
+        What the receiver sent; None where it sent nothing.
+    """
 
     angle_deg: float
     reason: str
+    frame: Frame | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,6 +67,16 @@ class Guard:
         """Pulses permitted in this session so far."""
         return self._permits.pulses_permitted
 
+    def recall(self, frame: Frame, reading: Reading) -> None:
+        """Remember what this run admitted before, under a guard that is no more; only while DISARMED."""
+        self._require("recall", State.DISARMED)
+        self._previous = frame
+        self._usual_sigma.setdefault(frame.header.pulses > 0, reading.noise_sigma)
+
+    def charge(self, pulses: int) -> None:
+        """Count pulses that were permitted in this session before, under a guard that is no more."""
+        self._permits.charge(pulses)
+
     def arm(self, *, by: str) -> None:
         """DISARMED -> ARMED, in the name of a person; refused in FAULT and in mid-step."""
         self._require_name(by)

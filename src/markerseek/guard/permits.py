@@ -61,6 +61,12 @@ class Permits:
         """Pulses permitted in this session so far."""
         return self._pulses
 
+    def charge(self, pulses: int) -> None:
+        """Count pulses that somebody else permitted in this session; `ConfigError` if fewer than 0."""
+        if not pulses >= 0:
+            raise ConfigError(f"permits: {pulses} pulses cannot have been permitted before; count them again")
+        self._pulses += pulses
+
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
         """Leave for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 

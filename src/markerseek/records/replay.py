@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from markerseek.core import (
@@ -24,6 +25,7 @@ from markerseek.core import (
     Permit,
     Reading,
     ReadingFrame,
+    RecordError,
 )
 from markerseek.records.banks import FrameBank, IntensityBank
 
@@ -93,6 +95,14 @@ class ReplayLaser:
         """Nothing to do: there is no laser."""
 
 
+class _ReplayState(msgspec.Struct, frozen=True, kw_only=True):
+    """How far a recording has been played back."""
+
+    angle_deg: float
+    sequence: int
+    dark: int
+
+
 class ReplayReceiver:
     """Hands over what was recorded where the stage stands.
 
@@ -155,6 +165,29 @@ class ReplayReceiver:
             return replace(self._bank.frame(self._bank.angles_deg.index(angle_deg)), header=header)
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
+
+
+    def checkpoint(self) -> bytes:
+        """How far the recording has been played back, with the place of the stage, as JSON."""
+        state = _ReplayState(angle_deg=self._stage.angle_deg, sequence=self._sequence, dark=self._dark)
+        return msgspec.json.encode(state)
+
+    def restore(self, checkpoint: bytes) -> None:
+        """Go back to a `checkpoint`.
+
+        Raises
+        ------
+        RecordError
+            If it is none.
+        LimitError
+            If the stage stood at an angle that was not recorded.
+        """
+        try:
+            state = msgspec.json.decode(checkpoint, type=_ReplayState)
+        except msgspec.MsgspecError as problem:
+            raise RecordError(f"replay: the state of the recording cannot be read: {problem}") from problem
+        self._stage.move_to(state.angle_deg)
+        self._armed, self._sequence, self._dark = None, state.sequence, state.dark
 
 
 class IntensityReader:

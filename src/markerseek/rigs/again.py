@@ -8,9 +8,10 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ChannelFrame, Measured, Policy, Reader, RecordError
+from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader, RecordError
 from markerseek.guard import Limits
 from markerseek.records.journal import Configuration, Entry, Recording
+from markerseek.records.journal.entries import Happening
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
@@ -20,6 +21,7 @@ from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
 from markerseek.scan import run
 from markerseek.search import build
+from markerseek.signals import ImageReader, ProbePreset
 
 
 def rig_again(configuration: Configuration) -> Rig:
@@ -38,28 +40,29 @@ def rig_again(configuration: Configuration) -> Rig:
 
         rig = bench(recipe.settings)
     elif isinstance(recipe, ReplayedRecipe):
-        rig = replayed(
-            Path(recipe.path), probe=recipe.probe, reference_deg=recipe.reference_deg, between=recipe.between
-        )
+        rig = _replayed(recipe)
+        # Any other rig is put together from the recipe itself, and so is the same.
+        if rig.configuration != configuration.fingerprint:
+            raise RecordError(
+                f"{recipe.path}: the recording is not what it was when the run began: its fingerprint was "
+                f"{configuration.fingerprint} and is {rig.configuration}; begin a new replay"
+            )
     else:
         rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
-    if rig.configuration != configuration.fingerprint:
-        rig.close()
-        raise RecordError(
-            f"the rig is not the same any more ({configuration.description}): its fingerprint was "
-            f"{configuration.fingerprint} and is {rig.configuration}; was the recording changed?"
-        )
     return rig
 
 
 def reader_again(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig; no device is connected to.
+    """The imaging chain of a journal's rig; neither devices nor a recording are needed, but for journals of version 1.
 
     Raises
     ------
     RecordError
         As `rig_again`.
     """
+    if configuration.imaging is not msgspec.UNSET:
+        preset = _preset(configuration.imaging)
+        return IntensityReader() if preset is None else ImageReader(preset)
     recipe = _recipe(configuration)
     if recipe is None:
         return IntensityReader()
@@ -67,7 +70,20 @@ def reader_again(configuration: Configuration) -> Reader:
         from markerseek.rigs.bench import imaging_of
 
         return imaging_of(recipe.settings.probe, sampling_hz=recipe.settings.receiver.sampling_hz)
-    return rig_again(configuration).imaging or IntensityReader()
+    rig = _replayed(recipe) if isinstance(recipe, ReplayedRecipe) else rig_again(configuration)
+    return rig.imaging or IntensityReader()
+
+
+def _replayed(recipe: ReplayedRecipe) -> Rig:
+    return replayed(Path(recipe.path), probe=recipe.probe, reference_deg=recipe.reference_deg, between=recipe.between)
+
+
+def _preset(imaging: msgspec.Raw) -> ProbePreset | None:
+    try:
+        preset: ProbePreset | None = msgspec.json.decode(imaging, type=ProbePreset | None)
+    except (msgspec.MsgspecError, RecursionError) as problem:
+        raise RecordError(f"the journal's imaging chain cannot be read: {problem}") from problem
+    return preset
 
 
 def _recipe(configuration: Configuration) -> Recipe | None:
@@ -120,10 +136,15 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     events = run(policy, scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay)
     with closing(events):
         for entry, event in zip(again, events, strict=False):
-            if event != entry.event:
+            if _timeless(event) != _timeless(entry.event):
                 found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
                 break
     return found
+
+
+def _timeless(event: Happening) -> Happening:
+    """The event without how long a run took: frames do not tell."""
+    return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
 
 
 def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:

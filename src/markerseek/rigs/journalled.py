@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import closing
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 
 import msgspec
 
@@ -49,6 +49,7 @@ def configuration_of(
         stay=stay,
         rig=rig.kind,
         recipe=msgspec.Raw(msgspec.json.encode(rig.recipe)),
+        imaging=msgspec.Raw(msgspec.json.encode(None if rig.imaging is None else rig.imaging.preset)),
         fingerprint=rig.configuration,
         description=rig.description,
         face_radius_m=rig.face_radius_m,
@@ -102,11 +103,35 @@ def journalled(
         If an event cannot be kept; the rig is stopped.
     """
     begun_with = journal.configuration
+    clock = rig.scanner.clock
     events = run(policy, rig.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
-    with closing(events):
+    with closed_and_kept(events, clock, journal):
         for event in events:
-            keep(event, rig.scanner.clock, rig, journal)
+            keep(event, clock, rig, journal)
             yield event
+
+
+@contextmanager
+def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
+    """Close a run at the end, which stops the rig; a rig that cannot be stopped is a fault, which is kept.
+
+    Parameters
+    ----------
+    events
+        The run.
+    clock
+        Its clock.
+    journal
+        Where the fault is kept, unless the run is over or ended with another.
+    """
+    try:
+        yield
+    finally:
+        try:
+            events.close()
+        except Exception as error:
+            journal.fail(error, clock_s=clock.now_s())
+            raise
 
 
 def keep(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:

@@ -90,6 +90,7 @@ def replayed(
         truth_deg=None,
         configuration=fingerprint(bank),
         reference_deg=reference_deg,
+        world=receiver,
         distinct_angles=None if interpolated else len(bank.angles_deg),
         recipe=ReplayedRecipe(
             path=str(path.absolute()), probe=preset.name, reference_deg=reference_deg, between=between

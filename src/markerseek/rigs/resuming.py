@@ -9,29 +9,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator
-from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from markerseek.core import (
-    AcquisitionError,
-    Asked,
-    ConfigError,
-    DeviceError,
-    Event,
-    Failed,
-    Finished,
-    Measured,
-    Policy,
-    RecordError,
-    Refused,
-    Sample,
-    SaturationError,
-    Started,
-)
-from markerseek.records.journal import Checked, Entry, Journal, Recording, Resuming, Standing, standing
+from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
+from markerseek.records.journal import Entry, Journal, Recording, Resuming, Standing, standing
 from markerseek.records.journal.configuration import versions
-from markerseek.rigs.journalled import journalled, keep
-from markerseek.rigs.resemblance import change_of, commanded_deg
+from markerseek.rigs.checking import pulses_before, require_as_before, telling
+from markerseek.rigs.journalled import closed_and_kept, journalled, keep
+from markerseek.rigs.resemblance import commanded_deg
 from markerseek.rigs.retelling import Retelling
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, Scanner, run
@@ -51,8 +38,8 @@ def resumed(
 ) -> Generator[Event, None, None]:
     """The events of a run from its beginning: those of the journal, then those of the rig.
 
-    Before anything else the strongest angle so far is measured again, and must be heard as it was. The rig is armed
-    in the name of the person who asks for this.
+    All that was decided is decided again and compared. Then the strongest angle so far and one on a flank are measured
+    again, and must be heard as they were. Then it goes on. The rig is armed in the name of the person who asks for it.
 
     Parameters
     ----------
@@ -75,7 +62,7 @@ def resumed(
     Raises
     ------
     DeviceError
-        If the run ended with a fault that is not reset, or the strongest angle is not heard as it was.
+        If the run ended with a fault that is not reset, or an angle is not heard as it was.
     RecordError
         If the run is over, the search decides otherwise than it did, or an event cannot be kept.
     """
@@ -83,25 +70,91 @@ def resumed(
     if stands.state == "finished":
         raise RecordError(f"{held.path}: the run is over; there is nothing to go on with")
     require_reset(held.path, stands, reset_fault=reset_fault)
-    pending = deque(entry for entry in held.entries if isinstance(entry.event, TOLD))
-    if not pending:
-        rig.arm(by=by)
+    told = tuple(entry for entry in held.entries if isinstance(entry.event, TOLD))
+    again = _Again(rig, journal, held, told, by=by, attempts=limits.attempts)
+    if not told:
+        again.go_on()
         yield from journalled(policy, rig, journal, limits=limits)
         return
-    state = _last_checkpoint(rig, held)
-    _check_geometry(rig, journal, stands, state, by=by, attempts=limits.attempts)
-    _restore(rig, state)
-    rig.arm(by=by)
-    scanner = Retelling(tuple(pending), limits=rig.limits, live=rig.scanner, same_clock=state is not None)
+    pending = deque(told)
     begun_with = journal.configuration
-    events = run(policy, scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
-    with closing(events):
+    events = run(policy, again.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
+    with closed_and_kept(events, again.scanner.clock, journal):
         for event in events:
             if pending:
                 _require_same(event, pending.popleft(), held)
             else:
-                keep(event, scanner.clock, rig, journal)
+                again.go_on()
+                keep(event, again.scanner.clock, rig, journal)
             yield event
+            if not pending and isinstance(event, Asked | Refused):
+                # What comes next is an acquisition: nothing moves before all that was decided has been compared.
+                again.go_on()
+
+
+class _Again:
+    """The step from what the journal holds to the rig; it is made once.
+
+    Parameters
+    ----------
+    rig, journal, held
+        As in `resumed`.
+    told
+        Entries that the run tells again.
+    by
+        Name of the person who arms the rig.
+    attempts
+        How often one acquisition is tried when its frames are refused.
+    """
+
+    def __init__(
+        self, rig: Rig, journal: Journal, held: Recording, told: tuple[Entry, ...], *, by: str, attempts: int
+    ) -> None:
+        self._rig, self._journal, self._held, self._told = rig, journal, held, told
+        self._by, self._attempts = by, attempts
+        self._state = _last_checkpoint(rig, held) if told else None
+        self._gone_on = False
+        self.scanner: Scanner = rig.scanner
+        if told:
+            self.scanner = Retelling(told, limits=rig.limits, live=rig.scanner, same_clock=self._state is not None)
+
+    def go_on(self) -> None:
+        """Note who armed the rig, see that it is as it was, and leave it armed; nothing the second time."""
+        if self._gone_on:
+            return
+        self._gone_on = True
+        rig, entries = self._rig, self._held.entries
+        rig.scanner.guard.charge(pulses_before(entries, pulses=rig.scanner.pulses, attempts=self._attempts))
+        self._as_it_was()
+        if isinstance(self.scanner, Retelling):
+            self.scanner.go_on()
+        checks = telling(entries)
+        at_deg = [commanded_deg(sample) for sample in checks]
+        note = Resuming(
+            by=self._by,
+            check_deg=at_deg[0] if at_deg else None,
+            flank_deg=at_deg[1] if len(at_deg) > 1 else None,
+            fault_reset=standing(entries).state == "fault",
+            versions=versions(),
+        )
+        clock = self.scanner.clock
+        self._journal.commit(note, clock_s=clock.now_s())
+        arm = partial(rig.arm, by=self._by)
+        require_as_before(checks, rig.scanner, self._journal, clock, arm=arm, attempts=self._attempts)
+        self._as_it_was()
+        arm()
+
+    def _as_it_was(self) -> None:
+        """Put a simulated world back to where it was, and tell the guard what it had admitted."""
+        if self._rig.world is not None and self._state is not None:
+            self._rig.world.restore(self._state)
+        guard = self._rig.scanner.guard
+        for entry in self._told:
+            if isinstance(entry.event, Measured) and entry.event.sample.frame is not None:
+                frame = entry.event.sample.frame
+                # A receiver that began anew counts from 1 again.
+                header = frame.header if self._state is not None else replace(frame.header, sequence=0)
+                guard.recall(replace(frame, header=header), entry.event.sample.reading)
 
 
 def require_reset(path: Path, stands: Standing, *, reset_fault: bool) -> None:
@@ -128,60 +181,13 @@ def require_reset(path: Path, stands: Standing, *, reset_fault: bool) -> None:
 
 
 def _last_checkpoint(rig: Rig, held: Recording) -> bytes | None:
-    """Last state of the simulated world; None of a real one."""
+    """Last state of a world that can be put back; None of a real one."""
     if rig.world is None:
         return None
     for entry in reversed(held.entries):
         if entry.checkpoint is not None:
             return entry.checkpoint
     raise RecordError(f"{held.path}: it holds no state of the simulated world, which died with its process")
-
-
-def _restore(rig: Rig, state: bytes | None) -> None:
-    if rig.world is not None and state is not None:
-        rig.world.restore(state)
-
-
-def _check_geometry(
-    rig: Rig, journal: Journal, stands: Standing, state: bytes | None, *, by: str, attempts: int
-) -> None:
-    """Measure the strongest angle again, and keep what was heard; a simulated world must be put back after it."""
-    strongest = stands.strongest
-    check_deg = None if strongest is None else commanded_deg(strongest)
-    note = Resuming(by=by, check_deg=check_deg, fault_reset=stands.state == "fault", versions=versions())
-    _restore(rig, state)
-    clock = rig.scanner.clock
-    journal.commit(note, clock_s=clock.now_s())
-    if strongest is None or check_deg is None:
-        return
-    rig.arm(by=by)
-    try:
-        again = _measure(rig.scanner, check_deg, attempts)
-    except Exception as error:
-        # A fault must outlive this process as well: it is left by a person's reset only.
-        journal.commit(Failed(error=error), clock_s=clock.now_s())
-        raise
-    finally:
-        rig.scanner.stop()
-    changed = change_of(strongest.reading, again.reading)
-    journal.commit(Checked(reading=again.reading, difference=changed), clock_s=clock.now_s())
-    if changed is not None:
-        raise AcquisitionError(
-            f"measured again at {check_deg:.3f} deg, {changed}: probe, tissue or laser are not as they were; "
-            "begin a new search"
-        )
-
-
-def _measure(scanner: Scanner, angle_deg: float, attempts: int) -> Sample:
-    for attempt in range(1, attempts + 1):
-        try:
-            return scanner.measure(angle_deg)
-        except SaturationError:
-            raise
-        except AcquisitionError:
-            if attempt == attempts:
-                raise
-    raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
 
 
 def _require_same(now: Event, then: Entry, held: Recording) -> None:

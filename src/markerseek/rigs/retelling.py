@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Measured, RecordError, Refused, Sample, Started
+from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Measured, RecordError, Refused, Sample, Started
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.journal import Entry
 from markerseek.scan import Scanner
@@ -84,6 +84,8 @@ class Retelling(Scanner):
         self._limits = limits
         self._live = live
         self._same_clock = same_clock
+        self._gone_on = False
+        self._refused_frame: Frame | None = None
         self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
         self._told = ToldClock(first.clock_s)
         self.clock: Clock = self._told
@@ -124,9 +126,21 @@ class Retelling(Scanner):
         """
         return self._next() or self._rig().measure_dark()
 
+    @property
+    def refused_frame(self) -> Frame | None:
+        """Frame of the last acquisition if it was refused, then or now."""
+        return self._refused_frame if self._live is None or not self._gone_on else self._live.refused_frame
+
+    def go_on(self) -> None:
+        """Let the clock go on with the live one, and `measure` with the rig once the entries are used up."""
+        if self._live is None:
+            raise RecordError("the journal holds no further acquisition, and there is no rig to make one")
+        self._gone_on = True
+        self._told.go_on(self._live.clock, same=self._same_clock)
+
     def stop(self) -> None:
-        """Stop the rig, if there is one."""
-        if self._live is not None:
+        """Stop the rig, if it was gone on with; before, nothing moves."""
+        if self._live is not None and self._gone_on:
             self._live.stop()
 
     def _next(self) -> Sample | None:
@@ -134,12 +148,13 @@ class Retelling(Scanner):
             return None
         entry = self._outcomes.popleft()
         self._told.show(entry.clock_s)
+        self._refused_frame = None
         if isinstance(entry.event, Refused):
+            self._refused_frame = entry.event.frame
             raise AcquisitionError(entry.event.reason)
         return entry.event.sample if isinstance(entry.event, Measured) else None
 
     def _rig(self) -> Scanner:
-        if self._live is None:
+        if self._live is None or not self._gone_on:
             raise RecordError("the journal holds no further acquisition, and there is no rig to make one")
-        self._told.go_on(self._live.clock, same=self._same_clock)
         return self._live

@@ -70,7 +70,8 @@ class Rig:
     recipe
         How to put the same rig together again; None where that cannot be said.
     world
-        The simulated world, which a journal keeps with each commit; None where the world is real or a recording.
+        A simulated world, or a recording that is played back, whose state a journal keeps with each commit; None where
+        the world is real.
     devices
         The lines to real devices; None where no hardware is involved.
     """
@@ -121,6 +122,14 @@ class Rig:
 
 
 def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:
-    """First half of the SHA-256 of the settings or the recording, as JSON."""
-    plain = msgspec.json.encode(of, enc_hook=str)
-    return hashlib.sha256(plain).hexdigest()[:32]
+    """First half of the SHA-256 of the settings, or of what a recording says of itself, as JSON.
+
+    Frames are not looked at. What is not known of a recording is left out, so that the fingerprint stays the same when
+    more can be known of one.
+    """
+    plain: object = of
+    if isinstance(of, IntensityBank | FrameBank):
+        facts = msgspec.to_builtins(of.facts)
+        known = {name: value for name, value in facts.items() if value is not None}
+        plain = {"angles_deg": of.angles_deg, "intensities": of.intensities, "facts": known}
+    return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()[:32]

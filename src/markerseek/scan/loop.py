@@ -145,7 +145,7 @@ def _admitted(
                 error = AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)")
                 scanner.guard.fail(str(error))
                 raise error from refusal
-            yield Refused(angle_deg=angle_deg, reason=str(refusal))
+            yield Refused(angle_deg=angle_deg, reason=str(refusal), frame=scanner.refused_frame)
     raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Protocol
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Laser, Reader, Receiver, Sample, Stage
+from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Laser, Reader, Receiver, Sample, Stage
 from markerseek.guard import Guard, Limits, State
 
 
@@ -63,6 +63,7 @@ class Scanner:
         self._held = _Held(dead_man)
         self._trusted = _Trusted(guard)
         self._willing = _Trusted(guard, AcquisitionError, ConfigError)
+        self._refused_frame: Frame | None = None
 
     @property
     def limits(self) -> Limits:
@@ -70,11 +71,21 @@ class Scanner:
         return self.guard.limits
 
     @property
+    def pulses(self) -> int:
+        """Laser pulses averaged in one acquisition."""
+        return self._pulses
+
+    @property
     def angle_deg(self) -> float:
         """Readback of the stage in degrees, inside the travel range."""
         with self._trusted:
             angle_deg = self._stage.angle_deg
         return self.guard.readback(angle_deg)
+
+    @property
+    def refused_frame(self) -> Frame | None:
+        """Frame of the last acquisition if it was refused; None if it was not, or nothing came."""
+        return self._refused_frame
 
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, listen, and say what was heard.
@@ -122,6 +133,7 @@ class Scanner:
                 self._stage.stop()
 
     def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
+        self._refused_frame = None
         permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
         with self._willing:
             self._receiver.arm(permit)
@@ -134,10 +146,12 @@ class Scanner:
             frame = self._receiver.acquire(permit)
         after_deg = self.angle_deg
         frame = replace(frame, header=replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg))
+        self._refused_frame = frame
         self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
         with self._willing:
             reading = self._reader.read(frame)
         self.guard.admit_reading(reading, frame=frame)
+        self._refused_frame = None
         return Sample(angle_deg=(before_deg + after_deg) / 2, reading=reading, dark=pulses == 0, frame=frame)
 
     def _arm_itself(self) -> None:

@@ -43,6 +43,9 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
         Kind of the rig.
     recipe
         Settings of the rig in full, as JSON; null for a rig that was not put together from settings.
+    imaging
+        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only. Journals of version 1
+        do not hold it.
     fingerprint
         The same for equal rigs.
     description
@@ -64,6 +67,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     stay: bool
     rig: Literal["simulated", "replayed", "bench"]
     recipe: msgspec.Raw
+    imaging: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
     fingerprint: str
     description: str
     face_radius_m: float | None

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from markerseek.core import Event, Reading
+from markerseek.core import ChannelFrame, Event, Reading
 
 
 class Interrupted(msgspec.Struct, frozen=True, kw_only=True):
@@ -23,7 +23,7 @@ class Interrupted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Resuming(msgspec.Struct, frozen=True, kw_only=True):
-    """A person armed the rig again; before the search goes on, one angle is measured again.
+    """A person armed the rig again; before the search goes on, one angle or two are measured again.
 
     Attributes
     ----------
@@ -31,6 +31,8 @@ class Resuming(msgspec.Struct, frozen=True, kw_only=True):
         Name of the person.
     check_deg
         That angle in degrees, the strongest so far; None where nothing has been measured yet.
+    flank_deg
+        A second one, on a flank of the curve; None where there is none.
     fault_reset
         Whether the run had ended with a fault, and the person reset it.
     versions
@@ -39,12 +41,13 @@ class Resuming(msgspec.Struct, frozen=True, kw_only=True):
 
     by: str
     check_deg: float | None
+    flank_deg: float | None = None
     fault_reset: bool
     versions: dict[str, str]
 
 
 class Checked(msgspec.Struct, frozen=True, kw_only=True):
-    """What was heard at the angle of `Resuming`.
+    """What was heard at an angle of `Resuming`; the strongest comes first.
 
     Attributes
     ----------
@@ -52,10 +55,13 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True):
         What was heard now.
     difference
         How it differs from what was heard before, in words; None where it does not.
+    frame
+        Channel data of this check; None where there are intensities only.
     """
 
     reading: Reading
     difference: str | None
+    frame: ChannelFrame | None = None
 
 
 Happening: TypeAlias = Event | Interrupted | Resuming | Checked

@@ -103,22 +103,47 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
 
 def _fault_of(event: Happening, *, last: Happening | None, step: type | None, asked: Asked | None) -> str | None:
     """Why an event cannot stand behind the last one and the last step of the run; None if it can."""
-    if isinstance(event, Started) or last is None:
-        return None if isinstance(event, Started) and last is None else "a run begins once, with its first entry"
-    named = f"{type(event).__name__} cannot follow {type(last).__name__}"
-    if isinstance(event, Checked):
-        return None if isinstance(last, Resuming) and last.check_deg is not None else named
+    if type(event) in _STEPS:
+        return _fault_of_gap(event, last) or _fault_of_step(event, step, asked)
+    named = f"{type(event).__name__} cannot follow {type(last).__name__ if last is not None else 'nothing'}"
     if isinstance(last, Finished):
         return named
-    if isinstance(event, Resuming):
-        return named if isinstance(last, Failed) and not event.fault_reset else None
-    if isinstance(last, Interrupted | Failed):
-        return named
+    match event:
+        case Checked():
+            return None if _may_be_checked(last) else named
+        case Resuming(fault_reset=fault_reset):
+            return named if isinstance(last, Failed) and not fault_reset else None
+        case Failed():
+            # A device that does not answer at all ends a run before it begins.
+            return named if isinstance(last, Interrupted | Failed) else None
+        case _:
+            return named if last is None or isinstance(last, Interrupted | Failed) else None
+
+
+def _fault_of_gap(event: Happening, last: Happening | None) -> str | None:
+    """Why a step of the run cannot stand behind the last event, be it a step or not."""
+    if isinstance(last, Finished | Interrupted | Failed):
+        return f"{type(event).__name__} cannot follow {type(last).__name__}"
     if isinstance(last, Checked) and last.difference is not None:
         return "the run went on although the check had found a difference"
-    if type(event) in _STEPS:
-        if step is None or type(event) not in _STEPS[step]:
-            return f"{type(event).__name__} cannot follow {step.__name__ if step else 'nothing'}"
-        if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
-            return f"acquisition {event.index} ({event.role}) was not asked for"
+    if isinstance(last, Resuming) and last.check_deg is not None:
+        return "the run went on without the check that was announced"
     return None
+
+
+def _fault_of_step(event: Happening, step: type | None, asked: Asked | None) -> str | None:
+    """Why a step of the run cannot stand behind the step before it."""
+    if isinstance(event, Started):
+        return None if step is None else "a run begins once, with its first entry"
+    if step is None or type(event) not in _STEPS[step]:
+        return f"{type(event).__name__} cannot follow {step.__name__ if step else 'nothing'}"
+    if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
+        return f"acquisition {event.index} ({event.role}) was not asked for"
+    return None
+
+
+def _may_be_checked(last: Happening | None) -> bool:
+    """Whether the result of a check can stand behind the last event."""
+    if isinstance(last, Resuming):
+        return last.check_deg is not None
+    return isinstance(last, Checked) and last.difference is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, TypeAlias, TypeVar
 
 import msgspec
@@ -85,6 +86,13 @@ class _MeasuredBody(msgspec.Struct, frozen=True, kw_only=True):
 class _RefusedBody(msgspec.Struct, frozen=True, kw_only=True):
     angle_deg: float
     reason: str
+    frame: _FrameBody | None = None
+
+
+class _CheckedBody(msgspec.Struct, frozen=True, kw_only=True):
+    reading: Reading
+    difference: str | None
+    frame: _ChannelFrameBody | None = None
 
 
 class _FinishedBody(msgspec.Struct, frozen=True, kw_only=True):
@@ -108,6 +116,9 @@ def to_row(event: Happening) -> tuple[str, bytes, memoryview | None]:
     RecordError
         If JSON cannot hold the event exactly: a number in it is not finite.
     """
+    if isinstance(event, Refused) and event.frame is not None and not _is_exact(event.frame):
+        # Its numbers are why it was refused, and the reason names them.
+        event = replace(event, frame=None)
     kind, body = _body(event)
     encoded, samples = msgspec.json.encode(body), _samples(event)
     # NaN becomes null in JSON, and would make the row unreadable: what is written must read back equal.
@@ -146,7 +157,8 @@ def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, conf
             return _measured(_decode(body, _MeasuredBody), samples)
         case "refused":
             refused = _decode(body, _RefusedBody)
-            return Refused(angle_deg=refused.angle_deg, reason=refused.reason)
+            frame = None if refused.frame is None else _frame(refused.frame, samples)
+            return Refused(angle_deg=refused.angle_deg, reason=refused.reason, frame=frame)
         case "finished":
             return _finished(_decode(body, _FinishedBody), confirmation)
         case "failed":
@@ -157,7 +169,9 @@ def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, conf
         case "resuming":
             return _decode(body, Resuming)
         case "checked":
-            return _decode(body, Checked)
+            checked = _decode(body, _CheckedBody)
+            seen = None if checked.frame is None else _channels(checked.frame, samples)
+            return Checked(reading=checked.reading, difference=checked.difference, frame=seen)
     raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
 
 
@@ -178,7 +192,8 @@ def _body(event: Happening) -> tuple[str, object]:
             )
             return "measured", body
         case Refused():
-            return "refused", _RefusedBody(angle_deg=event.angle_deg, reason=event.reason)
+            held = None if event.frame is None else _frame_body(event.frame)
+            return "refused", _RefusedBody(angle_deg=event.angle_deg, reason=event.reason, frame=held)
         case Finished(estimate=estimate):
             return "finished", _FinishedBody(
                 answer=answer_name(estimate),
@@ -194,23 +209,42 @@ def _body(event: Happening) -> tuple[str, object]:
             return "interrupted", event
         case Resuming():
             return "resuming", event
-        case Checked():
-            return "checked", event
+        case Checked(frame=seen):
+            channels = None if seen is None else _channel_body(seen)
+            return "checked", _CheckedBody(reading=event.reading, difference=event.difference, frame=channels)
 
 
 def _frame_body(frame: Frame) -> _FrameBody:
     if isinstance(frame, ChannelFrame):
-        channels, samples = frame.samples.shape
-        return _ChannelFrameBody(header=frame.header, sampling_hz=frame.sampling_hz, shape=(channels, samples))
+        return _channel_body(frame)
     return _ReadingFrameBody(
         header=frame.header, intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells
     )
 
 
+def _channel_body(frame: ChannelFrame) -> _ChannelFrameBody:
+    channels, samples = frame.samples.shape
+    return _ChannelFrameBody(header=frame.header, sampling_hz=frame.sampling_hz, shape=(channels, samples))
+
+
+def _is_exact(frame: Frame) -> bool:
+    """Whether JSON holds all numbers of a frame but its counts."""
+    body = _frame_body(frame)
+    try:
+        return _decode(msgspec.json.encode(body), type(body)) == body
+    except RecordError:
+        return False
+
+
 def _samples(event: Happening) -> memoryview | None:
-    if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame):
-        return np.ascontiguousarray(event.sample.frame.samples, dtype="<i2").data.cast("B")
-    return None
+    match event:
+        case Measured(sample=sample):
+            frame = sample.frame
+        case Refused(frame=frame) | Checked(frame=frame):
+            pass
+        case _:
+            return None
+    return np.ascontiguousarray(frame.samples, dtype="<i2").data.cast("B") if isinstance(frame, ChannelFrame) else None
 
 
 def _measured(body: _MeasuredBody, samples: bytes | memoryview | None) -> Measured:
@@ -224,6 +258,10 @@ def _frame(body: _FrameBody, samples: bytes | memoryview | None) -> Frame:
         return ReadingFrame(
             header=body.header, intensity=body.intensity, noise_sigma=body.noise_sigma, cells=body.cells
         )
+    return _channels(body, samples)
+
+
+def _channels(body: _ChannelFrameBody, samples: bytes | memoryview | None) -> ChannelFrame:
     channels, length = body.shape
     if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
         held = 0 if samples is None else len(samples)

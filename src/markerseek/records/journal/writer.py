@@ -148,6 +148,29 @@ class Journal:
         if not isinstance(self._last, Finished | Failed | Interrupted | None):
             self.commit(Interrupted(reason=reason), clock_s=self._clock_s)
 
+    def fail(self, error: Exception, *, clock_s: float) -> None:
+        """Note what ended the run; nothing, if it is over or has failed already.
+
+        Parameters
+        ----------
+        error
+            What ended it.
+        clock_s
+            The run's clock in seconds.
+
+        Raises
+        ------
+        RecordError
+            If it cannot be written.
+        """
+        if not isinstance(self._last, Finished | Failed):
+            self.commit(Failed(error=error), clock_s=clock_s)
+
+    @property
+    def last(self) -> Happening | None:
+        """What was committed last; None before the first."""
+        return self._last
+
     def close(self) -> None:
         """Fold the write-ahead log into the file and let go of it; allowed twice.
 
