@@ -6,6 +6,7 @@ import io
 import os
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from markerseek.records.frame_files import load_frame
 from markerseek.wire import sonixdaq
 
 SAMPLES = 160
+JOURNAL = Path(__file__).parents[1] / "data/journal-version-1.journal"
 
 
 def write_daq(folder, pulses, *, new=True):
@@ -222,6 +224,12 @@ def test_mat_is_read_as_scipy_reads_it(tmp_path, compress, top):
     np.testing.assert_array_equal(load_frame(tmp_path / "a.mat").samples, theirs)
 
 
+def savemat_bytes(**content):
+    stream = io.BytesIO()
+    savemat(stream, content)
+    return stream.getvalue()
+
+
 def npy_header(text):
     head = text.encode()
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
@@ -253,6 +261,29 @@ def test_hostile_files_are_refused_by_name(tmp_path, name):
     (tmp_path / name).write_bytes(HOSTILE[name])
     with pytest.raises(RecordError, match=name):
         load_frame(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.hdf5", b"", "a scan of many angles, not one frame; see 'markerseek bank info .*a.hdf5'"),
+        ("a.csv", b"angle_deg,intensity", "see 'markerseek bank info .*a.csv'"),
+        ("a.npz", b"", "see 'markerseek bank import .*a.npz scan.hdf5'"),
+        ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see 'markerseek journal show .*a.run'"),
+        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files; .* an Ultrasonix .b8 or .rf"),
+        ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
+    ],
+)
+def test_what_holds_something_else_names_the_command_for_it(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordError, match=message):
+        load_frame(tmp_path / name)
+
+
+def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
+    (tmp_path / "angle_-5deg").mkdir()
+    with pytest.raises(RecordError, match=r"0 channel files .* see 'markerseek bank info"):
+        load_frame(tmp_path)
 
 
 def test_what_is_not_there_is_refused(tmp_path):

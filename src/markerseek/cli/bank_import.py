@@ -101,6 +101,8 @@ def command(
         print_json(ImportReport(path=str(to), content=content, angles=count))
     else:
         people.print(f"{count} angles of {content} in {escape(str(to))}")
+        if not frames:
+            people.print("it holds intensities only, no channel data: for markerseek and pacfish; PATATO needs frames")
 
 
 def _scaled(option: str, value: float | None, unit: float) -> float | None:

@@ -56,7 +56,7 @@ def command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A SonixDAQ folder, a .npy of (channels, samples), a .mat of the Allman-Bell data set; "
+            help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set; "
             "or an Ultrasonix .b8 or .rf, which is described and drawn."
         ),
     ],

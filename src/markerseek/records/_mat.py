@@ -93,7 +93,7 @@ def _is_version_4(head: bytes) -> bool:
         kind, rows, columns, imaginary, name = struct.unpack_from(f"{order}5i", head)
         numbers, matrix = divmod(kind - machine, 10)
         if numbers in range(6) and matrix in range(3) and imaginary in (0, 1) and min(rows, columns) >= 0:
-            return 1 < name <= _LONGEST_NAME
+            return bool(1 < name <= _LONGEST_NAME)
     return False
 
 

@@ -16,6 +16,8 @@ from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.records._mat import load_mat
 from markerseek.records._npy import read_npy
 from markerseek.records._ordinary import ordinary_size
+from markerseek.records.banks import HDF5_SUFFIXES
+from markerseek.records.journal.store import is_journal
 from markerseek.wire import sonixdaq
 
 _LARGEST_BYTES = 1 << 30
@@ -60,12 +62,24 @@ def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     loaders = {".mat": load_mat, ".npy": _load_npy}
     loader = loaders.get(path.suffix.lower())
     if loader is None:
-        raise RecordError(
-            f"{path}: {path.suffix or 'a file without suffix'} is no format of frames; "
-            "give a .mat, an .npy, or a folder of SonixDAQ files"
-        )
+        raise RecordError(f"{path}: {_otherwise(path)}")
     ordinary_size(path, most=_LARGEST_BYTES)
     return loader(path), 1
+
+
+def _otherwise(path: Path) -> str:
+    """What else a file could be, and which command is for it."""
+    suffix = path.suffix.lower()
+    if path.is_file() and is_journal(path):
+        return f"it is the journal of a search, not one frame; see 'markerseek journal show {path}'"
+    if suffix in (*HDF5_SUFFIXES, ".csv"):
+        return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {path}'"
+    if suffix == ".npz":
+        return f"it would be a scan of many angles, not one frame; see 'markerseek bank import {path} scan.hdf5'"
+    return (
+        f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
+        "files; 'markerseek frame' also shows what is in an Ultrasonix .b8 or .rf"
+    )
 
 
 def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
@@ -130,6 +144,7 @@ def _daq_files(folder: Path) -> dict[int, Path]:
         raise RecordError(
             f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
             f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
+            + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
         )
     return files
 

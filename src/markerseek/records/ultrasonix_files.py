@@ -12,8 +12,8 @@ from markerseek.core import RecordError
 from markerseek.records._ordinary import ordinary_size
 from markerseek.wire import ultrasonix
 
-ULTRASONIX_SUFFIXES = (".b8", ".rf")
-"""Suffixes of these files."""
+ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
+"""Suffixes of Ultrasonix's files, read or refused by their type; without .m, which MATLAB has for programs."""
 
 _LARGEST_BYTES = 1 << 36
 

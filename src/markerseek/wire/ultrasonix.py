@@ -19,6 +19,27 @@ from markerseek.core import RecordError
 HEADER_BYTES = 76
 """Length of the header."""
 
+SUFFIX_OF_TYPE = {
+    2: ".bpr",
+    4: ".b8",
+    8: ".b32",
+    16: ".rf",
+    32: ".mpr",
+    64: ".m",
+    128: ".drf",
+    256: ".pw",
+    512: ".crf",
+    1024: ".col",
+    2048: ".cvv",
+    8192: ".el",
+    16384: ".elo",
+    32768: ".epr",
+    65536: ".ecg",
+    131072: ".gps",
+}
+"""Suffix by the number of the type, as the machine's MATLAB reader (RPread.m 1.6, 2011) and its SDK list them."""
+
+_EXPORT_INSTEAD = {".bpr": ".b8", ".b32": ".b8", ".drf": ".rf", ".crf": ".rf"}
 _LAYOUT = struct.Struct("<19i")
 _TAG_BYTES = 4
 _KINDS: dict[int, Literal["b-mode", "rf"]] = {4: "b-mode", 16: "rf"}
@@ -96,14 +117,16 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
     number, frames, width, height, bits, *corners, probe, txf, sf, dr, ld, _ = _LAYOUT.unpack(head[:HEADER_BYTES])
     kind = _KINDS.get(number)
     if kind is None:
+        raise RecordError(f"{name}: {_other_type(number)}")
+    if min(frames, width, height) < 1:
         raise RecordError(
-            f"{name}: data of type {number} found, 4 (.b8, B-mode) or 16 (.rf) expected; it is another kind of file, "
-            "or its first bytes are damaged"
+            f"{name}: {frames} frames of {width} × {height} found, at least one of each expected; the header is "
+            "damaged: export it again"
         )
-    if bits != _BITS[kind] or min(frames, width, height) < 1:
+    if bits != _BITS[kind]:
         raise RecordError(
-            f"{name}: {frames} frames of {width} × {height} with {bits} bits found, at least one of each with "
-            f"{_BITS[kind]} bits expected; the header is damaged: export it again"
+            f"{name}: it is a {SUFFIX_OF_TYPE[number]} (type {number}) of {bits} bits, of which only those of "
+            f"{_BITS[kind]} bits are read; export it with {_BITS[kind]} bits, or, if its header is damaged, again"
         )
     headers = [
         UltrasonixHeader(
@@ -128,6 +151,16 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
         f"{name}: {size} bytes, {headers[0].file_bytes} expected, or {headers[1].file_bytes} with numbered frames; "
         "it is cut off or damaged: export it again"
     )
+
+
+def _other_type(number: int) -> str:
+    suffix = SUFFIX_OF_TYPE.get(number)
+    if suffix is None:
+        return (
+            f"data of type {number} found, 4 (.b8, B-mode) or 16 (.rf) expected; it is no Ultrasonix file, or its "
+            "first bytes are damaged"
+        )
+    return f"it is a {suffix} (type {number}), which is not read; export {_EXPORT_INSTEAD.get(suffix, '.b8 or .rf')}"
 
 
 def decode_b_mode(body: bytes, header: UltrasonixHeader) -> UInt8[np.ndarray, "rows columns"]:
