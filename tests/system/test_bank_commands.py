@@ -99,8 +99,12 @@ def test_sonixdaq_folders_of_both_sdks_become_the_same_bank(shell, scan, tmp_pat
 
 def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
     source = Path("examples/simulated_scan.csv")
-    code, _, err = shell("bank", "import", source, tmp_path / "a.hdf5")
+    code, out, err = shell("bank", "import", source, tmp_path / "a.hdf5")
     assert code == 0, err
+    assert "intensities only, no channel data: for markerseek and pacfish" in " ".join(out.split())
+    np.testing.assert_array_equal(
+        pacfish.load_data(str(tmp_path / "a.hdf5")).get_custom_meta_datum("intensity"), read_bank(source).intensities
+    )
     assert replayed(shell, tmp_path / "a.hdf5")["angle_deg"] == replayed(shell, source)["angle_deg"]
     code, _, err = shell("bank", "export", tmp_path / "a.hdf5", tmp_path / "a.csv")
     assert code == 0, err
@@ -187,6 +191,8 @@ WRONG = [
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
     (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
     (("frame", "a.b8", "--probe", "L3-8"), "--probe is for channel data"),
+    (("frame", "a.b32"), "a.b32: it is a .b32 (type 8), which is not read; export .b8"),
+    (("frame", "broken.hdf5"), "not one frame; see 'markerseek bank info broken.hdf5'"),
     (("frame", "frames.npy", "--number", 2), "only Ultrasonix files"),
     (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
 ]
@@ -199,6 +205,7 @@ def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, word
     Path("good.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
     Path("broken.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     b8(Path("a.b8"))
+    Path("a.b32").write_bytes(b"\x08" + Path("a.b8").read_bytes()[1:])
     np.save("frames.npy", np.zeros((4, 2, 3000), np.int16))
     code, _, err = shell(*words)
     assert code == 2
