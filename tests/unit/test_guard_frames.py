@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader, Permit, Reading, ReadingFrame
+from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader, LimitError, Permit, Reading, ReadingFrame
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 
 FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
@@ -125,3 +125,34 @@ def test_a_refused_reading_is_no_measure_of_noise() -> None:
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=lit)
     made.admit_reading(Reading(intensity=1.0, noise_sigma=1.0), frame=lit)
+
+
+def recorded(*, sequence: int, intensity: float, pulses: int) -> ReadingFrame:
+    header = FrameHeader(sequence=sequence, token="t", pulses=pulses, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    return ReadingFrame(header=header, intensity=intensity)
+
+
+def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
+    made.charge(32)
+    lit, dark = recorded(sequence=8, intensity=1.0, pulses=16), recorded(sequence=7, intensity=3.0, pulses=0)
+    made.recall(dark, Reading(intensity=3.0, noise_sigma=4.0))
+    made.recall(lit, Reading(intensity=1.0, noise_sigma=1.0))
+    made.recall(lit, Reading(intensity=1.0, noise_sigma=100.0))
+    assert made.pulses_permitted == 32
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    with pytest.raises(AcquisitionError, match="sequence number 8 after 8"):
+        frame(made, permit, sequence=8, intensity=2.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="those of the frame before"):
+        frame(made, permit, sequence=9, intensity=1.0, started_s=5.0)
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=2.0), frame=lit)
+    for sigma, of in ((2.1, lit), (1.9, dark), (8.1, dark)):
+        with pytest.raises(AcquisitionError, match="the noise is"):
+            made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=of)
+
+
+def test_a_run_that_goes_on_is_recalled_before_the_rig_is_armed() -> None:
+    made = guard()
+    with pytest.raises(LimitError, match="guard: armed, no leave to recall"):
+        made.recall(recorded(sequence=1, intensity=1.0, pulses=16), Reading(intensity=1.0))

@@ -150,3 +150,23 @@ def test_the_limits_unless_told_otherwise() -> None:
     assert limits.lifetime_s == 30.0
     assert FiringLimits(lifetime_s=600).lifetime_s == 600
     assert FiringLimits(lifetime_s=0.5).lifetime_s == 0.5
+
+
+def test_pulses_of_before_count_as_those_of_now() -> None:
+    permits = Permits(FiringLimits(pulses_per_session=100))
+    permits.charge(40)
+    permits.charge(0)
+    permits.charge(20)
+    assert permits.pulses_permitted == 60
+    permits.issue(angle_deg=0.0, pulses=40, now_s=0.0)
+    with pytest.raises(LimitError, match="100 pulses were permitted in this session and 1 more"):
+        permits.issue(angle_deg=0.0, pulses=1, now_s=0.0)
+
+
+@pytest.mark.parametrize("pulses", [-1, math.nan])
+def test_pulses_of_before_cannot_be_taken_back(pulses: int) -> None:
+    permits = Permits(FiringLimits())
+    with pytest.raises(ConfigError) as refusal:
+        permits.charge(pulses)
+    assert str(refusal.value) == f"permits: {pulses} pulses cannot have been permitted before; count them again"
+    assert permits.pulses_permitted == 0

@@ -11,10 +11,11 @@ import pytest
 
 from journalled_runs import ACQUISITIONS, begin, configured, times_and_events
 from markerseek import rigs
-from markerseek.core import Event, Frame, Policy, Reader, Reading, RecordError
-from markerseek.records.journal import Configuration, Journal, read_journal
+from markerseek.core import ChannelFrame, Event, Frame, Measured, Policy, Reader, Reading, RecordError
+from markerseek.records.journal import Configuration, Entry, Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.again import differences, policy_again, reader_again, rig_again
+from markerseek.rigs.bank_scan import scan_bank
 from markerseek.rigs.journalled import journalled
 from markerseek.rigs.resuming import resumed
 from markerseek.search import build
@@ -93,6 +94,47 @@ def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -
         rig = rig_again(held.configuration)
         list(resumed(policy_again(held.configuration), rig, journal, held, by="a person"))
     assert times_and_events(read_journal(part)) == times_and_events(read_journal(whole))
+    elsewhere = scan.rename(tmp_path / "elsewhere.csv")
+    assert differences(held, policy_again(held.configuration), reader_again(held.configuration)) == []
+    elsewhere.rename(scan)
     scan.write_text(scan.read_text().replace("0,", "0,1", 1))
     with pytest.raises(RecordError, match="the recording is not what it was"):
         rig_again(held.configuration)
+
+
+def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path: Path) -> None:
+    bank = tmp_path / "scan.hdf5"
+    for _ in scan_bank(rigs.simulated(seed=3, marker_deg=6.3), bank, step_deg=5.0):
+        pass
+    whole = tmp_path / "whole.journal"
+    rig = rigs.replayed(bank)
+    begun_with = configured(rig, method="posterior", acquisitions=None, dark_frames=3, start_deg=rig.stage.angle_deg)
+
+    def run_until(path: Path, until: int | None) -> None:
+        again = rig_again(begun_with)
+        with Journal.create(path, begun_with) as journal:
+            events = journalled(policy_again(begun_with), again, journal)
+            with closing(events):
+                for count, _ in enumerate(events, start=1):
+                    if count == until:
+                        break
+
+    run_until(whole, None)
+    for until in (2, 3, 5, 8):
+        path = tmp_path / f"{until}.journal"
+        run_until(path, until)
+        journal, held = Journal.reopen(path)
+        with journal:
+            list(resumed(policy_again(begun_with), rig_again(begun_with), journal, held, by="a person"))
+        assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
+        counts = [
+            [entry.event.sample.frame.samples.tobytes() for entry in read_journal(each).entries if _has_counts(entry)]
+            for each in (path, whole)
+        ]
+        assert counts[0] == counts[1] != []
+    bank.unlink()
+    assert differences(read_journal(whole), policy_again(begun_with), reader_again(begun_with)) == []
+
+
+def _has_counts(entry: Entry) -> bool:
+    return isinstance(entry.event, Measured) and isinstance(entry.event.sample.frame, ChannelFrame)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from journalled_runs import MARKER_DEG, begin, go_on, live, times_and_events
-from markerseek.core import AcquisitionError, Measured, Reading
+from journalled_runs import MARKER_DEG, begin, configured, go_on, live, times_and_events
+from markerseek import rigs
+from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
-from markerseek.records.journal import Checked, Journal, Resuming, read_journal, standing
+from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, standing
+from markerseek.rigs import Rig
+from markerseek.rigs.again import policy_again
+from markerseek.rigs.journalled import journalled
 from markerseek.rigs.resemblance import change_of
 from markerseek.rigs.resuming import resumed
 
@@ -61,6 +66,28 @@ def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: f
     assert standing(read_journal(path).entries).state == "finished"
 
 
+@pytest.mark.parametrize("moved_deg", [-2.0, -0.7, 0.7, 2.0])
+def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path) -> None:
+    """The intensity near the top says nothing of a degree, and two of them leave the strongest as it was."""
+    path = tmp_path / "run.journal"
+
+    def rig_and_policy(marker_deg: float) -> tuple[Policy, Rig, Configuration]:
+        # As real devices do, this world outlives the program: no state of it is kept.
+        rig = replace(rigs.simulated(seed=5, marker_deg=marker_deg), world=None)
+        begun_with = configured(rig, method="posterior", acquisitions=None)
+        return policy_again(begun_with), rig, begun_with
+
+    policy, rig, begun_with = rig_and_policy(6.3)
+    with Journal.create(path, begun_with) as journal, closing(journalled(policy, rig, journal)) as events:
+        for event in events:
+            if isinstance(event, Measured) and (event.role, event.index) == ("search", 8):
+                break
+    policy, rig, _ = rig_and_policy(6.3 + moved_deg)
+    journal, held = Journal.reopen(path)
+    with journal, pytest.raises(AcquisitionError, match=r"the intensity is .* and was .*begin a new search"):
+        list(resumed(policy, rig, journal, held, by="a person"))
+
+
 LOUD = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
 
 
@@ -88,9 +115,10 @@ def test_what_chance_can_explain_and_what_it_cannot(before: Reading, now: Readin
 
 
 def test_an_unchanged_rig_is_rarely_refused() -> None:
-    """500 pairs of readings at the peak of one rig, as noisy as a search still finds: none seems changed."""
+    """500 pairs of readings at peak and flank, as noisy as a search still finds: none seems changed."""
     _, rig, _ = begin(snr_db=20.0)
     rig.arm(by="a person")
     rig.scanner._reader = rig.scanner._reader._reader
-    readings = [rig.scanner.measure(MARKER_DEG).reading for _ in range(1000)]
-    assert [change_of(*pair) for pair in zip(readings[::2], readings[1::2], strict=True)] == [None] * 500
+    for flank_deg in (0.0, 6.0):
+        readings = [rig.scanner.measure(MARKER_DEG + flank_deg).reading for _ in range(1000)]
+        assert [change_of(*pair) for pair in zip(readings[::2], readings[1::2], strict=True)] == [None] * 500

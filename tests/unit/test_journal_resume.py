@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
-from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, RecordError
+from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, standing, verify
 from markerseek.rigs.again import differences, next_angle, reader_again
@@ -122,10 +122,15 @@ def test_a_policy_that_decides_otherwise_is_refused_before_it_fires(tmp_path: Pa
     _, rig, _ = begin()
     journal, held = Journal.reopen(path)
     other = build("ternary", limits=rig.limits.search, acquisitions=ACQUISITIONS)
+    fired: list[Permit] = []
+    moved: list[float] = []
+    rig.laser.fire = fired.append  # type: ignore[assignment, method-assign]
+    rig.stage.move_to = moved.append  # type: ignore[assignment, method-assign]
     with journal, pytest.raises(RecordError, match=r"decides otherwise .* resume with what it was begun with"):
         list(resumed(other, rig, journal, held, by="a person"))
     assert times_and_events(read_journal(path)) == times_and_events(held)
     assert rig.scanner.guard.state is State.DISARMED
+    assert fired == moved == []
 
 
 def test_a_simulated_world_without_its_state_cannot_go_on(tmp_path: Path) -> None:

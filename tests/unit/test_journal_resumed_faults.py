@@ -1,0 +1,78 @@
+"""Devices that fail before a run, while it is stopped, and while it is resumed: each is a fault that stays one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from journalled_runs import begin, go_on, live
+from markerseek.core import DeviceError, Finished, MoveError, NotConnectedError
+from markerseek.records.journal import Journal, Resuming, read_journal, standing, verify
+from markerseek.rigs import Rig
+from markerseek.rigs.journalled import journalled
+
+
+class Silent:
+    """A stage that does not answer."""
+
+    @property
+    def angle_deg(self) -> float:
+        raise NotConnectedError("stage: it does not answer")
+
+    def stop(self) -> None:
+        """Nothing to stop."""
+
+
+def unstoppable(rig: Rig) -> None:
+    def stop() -> None:
+        raise MoveError("the stage does not stop")
+
+    rig.stage.stop = stop  # type: ignore[method-assign]
+
+
+def test_a_stage_that_does_not_answer_ends_a_run_before_it_begins(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    policy, rig, configuration = begin()
+    rig.scanner._stage = Silent()  # type: ignore[assignment]
+    with Journal.create(path, configuration) as journal, pytest.raises(NotConnectedError):
+        list(journalled(policy, rig, journal))
+    assert verify(path).faults == []
+    with pytest.raises(DeviceError, match=r"stage: it does not answer; .* --reset-fault"):
+        go_on(path)
+    heard = go_on(path, reset_fault=True)
+    assert isinstance(heard[-1], Finished)
+    assert verify(path).faults == []
+    kinds = [type(entry.event).__name__ for entry in read_journal(path).entries]
+    assert kinds[:3] == ["Failed", "Resuming", "Started"]
+    (note,) = [entry.event for entry in read_journal(path).entries if isinstance(entry.event, Resuming)]
+    assert (note.by, note.fault_reset, note.check_deg, note.flank_deg) == ("a person", True, None, None)
+
+
+def test_a_stage_that_cannot_be_stopped_after_a_check_is_a_fault(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=20)
+    _, rig, _ = begin()
+    unstoppable(rig)
+    with pytest.raises(MoveError, match="does not stop"):
+        go_on(path, rig=rig)
+    stands = standing(read_journal(path).entries)
+    assert (stands.state, stands.fault) == ("fault", "the stage does not stop")
+    assert verify(path).faults == []
+
+
+def test_a_stage_that_cannot_be_stopped_with_the_run_is_a_fault(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    policy, rig, configuration = begin()
+    unstoppable(rig)
+    with Journal.create(path, configuration) as journal:
+        events = journalled(policy, rig, journal)
+        for _ in range(14):
+            next(events)
+        with pytest.raises(MoveError):
+            events.close()
+    assert standing(read_journal(path).entries).state == "fault"
+    assert verify(path).faults == []
+    with pytest.raises(DeviceError, match="--reset-fault"):
+        go_on(path)
+    assert isinstance(go_on(path, reset_fault=True)[-1], Finished)
