@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import msgspec
 import typer
@@ -13,6 +14,9 @@ from rich.markup import escape
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
 from markerseek.core import ConfigError
+
+if TYPE_CHECKING:
+    from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 
 NAME = "export"
 EXAMPLES = (
@@ -51,41 +55,76 @@ def command(
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.records.exports import write_intensities, write_mcap, write_sequence
-    from markerseek.rigs.bank_images import bank_curve, bank_images
+    from markerseek.records.exports import require_new, write_intensities
+    from markerseek.rigs.bank_images import bank_curve
 
-    if not to.name.lower().endswith(SUFFIXES):
+    kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
+    if kind is None:
         raise ConfigError(f"{to}: the name must end in one of: {', '.join(SUFFIXES)}")
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
-    if face_radius_mm is not None and to.suffix.lower() != ".mha":
-        raise ConfigError(f"--face-radius-mm is for .igs.mha, and {to} has no place for it; leave it out")
+    if face_radius_mm is not None and kind == ".csv":
+        raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
     bank = read_bank(source)
+    require_new(to)
     frames = isinstance(bank, FrameBank)
-    if probe is not None and not frames:
-        raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
+    for option, value in (("--probe", probe), ("--face-radius-mm", face_radius_mm)):
+        if value is not None and not frames:
+            raise ConfigError(f"{option} is {value}, and {source} holds intensities, not channel data; leave it out")
     announce_compilation()
-    count = len(bank.angles_deg)
-    if to.suffix.lower() == ".csv":
+    if kind == ".csv":
         write_intensities(to, angles_deg=bank.angles_deg, intensities=bank_curve(bank, probe=probe).intensity.tolist())
-    elif not isinstance(bank, FrameBank) and to.suffix.lower() == ".mha":
-        raise ConfigError(f"{source}: it holds intensities and no frames to make images of; export it as .mcap or .csv")
+    elif kind == ".mcap":
+        _write_log(to, bank, probe=probe, face_radius_mm=face_radius_mm)
+    elif isinstance(bank, FrameBank):
+        _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     else:
-        images = _shown(bank_images(bank, probe=probe), count) if isinstance(bank, FrameBank) else None
-        if to.suffix.lower() == ".mcap" or images is None:
-            write_mcap(to, images, angles_deg=bank.angles_deg, intensities=bank.intensities)
-        else:
-            radius_m = bank.facts.face_radius_m if face_radius_mm is None else face_radius_mm / 1e3
-            if radius_m is None:
-                aside.print(
-                    "[yellow]ImageToProbe is left out: the bank does not say how far the array's face is from the axis "
-                    "of rotation; give --face-radius-mm[/]"
-                )
-            write_sequence(to, images, angles_deg=bank.angles_deg, face_radius_m=radius_m)
+        raise ConfigError(f"{source}: it holds intensities and no frames to make images of; export it as .mcap or .csv")
+    count = len(bank.angles_deg)
     if as_json:
-        print_json(ExportReport(path=str(to), angles=count, images=frames and to.suffix.lower() != ".csv"))
+        print_json(ExportReport(path=str(to), angles=count, images=frames and kind != ".csv"))
     else:
         people.print(f"{count} angles in {escape(str(to))}")
+
+
+def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
+    from markerseek.records.banks import FrameBank
+    from markerseek.records.exports import series_of, write_mcap
+    from markerseek.rigs.bank_images import bank_curve, bank_image, bank_images
+
+    intensities = bank_curve(bank, probe=probe).intensity.tolist()
+    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
+    if not isinstance(bank, FrameBank):
+        write_mcap(to, None, series=series)
+        return
+    strongest = bank_image(bank, intensities.index(max(intensities)), probe=probe)
+    images = _shown(bank_images(bank, probe=probe, order=series.order), len(series.order))
+    # Where there is nothing but zeros, all is black in any case.
+    write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
+
+
+def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
+    from markerseek.records.exports import series_of, write_sequence
+    from markerseek.rigs.bank_images import bank_images
+
+    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
+    write_sequence(to, _shown(bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series)
+
+
+def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
+    """Facts of a bank with the distance given; says where frames cannot be placed for want of it."""
+    from markerseek.records.banks import FrameBank
+    from markerseek.rigs.bank_images import described
+
+    facts = described(bank, probe=probe)
+    if face_radius_mm is not None:
+        return replace(facts, face_radius_m=face_radius_mm / 1e3)
+    if facts.face_radius_m is None and isinstance(bank, FrameBank):
+        aside.print(
+            "[yellow]where the images lie is left out: the bank does not say how far the array's face is from the axis "
+            "of rotation; give --face-radius-mm[/]"
+        )
+    return facts
 
 
 def _shown(items: Iterable[Item], count: int) -> Iterator[Item]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,8 @@ from markerseek.search.curve import Curve, curve_of
 from markerseek.signals import ImageReader
 
 
-def bank_images(bank: FrameBank, *, probe: str | None = None) -> Iterator[PaImage]:
-    """Images of a bank in the order of its angles, as the imaging chain makes them.
+def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[int] | None = None) -> Iterator[PaImage]:
+    """Images of a bank as the imaging chain makes them.
 
     Parameters
     ----------
@@ -23,6 +23,8 @@ def bank_images(bank: FrameBank, *, probe: str | None = None) -> Iterator[PaImag
         The bank.
     probe
         Preset of the imaging chain; None: the one that the bank names, else the first of all.
+    order
+        Numbers of the angles, counted from 0; None: all, in their order.
 
     Raises
     ------
@@ -32,11 +34,11 @@ def bank_images(bank: FrameBank, *, probe: str | None = None) -> Iterator[PaImag
         If a frame cannot be read, or is not one of that probe.
     """
     imaging = ImageReader(preset_of(bank, probe))
-    for index, angle_deg in enumerate(bank.angles_deg):
+    for index in range(len(bank.angles_deg)) if order is None else order:
         try:
             yield imaging.picture(bank.frame(index))
         except AcquisitionError as problem:
-            raise RecordError(f"the frame at {angle_deg:g} deg: {problem}") from problem
+            raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
 
 
 def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Iterator[Sample]:

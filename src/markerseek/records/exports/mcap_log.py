@@ -1,72 +1,93 @@
 """A bank as MCAP: the topics that a running rig has in ROS 2, written by rosbags without ROS.
 
-``/TRUS/pa/image`` (sensor_msgs/Image, 32FC1: the envelope), ``/TRUS/measured_js`` (sensor_msgs/JointState: joint
-``trus_roll`` in radians) and ``/pa_search/intensity`` (std_msgs/Float64).
+===========================  ==========================  ==========================================================
+``/pa_search/bank``          std_msgs/String, latched    JSON, once: what is known of the bank, the pixels and the times
+``/TRUS/measured_js``        sensor_msgs/JointState      joint ``trus_roll`` in radians
+``/tf``                      tf2_msgs/TFMessage          ``trus_home`` to ``trus_probe`` (turned about y), and to
+                                                         ``trus_image`` where the face radius is known; metres
+``/TRUS/pa/image``           sensor_msgs/Image, mono8    to be looked at, in decibels
+``/TRUS/pa/envelope``        sensor_msgs/Image, 32FC1    the same to be calculated with, in ADC counts
+``/pa_search/sample``        std_msgs/String             JSON for programs: ``angle_deg``, ``intensity``, ``time_s``
+``/pa_search/intensity``     std_msgs/Float64            the intensity once more, for plots, which want a number
+===========================  ==========================  ==========================================================
+
+Foxglove shows 32FC1 from 0 to 1 and mono16 from 0 to 10000: counts would be white there, or black. A shade g of
+``/TRUS/pa/image`` stands for B 10^((g / 255 - 1) R / 20) counts, to half a step of R / 255 dB; B and R are
+``picture_white`` and ``picture_range_db`` of ``/pa_search/bank``. 0 is that and anything less, 255 that and more.
+
+What ``/pa_search/bank`` says stands under ``markerseek`` in the file's own metadata, too (``ros2 bag info``): a log
+that is played has no metadata.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import msgspec
 
-from markerseek.core import MissingExtraError, PaImage, RecordError
+from markerseek.core import ConfigError, MissingExtraError, PaImage, RecordError
+from markerseek.records.exports import _messages as messages
 from markerseek.records.exports._new_file import require_new
+from markerseek.records.exports.series import Series, grid_of, one_for_each
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
     from rosbags.typesys.store import Typestore
 
-IMAGE, ANGLE, INTENSITY = "/TRUS/pa/image", "/TRUS/measured_js", "/pa_search/intensity"
+BANK, ANGLE, FRAMES = "/pa_search/bank", "/TRUS/measured_js", "/tf"
+PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
+SAMPLE, INTENSITY = "/pa_search/sample", "/pa_search/intensity"
 """Topics."""
 
-JOINT, FRAME = "trus_roll", "trus_image"
-"""Name of the joint, and of the frame in which images lie."""
-
-_NS_PER_S = 1_000_000_000
+METADATA = "markerseek"
+"""Key of what is known of the bank, in the metadata of the log."""
 
 
-def write_mcap(
-    path: Path, images: Iterator[PaImage] | None, *, angles_deg: Sequence[float], intensities: Sequence[float]
-) -> None:
-    """Write a bank as one MCAP file, one second from each acquisition to the next.
+def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, brightest: float | None = None) -> None:
+    """Write a bank as one MCAP file, in the order of time.
 
     Parameters
     ----------
     path
         File to be written; it must not exist.
     images
-        Image of each angle, taken one at a time; None where there are intensities only.
-    angles_deg
-        Angle of the probe at each, in degrees.
-    intensities
-        Intensity at each, NaN where it is not known; may be empty.
+        Image of each acquisition, in the order of the series, taken one at a time; None where there are none.
+    series
+        The acquisitions.
+    brightest
+        Envelope in ADC counts that pictures show as white; for images only.
 
     Raises
     ------
+    ConfigError
+        If there are images, and no brightest value that is positive and finite.
     MissingExtraError
         If rosbags is not installed.
     RecordError
-        If the file cannot be written.
+        If the file cannot be written, or there is not one image for each acquisition.
     """
+    if images is not None and not (brightest is not None and 0 < brightest < math.inf):
+        raise ConfigError(f"brightest is {brightest} ADC counts, it must be positive and finite")
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as problem:
         raise MissingExtraError(package="rosbags", extra="records", purpose="an export as MCAP") from problem
     require_new(path)
-    store = get_typestore(Stores.ROS2_JAZZY)
+    count = len(series.angles_deg)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # rosbags writes a folder with the log and a description of it; the log alone is complete.
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             bag = Path(folder) / "bag"
             with Writer(bag, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
-                _write_all(writer, store, images, angles_deg, intensities)
+                each = repeat(None, count) if images is None else one_for_each(path, images, count)
+                _Log(writer, get_typestore(Stores.ROS2_JAZZY)).write(series, each, brightest=brightest)
             (bag / "bag.mcap").rename(path)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}; name another place") from (
@@ -74,46 +95,65 @@ def write_mcap(
         )
 
 
-def _write_all(
-    writer: Writer,
-    store: Typestore,
-    images: Iterator[PaImage] | None,
-    angles_deg: Sequence[float],
-    intensities: Sequence[float],
-) -> None:
-    kinds = store.types
-    topics = [(ANGLE, "sensor_msgs/msg/JointState")]
-    topics += [(IMAGE, "sensor_msgs/msg/Image")] if images is not None else []
-    topics += [(INTENSITY, "std_msgs/msg/Float64")] if len(intensities) else []
-    connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics}
+class _Log:
+    """Messages of a series, on their topics."""
 
-    def put(topic: str, message: object, second: int) -> None:
-        connection = connections[topic]
-        writer.write(connection, second * _NS_PER_S, store.serialize_cdr(message, connection.msgtype))
+    def __init__(self, writer: Writer, store: Typestore) -> None:
+        self._writer, self._store = writer, store
+        self._connections: dict[str, Any] = {}
 
-    for number, angle_deg in enumerate(angles_deg):
-        stamp = kinds["builtin_interfaces/msg/Time"](sec=number, nanosec=0)
-        header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=FRAME)
-        nothing = np.empty(0, np.float64)
-        position = np.array([math.radians(angle_deg)])
-        joint = kinds["sensor_msgs/msg/JointState"](
-            header=header, name=[JOINT], position=position, velocity=nothing, effort=nothing
-        )
-        put(ANGLE, joint, number)
-        if images is not None:
-            put(IMAGE, _image(store, header, next(images)), number)
-        if len(intensities):
-            put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensities[number])), number)
+    def write(self, series: Series, images: Iterable[PaImage | None], *, brightest: float | None) -> None:
+        kinds = self._store.types
+        radius_m = series.facts.face_radius_m
+        intensities = series.intensities or repeat(math.nan, len(series.angles_deg))
+        for angle_deg, time_s, intensity, image in zip(
+            series.angles_deg, series.times_s, intensities, images, strict=True
+        ):
+            if not self._connections:
+                self._introduce(series, image, brightest=brightest)
+            at_ns = messages.time_ns(time_s)
+            self._put(ANGLE, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
+            turned = messages.transforms(kinds, time_s=time_s, angle_deg=angle_deg, image=image, face_radius_m=radius_m)
+            self._put(FRAMES, turned, at_ns)
+            if image is not None and brightest is not None:
+                self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
+                self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)
+            self._say(SAMPLE, {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}, at_ns)
+            if math.isfinite(intensity):
+                self._put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensity)), at_ns)
+
+    def _introduce(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
+        known: dict[str, Any] = {"angles": len(series.angles_deg), **series.known}
+        if image is not None:
+            known |= grid_of(image) | {"picture_white": brightest, "picture_range_db": messages.RANGE_DB}
+        self._say(BANK, known, messages.time_ns(series.times_s[0]))
+        self._writer.set_custom_data(METADATA, msgspec.json.encode(known).decode("utf-8"))
+
+    def _say(self, topic: str, content: dict[str, Any], at_ns: int) -> None:
+        text = msgspec.json.encode(content).decode("utf-8")
+        self._put(topic, self._store.types["std_msgs/msg/String"](data=text), at_ns)
+
+    def _put(self, topic: str, message: Any, at_ns: int) -> None:
+        kind = message.__msgtype__
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._store, offered_qos_profiles=[_latched()] if topic == BANK else ()
+            )
+        self._writer.write(self._connections[topic], at_ns, self._store.serialize_cdr(message, kind))
 
 
-def _image(store: Typestore, header: Any, image: PaImage) -> object:
-    rows, columns = image.envelope.shape
-    return store.types["sensor_msgs/msg/Image"](
-        header=header,
-        height=rows,
-        width=columns,
-        encoding="32FC1",
-        is_bigendian=0,
-        step=4 * columns,
-        data=np.frombuffer(image.envelope.astype("<f4").tobytes(), np.uint8),
+def _latched() -> Any:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    for_ever = QosTime(9223372036, 854775807)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL,
+        deadline=for_ever,
+        lifespan=for_ever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=for_ever,
+        avoid_ros_namespace_conventions=False,
     )

@@ -1,29 +1,32 @@
 """A bank as ``.igs.mha``, the sequence metafile of PLUS, which 3D Slicer opens with its transforms.
 
-Lengths are in millimetres. Image coordinates are pixels (column, row); Probe has y along the array, z out of it at
-its middle, and the axis of rotation as origin; ProbeToProbeHome is the rotation about y. The field ``angle_deg`` is
-ours; programs that do not know it pass it over.
+Image coordinates are pixels, whose size is in ImageToProbe alone: ElementSpacing is 1, since Slicer and PLUS multiply
+by both. The frames are those of `markerseek.records.exports.frames`, lengths are in millimetres. Timestamps count from
+the first acquisition: SlicerIGSIO keeps six digits of them. The fields ``markerseek_...`` and ``angle_deg`` are ours;
+programs that do not know them pass them over.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
-
-import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PaImage, RecordError
 from markerseek.records.exports._new_file import new_file
+from markerseek.records.exports.frames import IMAGE_ORIENTATION, image_to_probe, probe_to_probe_home
+from markerseek.records.exports.series import Series, grid_of, one_for_each
 
 MOST_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
 
+PIXELS = "envelope in ADC counts"
+"""What a pixel is."""
 
-def write_sequence(
-    path: Path, images: Iterator[PaImage], *, angles_deg: Sequence[float], face_radius_m: float | None
-) -> None:
+_LONGEST_LINE = 900
+
+
+def write_sequence(path: Path, images: Iterator[PaImage], *, series: Series) -> None:
     """Write images of one shape as a sequence of MET_FLOAT pixels.
 
     Parameters
@@ -31,49 +34,34 @@ def write_sequence(
     path
         File to be written; it must not exist.
     images
-        Image of each angle; taken one at a time.
-    angles_deg
-        Angle of the probe at each, in degrees.
-    face_radius_m
-        Distance of the array's face from the axis of rotation in metres. None leaves ImageToProbe out, which would
-        otherwise be wrong by that distance.
+        Image of each acquisition, in the order of the series; taken one at a time.
+    series
+        The acquisitions. Where their facts have no face radius, ImageToProbe is left out, which would otherwise be
+        wrong by it.
 
     Raises
     ------
     RecordError
-        If the file cannot be written, or the images differ in shape.
+        If the file cannot be written, the images differ in shape, or there is not one for each acquisition.
     """
-    if len(angles_deg) > MOST_FRAMES:
-        raise RecordError(f"{path}: {len(angles_deg)} frames, a sequence holds at most {MOST_FRAMES}; scan coarser")
-    first = next(images)
+    count = len(series.angles_deg)
+    if count > MOST_FRAMES:
+        raise RecordError(f"{path}: {count} frames, a sequence holds at most {MOST_FRAMES}; scan coarser")
+    each = one_for_each(path, images, count)
+    first = next(each)
     with new_file(path) as file:
-        file.write(_header(first, angles_deg, face_radius_m).encode("ascii"))
-        file.write(_pixels(first, path, first.envelope.shape))
-        for image in images:
-            file.write(_pixels(image, path, first.envelope.shape))
+        file.write(_header(first, series).encode("ascii"))
+        for image in chain((first,), each):
+            if image.envelope.shape != first.envelope.shape:
+                raise RecordError(
+                    f"{path}: an image of {image.envelope.shape} pixels follows one of {first.envelope.shape}; "
+                    "keep one probe"
+                )
+            file.write(image.envelope.astype("<f4").tobytes())
 
 
-def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
-    """Rotation of the probe about y: a point (0, y, r) comes to (r sin θ, y, r cos θ)."""
-    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-    return np.array([[cosine, 0, sine, 0], [0, 1, 0, 0], [-sine, 0, cosine, 0], [0, 0, 0, 1]], dtype=np.float64)
-
-
-def image_to_probe(image: PaImage, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
-    """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation."""
-    across, down = (1e3 * step for step in _spacing_m(image))
-    matrix = np.zeros((4, 4))
-    matrix[1, 0], matrix[1, 3] = across, 1e3 * image.lateral_m[0]
-    matrix[2, 1], matrix[2, 3] = down, 1e3 * (face_radius_m + image.depth_m[0])
-    # The third axis completes the right hand: column × row is y × z, which is x.
-    matrix[0, 2] = 1.0
-    matrix[3, 3] = 1.0
-    return matrix
-
-
-def _header(image: PaImage, angles_deg: Sequence[float], face_radius_m: float | None) -> str:
+def _header(image: PaImage, series: Series) -> str:
     rows, columns = image.envelope.shape
-    across, down = (1e3 * step for step in _spacing_m(image))
     lines = [
         "ObjectType = Image",
         "NDims = 3",
@@ -82,39 +70,37 @@ def _header(image: PaImage, angles_deg: Sequence[float], face_radius_m: float | 
         "BinaryDataByteOrderMSB = False",
         "CenterOfRotation = 0 0 0",
         "CompressedData = False",
-        f"DimSize = {columns} {rows} {len(angles_deg)}",
+        f"DimSize = {columns} {rows} {len(series.angles_deg)}",
         "ElementNumberOfChannels = 1",
-        f"ElementSpacing = {across:.9g} {down:.9g} 1",
+        "ElementSpacing = 1 1 1",
         "ElementType = MET_FLOAT",
         "Kinds = domain domain list",
         "Offset = 0 0 0",
         "TransformMatrix = 1 0 0 0 1 0 0 0 1",
-        "UltrasoundImageOrientation = MF",
+        f"UltrasoundImageOrientation = {IMAGE_ORIENTATION}",
         "UltrasoundImageType = BRIGHTNESS",
     ]
-    for number, angle_deg in enumerate(angles_deg):
+    known = series.known | grid_of(image) | {"pixels": PIXELS, "first_time_s": series.times_s[0]}
+    lines += [_line(f"markerseek_{name}", value) for name, value in known.items()]
+    radius_m = series.facts.face_radius_m
+    for number, (angle_deg, time_s) in enumerate(zip(series.angles_deg, series.times_s, strict=True)):
         frame = f"Seq_Frame{number:04d}"
         transforms = {"ProbeToProbeHome": probe_to_probe_home(angle_deg)}
-        if face_radius_m is not None:
-            transforms["ImageToProbe"] = image_to_probe(image, face_radius_m=face_radius_m)
+        if radius_m is not None:
+            transforms["ImageToProbe"] = image_to_probe(image, face_radius_m=radius_m)
         for name, matrix in transforms.items():
             lines.append(f"{frame}_{name}Transform = {' '.join(f'{value:.12g}' for value in matrix.flat)}")
             lines.append(f"{frame}_{name}TransformStatus = OK")
         lines.append(f"{frame}_angle_deg = {angle_deg:.9g}")
-        # A scan has no moments that matter: its frames are numbered, one to a second.
-        lines.append(f"{frame}_Timestamp = {number}")
+        lines.append(f"{frame}_Timestamp = {time_s - series.times_s[0]:.9g}")
         lines.append(f"{frame}_ImageStatus = OK")
     lines.append("ElementDataFile = LOCAL")
     return "\n".join(lines) + "\n"
 
 
-def _spacing_m(image: PaImage) -> tuple[float, float]:
-    """Distances of columns and of rows, in metres."""
-    across, down = (float(np.ptp(axis)) / (len(axis) - 1) for axis in (image.lateral_m, image.depth_m))
-    return across, down
-
-
-def _pixels(image: PaImage, path: Path, shape: tuple[int, ...]) -> bytes:
-    if image.envelope.shape != shape:
-        raise RecordError(f"{path}: an image of {image.envelope.shape} pixels follows one of {shape}; keep one probe")
-    return image.envelope.astype("<f4").tobytes()
+def _line(name: str, value: str | float | bool) -> str:
+    """One field: a single line of printable ASCII, not longer than the 999 bytes that PLUS and Slicer read."""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    ascii_text = " ".join(text.encode("ascii", "backslashreplace").decode("ascii").split())
+    printable = "".join(each if each.isprintable() else "?" for each in ascii_text)
+    return f"{name} = {printable}"[:_LONGEST_LINE].rstrip()

@@ -1,0 +1,69 @@
+"""Frames of an exported bank, and what takes points from one to the next, in the names of PLUS and in millimetres.
+
+Image
+    Pixels (column, row, 0) of an image.
+Probe
+    y along the array, z out of it at its middle, x completes the right hand; its origin is where the axis of rotation
+    passes the array's middle, and it turns with the probe.
+ProbeHome
+    Where Probe is at 0 degrees.
+Transducer
+    As PLUS has it: x along the array, y away from it, z the product of both.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import PaImage
+
+TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+"""Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.
+
+PLUS calls that side of a transducer the marked one, and an image whose columns run there MF. On which side a housing
+has its mark is not known here. Should it be the other one, the images stay MF and right where they are: PLUS would
+mirror the pixels of any other orientation, and not ImageToProbe with them.
+"""
+
+IMAGE_ORIENTATION = "MF"
+"""Where columns and rows of an exported image run, in PLUS's letters: along Transducer X, and along Transducer Y."""
+
+
+def spacing_m(image: PaImage) -> tuple[float, float]:
+    """Distances of the columns and of the rows of an image, in metres."""
+    across, down = (float(np.ptp(axis)) / (len(axis) - 1) for axis in (image.lateral_m, image.depth_m))
+    return across, down
+
+
+def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
+    """Rotation of the probe about y: a point (0, y, r) comes to (r sin θ, y, r cos θ)."""
+    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    return np.array([[cosine, 0, sine, 0], [0, 1, 0, 0], [-sine, 0, cosine, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+
+def transducer_to_probe(*, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
+    """From the middle of the array's face to the axis of rotation, in millimetres."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = TRANSDUCER_AXES
+    matrix[2, 3] = 1e3 * face_radius_m
+    return matrix
+
+
+def image_to_transducer(image: PaImage) -> Float64[np.ndarray, "4 4"]:
+    """Pixels (column, row, 0) to millimetres from the middle of the array's face: the column along x, the row along y.
+
+    The third axis is one millimetre long.
+    """
+    across, down = spacing_m(image)
+    matrix = np.diag((1e3 * across, 1e3 * down, 1.0, 1.0))
+    matrix[:2, 3] = 1e3 * image.lateral_m[0], 1e3 * image.depth_m[0]
+    return matrix
+
+
+def image_to_probe(image: PaImage, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
+    """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation."""
+    matrix: Float64[np.ndarray, "4 4"] = transducer_to_probe(face_radius_m=face_radius_m) @ image_to_transducer(image)
+    return matrix

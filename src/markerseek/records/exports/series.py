@@ -1,0 +1,140 @@
+"""What is written of a bank beside its images: angles, intensities, times and facts, in one order for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from markerseek.core import ConfigError, PaImage, RecordError
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
+from markerseek.records.exports.frames import spacing_m
+from markerseek.records.ipasc_reading import IpascBank
+
+Clock: TypeAlias = Literal["unix", "rig", "none"]
+"""What times were read from."""
+
+TIMES: dict[Clock, str] = {
+    "unix": "seconds since 1970-01-01 00:00 UTC",
+    "rig": "seconds on the clock of the rig",
+    "none": "not known: the acquisitions are numbered in the order of their angles, one to a second",
+}
+"""What times mean, in words."""
+
+_SAID_OF_A_SIMULATION = "simulated rig: "
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """Acquisitions in the order in which they are written.
+
+    Attributes
+    ----------
+    angles_deg
+        Angle of the probe at each, in degrees.
+    times_s
+        When each began, in seconds, rising.
+    clock
+        What the times were read from; ``none``: 0, 1, 2 and so on.
+    order
+        Number of each in the bank, counted from 0.
+    intensities
+        Intensity of each, NaN where it is not known; empty where none is.
+    facts
+        What else is known.
+    """
+
+    angles_deg: tuple[float, ...]
+    times_s: tuple[float, ...]
+    clock: Clock
+    order: tuple[int, ...]
+    intensities: tuple[float, ...] = ()
+    facts: BankFacts
+
+    def __post_init__(self) -> None:
+        count = len(self.angles_deg)
+        if not len(self.times_s) == len(self.order) == count or len(self.intensities) not in (0, count):
+            raise ConfigError(
+                f"series: {count} angles, {len(self.times_s)} times, {len(self.order)} places and "
+                f"{len(self.intensities)} intensities; give one of each for an acquisition"
+            )
+        if not all(0 <= each < math.inf for each in self.times_s):
+            raise ConfigError("series: times_s must be finite and not negative; leave them out where they are unknown")
+        if not all(before < after for before, after in pairwise(self.times_s)):
+            raise ConfigError("series: times_s must rise; give the acquisitions in the order of time")
+
+    @property
+    def known(self) -> dict[str, str | float | bool]:
+        """Facts by name, units in the names; what is not known is left out."""
+        facts = {
+            name: value.encode("utf-8", "replace").decode("utf-8") if isinstance(value, str) else value
+            for name, value in asdict(self.facts).items()
+            if value is not None and str(value).strip()
+        }
+        simulated = {"simulated": True} if _SAID_OF_A_SIMULATION in self.facts.description else {}
+        return facts | simulated | {"times": TIMES[self.clock]}
+
+
+def series_of(
+    bank: IntensityBank | FrameBank, *, facts: BankFacts | None = None, intensities: tuple[float, ...] | None = None
+) -> Series:
+    """Acquisitions of a bank in the order of time, or of the angles where no times are known.
+
+    Times are taken as known if each acquisition has one and they still differ with six digits, counted from the first:
+    SlicerIGSIO tells acquisitions apart by that much, and would show one in the place of many.
+
+    Parameters
+    ----------
+    bank
+        The bank.
+    facts
+        What is known of it, where that is more than it holds.
+    intensities
+        Intensities in the order of the bank's angles, in the place of those that it holds.
+    """
+    count = len(bank.angles_deg)
+    started = bank.started_s if isinstance(bank, IpascBank) else ()
+    clock: Clock = "rig" if _known(started, count) else "none"
+    times = started if clock == "rig" else tuple(map(float, range(count)))
+    order = tuple(sorted(range(count), key=times.__getitem__))
+    held = bank.intensities if intensities is None else intensities
+    return Series(
+        angles_deg=tuple(bank.angles_deg[index] for index in order),
+        times_s=tuple(times[index] for index in order),
+        clock=clock,
+        order=order,
+        intensities=tuple(held[index] for index in order) if held else (),
+        facts=bank.facts if facts is None else facts,
+    )
+
+
+def grid_of(image: PaImage) -> dict[str, float]:
+    """Where the pixels of an image lie: middle of the first column and row, and the distances, in metres."""
+    across, down = spacing_m(image)
+    return {
+        "first_lateral_m": float(image.lateral_m[0]),
+        "first_depth_m": float(image.depth_m[0]),
+        "lateral_spacing_m": across,
+        "depth_spacing_m": down,
+    }
+
+
+def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[PaImage]:
+    """The same images; `RecordError` where there are more or fewer than so many."""
+    given = 0
+    for given, image in enumerate(images, start=1):
+        if given > count:
+            break
+        yield image
+    if given != count:
+        raise RecordError(f"{path}: {count} angles and {'more' if given > count else given} images; give one for each")
+
+
+def _known(started_s: tuple[float, ...], count: int) -> bool:
+    if len(started_s) != count or not all(0 <= each < math.inf for each in started_s):
+        return False
+    first = min(started_s)
+    return len({f"{each - first:g}" for each in started_s}) == count

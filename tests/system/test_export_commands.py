@@ -1,0 +1,102 @@
+"""`markerseek bank export` of frames whose intensities nobody wrote down, as a user types it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813 - the name that its users give it
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from markerseek import rigs
+from markerseek.core import ChannelFrame, Measured
+from markerseek.records.banks import FrameBank, read_bank
+from markerseek.rigs.bank_scan import scan_bank
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scan") / "scan.hdf5"
+    events = list(scan_bank(rigs.simulated(seed=3), path, step_deg=17.5))
+    assert sum(isinstance(each, Measured) and isinstance(each.sample.frame, ChannelFrame) for each in events) > 5
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(scan):
+    bank = read_bank(scan)
+    assert isinstance(bank, FrameBank)
+    place = scan.parent / "folder"
+    place.mkdir()
+    for index, angle_deg in enumerate(bank.angles_deg):
+        np.save(place / f"angle_{angle_deg:.6f}deg.npy", bank.frame(index).samples)
+    return place
+
+
+def heard(path):
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
+
+
+def exported(shell, source, to, *words):
+    code, _, err = shell("bank", "export", source, to, *words)
+    assert code == 0, err
+    return err
+
+
+def test_intensities_are_computed_for_a_log_as_for_a_table(shell, folder, tmp_path):
+    exported(shell, folder, tmp_path / "a.mcap")
+    exported(shell, folder, tmp_path / "a.csv")
+    table = read_bank(tmp_path / "a.csv")
+    told = [json.loads(each.data) for topic, each in heard(tmp_path / "a.mcap") if topic == "/pa_search/sample"]
+    assert [each["angle_deg"] for each in told] == list(table.angles_deg)
+    assert [each["intensity"] for each in told] == list(table.intensities)
+    assert max(table.intensities) > 0
+
+
+def test_the_strongest_image_reaches_white(shell, scan, tmp_path):
+    exported(shell, scan, tmp_path / "a.mcap")
+    pictures = [
+        np.frombuffer(bytes(each.data), np.uint8) for topic, each in heard(tmp_path / "a.mcap") if "image" in topic
+    ]
+    bank = read_bank(scan)
+    assert isinstance(bank, FrameBank)
+    assert [each.max() == 255 for each in pictures] == [each == max(bank.intensities) for each in bank.intensities]
+
+
+def test_the_rigs_times_are_those_of_the_bank(shell, scan, tmp_path):
+    exported(shell, scan, tmp_path / "a.mcap")
+    exported(shell, scan, tmp_path / "a.igs.mha")
+    bank = read_bank(scan)
+    assert isinstance(bank, FrameBank)
+    expected = [bank.frame(index).header.started_s for index in range(5)]
+    told = [
+        json.loads(each.data)["time_s"] for topic, each in heard(tmp_path / "a.mcap") if topic == "/pa_search/sample"
+    ]
+    assert told == expected
+    image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
+    stamps = [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(5)]
+    np.testing.assert_allclose(stamps, np.subtract(expected, expected[0]), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["igs.mha", "mcap"])
+def test_the_face_radius_places_the_images_or_its_want_is_told(shell, folder, tmp_path, kind):
+    err = exported(shell, folder, tmp_path / f"a.{kind}")
+    assert "give --face-radius-mm" in " ".join(err.split())
+    err = exported(shell, folder, tmp_path / f"b.{kind}", "--face-radius-mm", 10)
+    assert "face-radius" not in err
+    if kind == "mcap":
+        links = [
+            [link.child_frame_id for link in each.transforms]
+            for name in "ab"
+            for topic, each in heard(tmp_path / f"{name}.mcap")
+            if topic == "/tf"
+        ]
+        assert links == [["trus_probe"]] * 5 + [["trus_probe", "trus_image"]] * 5
+    else:
+        key = "Seq_Frame0004_ImageToProbeTransform"
+        assert not sitk.ReadImage(str(tmp_path / "a.igs.mha")).HasMetaDataKey(key)
+        assert sitk.ReadImage(str(tmp_path / "b.igs.mha")).HasMetaDataKey(key)
