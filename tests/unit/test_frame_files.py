@@ -280,6 +280,12 @@ def test_what_holds_something_else_names_the_command_for_it(tmp_path, name, cont
         load_frame(tmp_path / name)
 
 
+def test_an_npy_of_many_angles_names_the_command_for_it(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((3, 2, 9), np.int16))
+    with pytest.raises(RecordError, match=r"see 'markerseek bank import .*a.npy scan.hdf5'"):
+        load_frame(tmp_path / "a.npy")
+
+
 def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
     (tmp_path / "angle_-5deg").mkdir()
     with pytest.raises(RecordError, match=r"0 channel files .* see 'markerseek bank info"):

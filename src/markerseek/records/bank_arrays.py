@@ -93,7 +93,7 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
             case _:
                 arrays = _unnamed(path, size)
     except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
     named = {name: _picked(arrays, names) for name, names in _NAMES.items()}
     frames, intensity = named["frames"], named["intensity"]
     angles = named["angle_deg"]

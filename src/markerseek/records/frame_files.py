@@ -96,6 +96,7 @@ def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
         raise RecordError(
             f"{path}: {samples.dtype} of shape {samples.shape} found, int16 of shape (channels, samples) expected; "
             "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
+            + (f"; of many angles, see 'markerseek bank import {path} scan.hdf5'" if samples.ndim == 3 else "")
         )
     return np.ascontiguousarray(samples, dtype=np.int16)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from markerseek.core import RecordError
 from markerseek.records._ordinary import ordinary_size
+from markerseek.records.bank_arrays import ARRAY_SUFFIXES
 from markerseek.records.banks import IntensityBank, require_angles
 
 COLUMNS = ("angle_deg", "intensity")
@@ -44,6 +45,10 @@ def read_table(path: Path) -> IntensityBank:
     RecordError
         If it cannot be read; the message names the line and the cure.
     """
+    if path.suffix.lower() in ARRAY_SUFFIXES:
+        raise RecordError(
+            f"{path}: a scan that NumPy or MATLAB saved becomes a bank by 'markerseek bank import {path} scan.hdf5'"
+        )
     try:
         ordinary_size(path, most=_LARGEST_BYTES)
         with path.open(newline="", encoding="utf-8-sig") as lines:
