@@ -66,9 +66,9 @@ def test_a_newer_version_is_refused_with_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     whole_run(path)
     with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA user_version = 2")
+        database.execute("PRAGMA user_version = 3")
     for look in (read_journal, verify, salvage):
-        with pytest.raises(RecordError, match="has version 2, this markerseek reads up to 1; install a newer one"):
+        with pytest.raises(RecordError, match="has version 3, this markerseek reads up to 2; install a newer one"):
             look(path)
 
 

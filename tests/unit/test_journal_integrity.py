@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from contextlib import closing
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -108,7 +109,7 @@ def test_commits_in_a_torn_log_are_those_that_sqlite_takes(
 ) -> None:
     log = Path(f"{dead_run}-wal").read_bytes()
     torn = log[: round(share * len(log))]
-    good, lost = commits(torn)
+    good, lost = commits(BytesIO(torn))
     assert lost == 0
     path = with_log(dead_run, torn, tmp_path_factory.mktemp("torn"))
     if good:
@@ -124,7 +125,7 @@ def test_a_flipped_bit_in_the_log_is_no_silent_loss(
     flipped = bytearray(Path(f"{dead_run}-wal").read_bytes())
     place = int(share * len(flipped))
     flipped[place] ^= 1 << bit
-    good, _ = commits(bytes(flipped))
+    good, _ = commits(BytesIO(flipped))
     path = with_log(dead_run, bytes(flipped), tmp_path_factory.mktemp("flipped"))
     whole = 13
     if good < whole - 1:

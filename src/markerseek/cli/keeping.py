@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from markerseek.cli.terminal import aside, print_warning
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.journal import Configuration, Journal, default_journal
+from markerseek.records.journal import Configuration, Journal, default_journal, make_folder
 
 
 def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:
@@ -42,7 +42,7 @@ def new_journal(named: Path | None, configuration: Configuration, *, wanted: boo
         return Journal.create(named, configuration)
     path = default_journal(method=configuration.method)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_folder(path.parent)
         return Journal.create(path, configuration)
     except (OSError, RecordError) as problem:
         said = problem.strerror if isinstance(problem, OSError) else str(problem)

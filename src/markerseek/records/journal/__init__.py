@@ -9,7 +9,7 @@ from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Checked, Entry, Interrupted, Resuming
 from markerseek.records.journal.grammar import Standing, standing
 from markerseek.records.journal.outline import Outline, journals_in, outline, size_with_log
-from markerseek.records.journal.place import default_journal, journals_folder
+from markerseek.records.journal.place import default_journal, journals_folder, make_folder
 from markerseek.records.journal.reader import Recording, open_journal, read_journal, salvage
 from markerseek.records.journal.store import is_journal
 from markerseek.records.journal.verify import Finding, verify
@@ -30,6 +30,7 @@ __all__ = [
     "is_journal",
     "journals_folder",
     "journals_in",
+    "make_folder",
     "open_journal",
     "outline",
     "read_journal",

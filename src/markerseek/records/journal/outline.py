@@ -9,7 +9,9 @@ import msgspec
 
 from markerseek.core import Finished, RecordError
 from markerseek.records.journal.grammar import standing
+from markerseek.records.journal.plain import readable
 from markerseek.records.journal.reader import salvage
+from markerseek.records.journal.store import log_of
 from markerseek.records.result import answer_name
 
 SUFFIX = ".journal"
@@ -22,7 +24,7 @@ class Outline(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     path
-        The file.
+        The file; whatever is no Unicode in its name is written as escapes.
     size_bytes
         Its size with that of its log.
     begun
@@ -60,15 +62,16 @@ def outline(path: Path) -> Outline:
         The file.
     """
     size_bytes = size_with_log(path)
+    name = readable(str(path))
     try:
-        held, damage = salvage(path)
+        held, damage = salvage(path, frames=False)
     except RecordError as problem:
-        return Outline(path=str(path), size_bytes=size_bytes, state="unreadable", problem=_without(path, str(problem)))
+        return Outline(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
     stands = standing(held.entries)
     last = held.entries[-1].event if held.entries else None
     over = last if isinstance(last, Finished) else None
     return Outline(
-        path=str(path),
+        path=name,
         size_bytes=size_bytes,
         begun=held.entries[0].written if held.entries else None,
         method=held.configuration.method,
@@ -77,12 +80,12 @@ def outline(path: Path) -> Outline:
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,
         acquisitions=stands.acquisitions,
-        problem=stands.fault if damage is None else _without(path, str(damage)),
+        problem=stands.fault if damage is None else _without(path, damage),
     )
 
 
-def _without(path: Path, problem: str) -> str:
-    return problem.removeprefix(f"{path}: ")
+def _without(path: Path, problem: RecordError) -> str:
+    return readable(str(problem).removeprefix(f"{path}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -109,4 +112,4 @@ def journals_in(folder: Path) -> list[Path]:
 
 def size_with_log(path: Path) -> int:
     """Bytes of a journal and of the log beside it; what is not there counts nothing."""
-    return sum(part.stat().st_size for part in (path, Path(f"{path}-wal")) if part.is_file())
+    return sum(part.stat().st_size for part in (path, log_of(path)) if part.is_file())

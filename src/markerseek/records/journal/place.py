@@ -1,4 +1,4 @@
-"""Where journals go that nobody named."""
+"""Where journals go that nobody named, and folders that outlive a loss of power."""
 
 from __future__ import annotations
 
@@ -35,3 +35,39 @@ def default_journal(*, method: str) -> Path:
     """
     now = datetime.now(UTC)
     return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder that only its owner can open, with those above it that are missing, their names on the disk.
+
+    Parameters
+    ----------
+    folder
+        One that may exist.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(mode=0o700, exist_ok=True)
+        put_on_disk(each.parent)
+
+
+def put_on_disk(folder: Path) -> None:
+    """Flush the names in a folder; a file's own flush does not. Windows keeps them by itself, and has no such call.
+
+    Raises
+    ------
+    OSError
+        If that fails.
+    """
+    if sys.platform == "win32":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from markerseek.core import Measured, RecordError, Sample
+from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.journal.configuration import Configuration
-from markerseek.records.journal.entries import Entry
+from markerseek.records.journal.entries import Checked, Entry
 from markerseek.records.journal.log import require_whole_log
 from markerseek.records.journal.rows import from_row
 from markerseek.records.journal.store import (
+    FOLDED,
+    UNUSED,
+    WITH_LOG,
     Row,
     checksum,
     connect,
+    log_of,
     require_file,
     require_ours,
     row_checksum,
@@ -52,37 +54,41 @@ class Recording:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[sqlite3.Connection]:
-    """Connection to a journal that is not to be changed.
-
-    A run that died left its last commits in the write-ahead log beside the file. To read them SQLite has to write, so
-    that a copy of both is read.
+    """Connection to a journal that is not to be changed, nor the log that a dead run left beside it.
 
     Raises
     ------
     RecordError
-        If there is no such journal, or it is in use.
+        If there is no such journal, it is in use, or its log is damaged.
     """
     with speaking_of(path, verb="read"):
         require_file(path)
-        log = Path(f"{path}-wal")
-        if not log.is_file() or log.stat().st_size == 0:
-            with closing(connect(path, mode="ro&immutable=1")) as connection:
+        before = _stamps(path)
+        try:
+            with closing(connect(path, how=WITH_LOG if _has_commits(path) else FOLDED)) as connection:
                 yield connection
-            return
-        _require_unused(path)
-        require_whole_log(log)
-        with tempfile.TemporaryDirectory(prefix="markerseek-") as folder:
-            copy = Path(folder) / "journal"
-            shutil.copyfile(path, copy)
-            shutil.copyfile(log, f"{copy}-wal")
-            with closing(connect(copy, mode="rw")) as connection:
-                yield connection
+        finally:
+            if _stamps(path) != before:
+                raise RecordError(
+                    f"{path}: the journal changed while it was read; another markerseek has it open, "
+                    "wait until that is over"
+                )
+
+
+def _has_commits(path: Path) -> bool:
+    """Whether the log of a journal that nobody has open holds commits that can be read."""
+    log = log_of(path)
+    if not log.is_file() or log.stat().st_size == 0:
+        return False
+    _require_unused(path)
+    # Where SQLite finds nothing in a log it removes it, which a reader must not do.
+    return require_whole_log(log) > 0
 
 
 def _require_unused(path: Path) -> None:
-    """Refuse a journal that a running search has locked; its file and its log change while they are copied."""
+    """Refuse a journal that a running search has locked; its file and its log change while they are read."""
     try:
-        with closing(connect(path, mode="ro")) as connection:
+        with closing(connect(path, how=UNUSED)) as connection:
             connection.execute("SELECT sql FROM sqlite_master LIMIT 1").fetchone()
     except sqlite3.Error as problem:
         # Without leave to write, SQLite cannot recover the log; only whether somebody holds the lock is asked here.
@@ -90,20 +96,28 @@ def _require_unused(path: Path) -> None:
             raise
 
 
-def read_journal(path: Path) -> Recording:
+def _stamps(path: Path) -> list[tuple[int, int]]:
+    """Sizes and times of the last change of a journal and its log, which tell whether somebody writes them."""
+    parts = [part.stat() for part in (path, log_of(path)) if part.is_file()]
+    return [(part.st_size, part.st_mtime_ns) for part in parts]
+
+
+def read_journal(path: Path, *, frames: bool = True) -> Recording:
     """Everything in a journal.
 
     Parameters
     ----------
     path
         The file.
+    frames
+        Whether to keep the frames of the acquisitions, half a megabyte each; they are checked in any case.
 
     Raises
     ------
     RecordError
         If it cannot be read, is newer than this program, or does not agree with its checksums.
     """
-    return whole(*salvage(path))
+    return whole(*salvage(path, frames=frames))
 
 
 def whole(held: Recording, damage: RecordError | None) -> Recording:
@@ -119,13 +133,19 @@ def whole(held: Recording, damage: RecordError | None) -> Recording:
     return held
 
 
-def salvage(path: Path) -> tuple[Recording, RecordError | None]:
+def salvage(
+    path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
+) -> tuple[Recording, RecordError | None]:
     """As much of a journal as is whole, from its beginning, and what is wrong with the rest.
 
     Parameters
     ----------
     path
         The file.
+    frames
+        As in `read_journal`.
+    see
+        Is called with each entry as it is read, its frame with it.
 
     Raises
     ------
@@ -133,10 +153,12 @@ def salvage(path: Path) -> tuple[Recording, RecordError | None]:
         If not even the configuration can be read, or it is newer than this program.
     """
     with open_journal(path) as connection:
-        return recording(connection, path)
+        return recording(connection, path, frames=frames, see=see)
 
 
-def recording(connection: sqlite3.Connection, path: Path) -> tuple[Recording, RecordError | None]:
+def recording(
+    connection: sqlite3.Connection, path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
+) -> tuple[Recording, RecordError | None]:
     """As much behind a connection as is whole, and what is wrong with the rest.
 
     Parameters
@@ -145,6 +167,8 @@ def recording(connection: sqlite3.Connection, path: Path) -> tuple[Recording, Re
         An open journal.
     path
         Its name, for messages.
+    frames, see
+        As in `salvage`.
 
     Raises
     ------
@@ -158,12 +182,28 @@ def recording(connection: sqlite3.Connection, path: Path) -> tuple[Recording, Re
     try:
         with speaking_of(path, verb="read"):
             for entry, own_checksum in iterate(connection, path, first_checksum=last):
-                entries.append(entry)
+                if see is not None:
+                    see(entry)
+                entries.append(entry if frames else _without_frame(entry))
                 last = own_checksum
     except RecordError as problem:
         damage = problem
     held = Recording(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
     return held, damage
+
+
+def _without_frame(entry: Entry) -> Entry:
+    match entry.event:
+        case Measured(sample=sample):
+            return replace(entry, event=replace(entry.event, sample=replace(sample, frame=None)))
+        case Refused():
+            return replace(entry, event=replace(entry.event, frame=None))
+        case Finished(confirmation=Sample() as sample):
+            return replace(entry, event=replace(entry.event, confirmation=replace(sample, frame=None)))
+        case Checked():
+            return replace(entry, event=msgspec.structs.replace(entry.event, frame=None))
+        case _:
+            return entry
 
 
 def read_configuration(connection: sqlite3.Connection, path: Path) -> tuple[Configuration, int]:

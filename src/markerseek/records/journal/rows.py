@@ -32,6 +32,7 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.records.journal.entries import Checked, Happening, Interrupted, RecordedError, Resuming
+from markerseek.records.journal.plain import plain
 from markerseek.records.result import answer_name
 
 Body = TypeVar("Body")
@@ -97,7 +98,7 @@ class _CheckedBody(msgspec.Struct, frozen=True, kw_only=True):
 
 class _FinishedBody(msgspec.Struct, frozen=True, kw_only=True):
     answer: Literal["found", "not found", "ambiguous", "at bound", "unsure"]
-    estimate: msgspec.Raw
+    estimate: object
     acquisitions: int
     travel_deg: float
     elapsed_s: float
@@ -119,16 +120,16 @@ def to_row(event: Happening) -> tuple[str, bytes, memoryview | None]:
     if isinstance(event, Refused) and event.frame is not None and not _is_exact(event.frame):
         # Its numbers are why it was refused, and the reason names them.
         event = replace(event, frame=None)
-    kind, body = _body(event)
-    encoded, samples = msgspec.json.encode(body), _samples(event)
-    # NaN becomes null in JSON, and would make the row unreadable: what is written must read back equal.
-    try:
-        read_back = _body(from_row(kind, encoded, samples, confirmation=None))
-    except RecordError:
-        read_back = kind, None
-    if msgspec.json.encode(read_back[1]) != encoded:
-        raise RecordError(f"journal: {kind} holds a number that is not finite and cannot be recorded: {event!r}")
+    kind, encoded = _encoded(event)
+    samples = _samples(event)
+    if _encoded(from_row(kind, encoded, samples, confirmation=None))[1] != encoded:
+        raise RecordError(f"journal: {kind} does not read back as it was and cannot be recorded: {event!r}")
     return kind, encoded, samples
+
+
+def _encoded(event: Happening) -> tuple[str, bytes]:
+    kind, body = _body(event)
+    return kind, msgspec.json.encode(plain(body, what=kind))
 
 
 def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> Happening:
@@ -197,7 +198,7 @@ def _body(event: Happening) -> tuple[str, object]:
         case Finished(estimate=estimate):
             return "finished", _FinishedBody(
                 answer=answer_name(estimate),
-                estimate=msgspec.Raw(msgspec.json.encode(estimate)),
+                estimate=estimate,
                 acquisitions=event.acquisitions,
                 travel_deg=event.travel_deg,
                 elapsed_s=event.elapsed_s,
@@ -274,7 +275,10 @@ def _channels(body: _ChannelFrameBody, samples: bytes | memoryview | None) -> Ch
 
 
 def _finished(body: _FinishedBody, confirmation: Sample | None) -> Finished:
-    estimate = _decode(bytes(body.estimate), _ANSWERS[body.answer])
+    try:
+        estimate = msgspec.convert(body.estimate, _ANSWERS[body.answer])
+    except msgspec.ValidationError as problem:
+        raise RecordError(f"an entry that cannot be read: {problem}") from problem
     return Finished(
         estimate=estimate,
         confirmation=confirmation,

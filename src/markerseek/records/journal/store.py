@@ -7,7 +7,9 @@ file is locked for whoever has it open, so that two programs cannot drive one ru
 from __future__ import annotations
 
 import errno
+import os
 import sqlite3
+import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,15 +23,23 @@ from markerseek.records.journal.place import journals_folder
 APPLICATION = 0x4D53656B
 """What SQLite's header calls our files: "MSek"."""
 
-VERSION = 1
-"""Newest version of the format; older ones are read."""
+VERSION = 2
+"""Newest version of the format; older ones are read, and lifted to it with the first row that is added to them.
 
-SCHEMA = (
+- 1: the tables below.
+- 2: the same tables; a refused frame and the frame of a check are kept, with a second angle that is checked and the
+  settings of the imaging chain.
+"""
+
+_TABLES = (
     "CREATE TABLE run (id INTEGER PRIMARY KEY CHECK (id = 1), configuration TEXT NOT NULL, checksum INTEGER NOT NULL)",
     """CREATE TABLE events (number INTEGER PRIMARY KEY, kind TEXT NOT NULL, written TEXT NOT NULL,
     clock_s REAL NOT NULL, body TEXT NOT NULL, checkpoint TEXT, checksum INTEGER NOT NULL, samples BLOB)""",
 )
-"""Tables of version 1: the configuration in one row, then one row an event."""
+"""The configuration in one row, then one row an event."""
+
+SCHEMAS = {1: _TABLES, 2: _TABLES}
+"""Tables of each version."""
 
 _HEADER_BYTES = 100
 """Length of SQLite's header; our mark lies at its byte 68."""
@@ -92,7 +102,7 @@ def speaking_of(path: Path, *, verb: str) -> Iterator[None]:
     path
         The journal.
     verb
-        What could not be done: "read" or "written".
+        What could not be done: "read", "written" or "closed".
     """
     try:
         yield
@@ -136,6 +146,11 @@ def _cure(problem: sqlite3.Error) -> str:
             return "it is damaged or no journal; 'markerseek journal show' prints as much of it as is whole"
 
 
+def log_of(path: Path) -> Path:
+    """SQLite's write-ahead log of a journal, which need not exist."""
+    return Path(f"{path}-wal")
+
+
 def is_journal(path: Path) -> bool:
     """Whether an ordinary file begins as journals do; the rest of it is not looked at.
 
@@ -149,16 +164,16 @@ def is_journal(path: Path) -> bool:
     if not header.startswith(b"SQLite format 3\0"):
         return False
     # Of a run that was killed early, all but this first page may still lie in the write-ahead log.
-    return header[68:72] == APPLICATION.to_bytes(4, "big") or Path(f"{path}-wal").is_file()
+    return header[68:72] == APPLICATION.to_bytes(4, "big") or log_of(path).is_file()
 
 
 def require_file(path: Path) -> None:
-    """Refuse what is no ordinary file, before SQLite is asked to open it.
+    """Refuse what is no ordinary file, or is empty, before SQLite is asked to open it.
 
     Raises
     ------
     RecordError
-        If there is nothing, or a folder, a pipe or a device.
+        If there is nothing, or a folder, a pipe, a device or an empty file.
     """
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
@@ -169,6 +184,14 @@ def require_file(path: Path) -> None:
         )
     if not path.is_file():
         raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
+    if path.stat().st_size == 0:
+        # SQLite removes the log that lies beside an empty file.
+        raise RecordError(f"{path}: it is empty, and no journal of a run; check the name" + _log_beside(path))
+
+
+def _log_beside(path: Path) -> str:
+    log = log_of(path)
+    return f" (its log {log} is left as it is)" if log.is_file() else ""
 
 
 def taken(path: Path) -> RecordError:
@@ -182,15 +205,29 @@ def taken(path: Path) -> RecordError:
     return RecordError(f"{path}: this exists already and is no journal; name a new file")
 
 
-def connect(path: Path, *, mode: str) -> sqlite3.Connection:
-    """Connection that commits only when told to, and locks the file while it is open.
+WRITTEN = "mode=rw"
+"""How a journal is opened to be written."""
+
+UNUSED = "mode=ro"
+"""How it is asked for whether another program has it open."""
+
+FOLDED = "mode=ro&immutable=1"
+"""How one is read whose log is not there or holds nothing; nothing is locked and nothing written."""
+
+WITH_LOG = f"mode=ro&vfs={'win32' if sys.platform == 'win32' else 'unix'}-none"
+"""How one is read together with its log. SQLite indexes a log in shared memory, a file that it would have to write, or,
+where nobody else reads along, in its own: so nothing is locked here, and what is read stays as it is."""
+
+
+def connect(path: Path, *, how: str) -> sqlite3.Connection:
+    """Connection that commits only when told to, and locks the file while it is open to be written.
 
     Parameters
     ----------
     path
         An existing file.
-    mode
-        "rw", or "ro&immutable=1" for a file that nobody writes.
+    how
+        One of the four above.
 
     Raises
     ------
@@ -198,13 +235,18 @@ def connect(path: Path, *, mode: str) -> sqlite3.Connection:
         If it is locked or no database.
     """
     connection = sqlite3.connect(
-        f"file:{_quoted(path)}?mode={mode}", uri=True, isolation_level=None, timeout=0.5, check_same_thread=True
+        f"file:{_quoted(path)}?{how}", uri=True, isolation_level=None, timeout=0.5, check_same_thread=True
     )
     try:
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
         connection.execute("PRAGMA synchronous = FULL")
+        # macOS calls a flush done before the disk has it, unless it is told so; the others do not know these two.
+        connection.execute("PRAGMA fullfsync = ON")
+        connection.execute("PRAGMA checkpoint_fullfsync = ON")
+        # No commit waits until the log has been folded into the file: `Journal.close` does so.
+        connection.execute("PRAGMA wal_autocheckpoint = 0")
     except BaseException:
         connection.close()
         raise
@@ -214,11 +256,11 @@ def connect(path: Path, *, mode: str) -> sqlite3.Connection:
 def _quoted(path: Path) -> str:
     from urllib.parse import quote
 
-    return quote(str(path.absolute()))
+    return quote(os.fsencode(path.absolute()))
 
 
-def require_ours(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is no journal, or is newer than we are.
+def require_ours(connection: sqlite3.Connection, path: Path) -> int:
+    """Refuse a file that is no journal, or is newer than we are; its version comes back.
 
     Raises
     ------
@@ -228,12 +270,19 @@ def require_ours(connection: sqlite3.Connection, path: Path) -> None:
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION:
         raise RecordError(f"{path}: it is no journal of a run (or its run was never begun); check the name")
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    version = version_of(connection)
     if version > VERSION:
         raise RecordError(
             f"{path}: the journal has version {version}, this markerseek reads up to {VERSION}; install a newer one"
         )
     # A view or a trigger in a hostile file would run when it is read.
     tables = connection.execute("SELECT sql FROM sqlite_master ORDER BY rowid LIMIT 3").fetchall()
-    if tables != [(sql,) for sql in SCHEMA] or version != VERSION:
-        raise RecordError(f"{path}: its tables are none of a journal of version {VERSION}; it is damaged or foreign")
+    if version not in SCHEMAS or tables != [(sql,) for sql in SCHEMAS[version]]:
+        raise RecordError(f"{path}: its tables are none of a journal of version {version}; it is damaged or foreign")
+    return version
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """Version of the format that a file says it has."""
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    return int(version)

@@ -45,7 +45,7 @@ def verify(path: Path) -> Finding:
     """
     faults: list[str] = []
     with open_journal(path) as connection:
-        held, damage = recording(connection, path)
+        held, damage = recording(connection, path, frames=False)
         try:
             with speaking_of(path, verb="read"):
                 complaints = connection.execute(f"PRAGMA integrity_check({_MOST_COMPLAINTS})").fetchall()

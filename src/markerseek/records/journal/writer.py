@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 import sqlite3
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,23 +11,27 @@ from typing import Self
 
 import msgspec
 
-from markerseek.core import Failed, Finished
+from markerseek.core import Failed, Finished, RecordError
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Entry, Happening, Interrupted
-from markerseek.records.journal.reader import Recording, recording, whole
+from markerseek.records.journal.place import put_on_disk
+from markerseek.records.journal.plain import plain, require_finite
+from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.rows import to_row
 from markerseek.records.journal.store import (
     APPLICATION,
     PAGE_BYTES,
-    SCHEMA,
+    SCHEMAS,
     VERSION,
+    WRITTEN,
     Row,
     checksum,
     connect,
-    require_file,
+    log_of,
     row_checksum,
     speaking_of,
     taken,
+    version_of,
 )
 
 
@@ -46,8 +50,11 @@ class Journal:
         self.path = held.path
         self.configuration = held.configuration
         self._connection = connection
+        self._open = True
+        self._version = version_of(connection)
         self._number = len(held.entries)
         self._checksum = held.last_checksum
+        self._under_way: tuple[Row, Happening] | None = None
         self._last = held.entries[-1].event if held.entries else None
         self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
 
@@ -58,19 +65,31 @@ class Journal:
         Raises
         ------
         RecordError
-            If the file exists or cannot be written.
+            If the file exists or cannot be written; nothing is left behind.
         """
+        encoded = _encoded(configuration)
         with speaking_of(path, verb="written"):
+            if log_of(path).exists() and not path.exists():
+                # SQLite would remove it.
+                raise RecordError(
+                    f"{path}: the log of a journal that is gone lies there, {log_of(path)}, and may be all that is "
+                    "left of a run; name a new file"
+                )
             try:
                 path.open("xb").close()
             except FileExistsError as problem:
                 raise taken(path) from problem
-            connection = connect(path, mode="rw")
             try:
-                first = _lay_out(connection, configuration)
-                _sync_folder(path.parent)
+                connection = connect(path, how=WRITTEN)
+                try:
+                    first = _lay_out(connection, encoded)
+                    put_on_disk(path.parent)
+                except BaseException:
+                    connection.close()
+                    raise
             except BaseException:
-                connection.close()
+                for made in (path, log_of(path)):
+                    made.unlink(missing_ok=True)
                 raise
         held = Recording(path=path, configuration=configuration, entries=(), last_checksum=first)
         return cls(held, connection)
@@ -84,18 +103,19 @@ class Journal:
         RecordError
             If the file cannot be read to its end or written, or another program has it open.
         """
+        # Read first: closing a journal that was opened to be written folds its log in, whole or not.
+        held = read_journal(path)
         with speaking_of(path, verb="written"):
-            require_file(path)
-            connection = connect(path, mode="rw")
+            connection = connect(path, how=WRITTEN)
             try:
                 # Takes the lock, and says at once if the file cannot be written.
                 connection.execute("BEGIN IMMEDIATE")
                 connection.execute("ROLLBACK")
-                held = whole(*recording(connection, path))
+                _require_unchanged(connection, held)
+                return cls(held, connection), held
             except BaseException:
                 connection.close()
                 raise
-        return cls(held, connection), held
 
     def commit(self, event: Happening, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Put an event on the disk; once this returns, it is there for good.
@@ -115,22 +135,43 @@ class Journal:
             If it cannot be written; what was committed before stays as it was.
         """
         kind, body, samples = to_row(event)
+        self._settle()
         row = Row(
             number=self._number + 1,
             kind=kind,
             written=datetime.now(UTC).isoformat(),
-            clock_s=float(clock_s),
+            clock_s=require_finite(float(clock_s), what="the rig's clock"),
             body=body.decode(),
             checkpoint=None if checkpoint is None else checkpoint.decode(),
             checksum=0,
         )
-        found = row_checksum(self._checksum, row, samples)
-        columns = (row.number, row.kind, row.written, row.clock_s, row.body, row.checkpoint, found, samples)
+        row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, samples))
+        insertion = ("INSERT INTO events VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*msgspec.structs.astuple(row), samples))
+        # An older program must not read what it does not understand.
+        lift = () if self._version == VERSION else ((f"PRAGMA user_version = {VERSION}", ()),)
+        self._under_way = row, event
         with speaking_of(self.path, verb="written"):
-            _transact(self._connection, ("INSERT INTO events VALUES (?, ?, ?, ?, ?, ?, ?, ?)", columns))
-        self._number, self._checksum = row.number, found
-        self._last, self._clock_s = event, row.clock_s
+            _transact(self._connection, insertion, *lift)
+        self._note(row, event)
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
+
+    def _settle(self) -> None:
+        """Ask the file whether the last commit succeeded, if an error or a signal came before that was noted."""
+        if self._under_way is None or not self._open:
+            return
+        row, event = self._under_way
+        with speaking_of(self.path, verb="written"):
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            kept = _last_row(self._connection) == (row.number, row.checksum)
+        if kept:
+            self._note(row, event)
+        self._under_way = None
+
+    def _note(self, row: Row, event: Happening) -> None:
+        self._number, self._checksum, self._version = row.number, row.checksum, VERSION
+        self._last, self._clock_s = event, row.clock_s
+        self._under_way = None
 
     def interrupt(self, reason: str) -> None:
         """Note that the run was stopped from outside, once the rig has been stopped; nothing, if it is over anyway.
@@ -145,7 +186,7 @@ class Journal:
         RecordError
             If it cannot be written.
         """
-        if not isinstance(self._last, Finished | Failed | Interrupted | None):
+        if not isinstance(self.last, Finished | Failed | Interrupted | None):
             self.commit(Interrupted(reason=reason), clock_s=self._clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
@@ -163,12 +204,13 @@ class Journal:
         RecordError
             If it cannot be written.
         """
-        if not isinstance(self._last, Finished | Failed):
+        if not isinstance(self.last, Finished | Failed):
             self.commit(Failed(error=error), clock_s=clock_s)
 
     @property
     def last(self) -> Happening | None:
         """What was committed last; None before the first."""
+        self._settle()
         return self._last
 
     def close(self) -> None:
@@ -177,10 +219,17 @@ class Journal:
         Raises
         ------
         RecordError
-            If that fails; what was committed is in the file and its log.
+            If the log cannot be folded in; what was committed is in the file and its log.
         """
-        with speaking_of(self.path, verb="written"):
-            self._connection.close()
+        if not self._open:
+            return
+        self._open = False
+        with speaking_of(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            (busy, *_), *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            if busy:
+                raise RecordError(f"{self.path}: the journal's log cannot be folded in: it is in use; nothing is lost")
 
     def __enter__(self) -> Self:
         """The journal itself."""
@@ -189,13 +238,27 @@ class Journal:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        """Close it."""
-        self.close()
+        """Close it; an error that is on its way goes before one of closing, which loses nothing."""
+        with contextlib.suppress(*(() if _kind is None else (RecordError,))):
+            self.close()
 
 
-def _lay_out(connection: sqlite3.Connection, configuration: Configuration) -> int:
+def _encoded(configuration: Configuration) -> bytes:
+    """A configuration as JSON; its parts that are JSON already stay as they are."""
+    set_ones = {
+        name: value
+        for name, value in zip(configuration.__struct_fields__, msgspec.structs.astuple(configuration), strict=True)
+        if value is not msgspec.UNSET
+    }
+    checked = {
+        name: value if isinstance(value, msgspec.Raw) else plain(value, what=f"the configuration's {name}")
+        for name, value in set_ones.items()
+    }
+    return msgspec.json.encode(checked)
+
+
+def _lay_out(connection: sqlite3.Connection, encoded: bytes) -> int:
     """Make the tables with the configuration in one transaction; its checksum comes back."""
-    encoded = msgspec.json.encode(configuration)
     first = checksum(0, encoded)
     connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
     (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
@@ -203,7 +266,7 @@ def _lay_out(connection: sqlite3.Connection, configuration: Configuration) -> in
         raise sqlite3.OperationalError(f"the folder's file system allows no write-ahead log, only {mode}")
     _transact(
         connection,
-        *((sql, ()) for sql in SCHEMA),
+        *((sql, ()) for sql in SCHEMAS[VERSION]),
         ("INSERT INTO run VALUES (1, ?, ?)", (encoded.decode(), first)),
         (f"PRAGMA application_id = {APPLICATION}", ()),
         (f"PRAGMA user_version = {VERSION}", ()),
@@ -224,10 +287,14 @@ def _transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[obje
         raise
 
 
-def _sync_folder(folder: Path) -> None:
-    """Put the name of a new file on the disk; SQLite does so for its own files only."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
+    """Refuse a journal that another program wrote after it was read and before it was locked."""
+    if _last_row(connection) != (len(held.entries), held.last_checksum):
+        raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")
+
+
+def _last_row(connection: sqlite3.Connection) -> tuple[int, int]:
+    """Number and checksum of the last event; 0 and that of the configuration before the first."""
+    last = connection.execute("SELECT number, checksum FROM events ORDER BY number DESC LIMIT 1").fetchone()
+    number, found = last or connection.execute("SELECT 0, checksum FROM run").fetchone()
+    return number, found
