@@ -128,7 +128,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
         process.send_signal(signal.SIGINT)
         _, told = process.communicate(timeout=20)
         assert process.returncode == 130, told
-        assert "stopped by the user: the laser is disarmed" in told
+        assert "stopped by SIGINT: the laser is disarmed" in told
         # the lines are free again, and the devices fit for another search
         code, out, err = shell("search", "--rig", devices.rig, "--arm", "--stay", *SEARCH)
         assert code in (0, 3), err

@@ -1,7 +1,7 @@
 """The command line: one file a command, and this one, which gathers them and turns errors into exit codes.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 a run to be resumed that nobody armed, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
+read, 4 nobody armed the rig, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ import typer
 
 from markerseek import __version__
 from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
+from markerseek.cli.stopping import Stopped
 from markerseek.cli.terminal import print_error, print_json, print_warning
 from markerseek.core import MarkerseekError
 
 WRONG_USAGE = 2
 """Exit code after arguments that the command does not take."""
 
-STOPPED = {129: "SIGHUP", 130: "the user", 143: "SIGTERM"}
-"""Exit codes after a signal, as shells have them, and who sends it."""
+STOPPED_BY_USER = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 app = typer.Typer(
     name="markerseek",
@@ -64,9 +65,11 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     try:
         app()
+    except Stopped:
+        raise
     except SystemExit as ended:
-        if ended.code in STOPPED:
-            print_warning(f"stopped by {STOPPED[ended.code]}: the laser is disarmed, and the probe stays where it was")
+        if ended.code == STOPPED_BY_USER:
+            print_error(MarkerseekError("stopped by the user"), as_json="--json" in sys.argv)
         elif ended.code == WRONG_USAGE and "--json" in sys.argv:
             print_json({"error": "wrong usage; standard error says what is wrong", "kind": "UsageError"})
         raise

@@ -68,7 +68,7 @@ def command(
     taken, dark, refused = 0, 0, 0
     with open_rig(rig, seed=seed) as (assembled, _start_deg):
         angles = scan_angles(assembled, step_deg=step_deg)
-        arm_rig(assembled, arm=arm, what="scan")
+        arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
         events = scan_bank(
             assembled,
             out,

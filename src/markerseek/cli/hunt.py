@@ -14,8 +14,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.keeping import tell_where
-from markerseek.cli.stopping import StoppedBySignal, stopped_by_signals
-from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar
+from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar, quoted
 from markerseek.core import Event, Failed, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
 from markerseek.records.journal import Checked, Configuration, Journal, result_with
 from markerseek.records.result import Recorder, SearchResult
@@ -26,7 +26,12 @@ FOUND, OTHER_ANSWER = 0, 3
 
 
 def hunt(
-    events: Generator[Event, None, None], begun_with: Configuration, *, most: int, journal: Journal | None
+    events: Generator[Event, None, None],
+    begun_with: Configuration,
+    *,
+    most: int,
+    journal: Journal | None,
+    as_json: bool,
 ) -> tuple[Recorder, SearchResult]:
     """Live through a search with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end it.
 
@@ -40,6 +45,8 @@ def hunt(
         Most acquisitions, for the bar.
     journal
         Where the events are kept, which also hears of an interruption; None without one.
+    as_json
+        Whether a program is to hear of an interruption.
     """
     recorder = Recorder()
     with stopped_by_signals():
@@ -49,7 +56,7 @@ def hunt(
                 _watch(events, recorder, most)
         except StoppedBySignal as stop:
             _note_interruption(stop, journal)
-            raise typer.Exit(stop.exit_code) from None
+            end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
         except MarkerseekError:
             if journal is not None:
                 _tell_how_to_go_on(journal)
@@ -72,13 +79,13 @@ def _watch(events: Iterable[Event], recorder: Recorder, most: int) -> None:
 
 def _tell_how_to_go_on(journal: Journal) -> None:
     """Say by which command a run that ended with an error goes on; nothing where only a new search helps."""
-    path = escape(str(journal.path))
+    said = f"[dim]journal:[/] {escape(str(journal.path))}"
+    command = escape(f"markerseek resume {quoted(journal.path)}")
     if isinstance(journal.last, Failed):
-        aside.print(f"[dim]journal:[/] {path}; once the rig is well: markerseek resume {path} --reset-fault")
-    elif isinstance(journal.last, Checked):
-        aside.print(f"[dim]journal:[/] {path}")
-    else:
-        aside.print(f"[dim]journal:[/] {path}; go on with: markerseek resume {path}")
+        said += f"; once the rig is well: {command} --reset-fault"
+    elif not isinstance(journal.last, Checked):
+        said += f"; go on with: {command}"
+    aside.print(said)
 
 
 def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
@@ -89,7 +96,7 @@ def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
         journal.interrupt(stop.name)
     except RecordError as problem:
         print_warning(str(problem))
-    print_warning(f"go on with: markerseek resume {journal.path}")
+    print_warning(f"go on with: markerseek resume {quoted(journal.path)}")
 
 
 def conclude(

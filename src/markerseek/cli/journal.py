@@ -126,7 +126,8 @@ def _print_table(held: Recording) -> None:
     form = " as published" if begun_with.as_published else ""
     people.print(f"[bold]{begun_with.method}{form}[/] on a {begun_with.rig} rig: {escape(begun_with.description)}")
     said = ", ".join(f"{name} {version}" for name, version in begun_with.versions.items())
-    people.print(f"[dim]seed {begun_with.seed}, rig {begun_with.fingerprint}, {escape(said)}[/]")
+    seed = "" if begun_with.seed is None else f"seed {begun_with.seed}, "
+    people.print(f"[dim]{seed}rig {begun_with.fingerprint}, {escape(said)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
         # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
@@ -159,7 +160,8 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             return "failed", "", "", str(error)
         case Interrupted(reason=reason):
             return "interrupted", "", "", reason
-        case Resuming(by=by, check_deg=check_deg):
-            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}"
+        case Resuming(by=by, check_deg=check_deg, flank_deg=flank_deg):
+            flank = "" if flank_deg is None else f", checks {flank_deg:.3f} deg as well"
+            return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
         case Checked(reading=reading, difference=difference):
             return "checked", "", f"{reading.intensity:.4g}", difference or "heard as before"

@@ -79,7 +79,7 @@ def seed_of(rig: Rig) -> int | None:
     return rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None
 
 
-def arm_rig(rig: Rig, *, arm: bool, what: str) -> None:
+def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     """Arm a rig of devices in the user's name, or end the command; rigs without hardware need no leave.
 
     Parameters
@@ -90,10 +90,12 @@ def arm_rig(rig: Rig, *, arm: bool, what: str) -> None:
         Whether the user has said so already; else whoever sits at the terminal is asked.
     what
         What will be done, for the question: "search".
+    as_json
+        Whether a program is to hear that it was not armed.
     """
     from rich.markup import escape
 
-    from markerseek.cli.terminal import aside
+    from markerseek.cli.terminal import aside, print_json
 
     if rig.devices is None:
         return
@@ -103,6 +105,8 @@ def arm_rig(rig: Rig, *, arm: bool, what: str) -> None:
     )
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
         aside.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+        if as_json:
+            print_json({"armed": False, "rig": rig.description})
         raise typer.Exit(NOT_ARMED)
     rig.arm(by=person())
 

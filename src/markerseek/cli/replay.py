@@ -96,7 +96,7 @@ def command(
     )
     with new_journal(journal, configuration, wanted=journal is not None) or nullcontext() as kept:
         events = search_events(policy, assembled, configuration, kept)
-        recorder, result = hunt(events, configuration, most=acquisitions, journal=kept)
+        recorder, result = hunt(events, configuration, most=acquisitions, journal=kept, as_json=as_json)
     conclude(
         recorder,
         result,

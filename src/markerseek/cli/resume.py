@@ -34,7 +34,8 @@ def command(
 
     Nothing moves and nothing is fired until a person arms the rig: by --arm, or by saying so when asked on a terminal.
     Without either it tells where the run stands, and ends with exit code 4. Armed, it measures the strongest angle so
-    far again, and goes on only if that is heard as before. The result of a run that is over is printed.
+    far and one on a flank again, and goes on only if they are heard as before. The rig is that of the journal: a rig
+    file that was changed since is not read. The result of a run that is over is printed.
     """
     from markerseek.cli.hunt import conclude
     from markerseek.cli.on_rig import NOT_ARMED
@@ -53,7 +54,7 @@ def command(
         announce_compilation()
         if not arm and not _confirmed(held, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        recorder, result, imaging = _go_on(journal, reset_fault=reset_fault)
+        recorder, result, imaging = _go_on(journal, reset_fault=reset_fault, as_json=as_json)
     conclude(
         recorder,
         result,
@@ -67,7 +68,7 @@ def command(
     )
 
 
-def _go_on(journal: Path, *, reset_fault: bool) -> tuple[Recorder, SearchResult, ImageReader | None]:
+def _go_on(journal: Path, *, reset_fault: bool, as_json: bool) -> tuple[Recorder, SearchResult, ImageReader | None]:
     """Lock the journal, put rig and policy together again, and let them go on."""
     from markerseek.cli.hunt import hunt
     from markerseek.cli.on_rig import person
@@ -81,7 +82,7 @@ def _go_on(journal: Path, *, reset_fault: bool) -> tuple[Recorder, SearchResult,
     with kept, rig_again(begun_with) as rig:
         events = resumed(policy_again(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
         most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
-        recorder, result = hunt(events, begun_with, most=most, journal=kept)
+        recorder, result = hunt(events, begun_with, most=most, journal=kept, as_json=as_json)
     return recorder, result, rig.imaging
 
 
@@ -90,9 +91,11 @@ def _confirmed(held: Recording, *, as_json: bool) -> bool:
     from markerseek.cli.terminal import people, print_json
     from markerseek.records.journal import standing
     from markerseek.rigs.again import next_angle, policy_again
+    from markerseek.rigs.checking import telling
 
     stands = standing(held.entries)
     following_deg = next_angle(held, policy_again(held.configuration))
+    checks_deg = [sample.angle_deg for sample in telling(held.entries)]
     if as_json:
         print_json(
             {
@@ -100,15 +103,18 @@ def _confirmed(held: Recording, *, as_json: bool) -> bool:
                 "armed": False,
                 "acquisitions": stands.acquisitions,
                 "next_deg": following_deg,
-                "check_deg": None if stands.strongest is None else stands.strongest.angle_deg,
+                "checks_deg": checks_deg,
                 "journal": str(held.path),
             }
         )
         return False
+    kept = "1 acquisition is kept" if stands.acquisitions == 1 else f"{stands.acquisitions} acquisitions are kept"
     people.print(
-        f"{held.configuration.method} on a {held.configuration.rig} rig: {stands.acquisitions} acquisitions are kept; "
+        f"{held.configuration.method} on a {held.configuration.rig} rig: {kept}; "
         + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
     )
+    if checks_deg:
+        people.print(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
     if not sys.stdin.isatty():
         people.print("not armed: nothing moved and nothing was fired; add --arm to go on")
         return False

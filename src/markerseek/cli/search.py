@@ -83,10 +83,10 @@ def command(
             stay=stay,
             seed=seed_of(assembled),
         )
-        arm_rig(assembled, arm=arm, what="search")
+        arm_rig(assembled, arm=arm, what="search", as_json=as_json)
         with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
             events = search_events(policy, assembled, configuration, kept)
-            recorder, result = hunt(events, configuration, most=most, journal=kept)
+            recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json)
     conclude(
         recorder,
         result,

@@ -5,7 +5,11 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
+from typing import NoReturn
+
+from markerseek.cli.terminal import print_json, print_warning
 
 _STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -25,6 +29,28 @@ class StoppedBySignal(KeyboardInterrupt):
         self.name = signal.Signals(number).name
         self.exit_code = 128 + number
         super().__init__(self.name)
+
+
+class Stopped(SystemExit):
+    """The command ends because of a signal, and all has been said."""
+
+
+def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None) -> NoReturn:
+    """Say that a rig was stopped, to people and to programs, and end the command.
+
+    Parameters
+    ----------
+    stop
+        The signal.
+    as_json
+        Whether a program listens.
+    kept
+        File that holds what was measured; None where none does.
+    """
+    print_warning(f"stopped by {stop.name}: the laser is disarmed, and the probe stays where it was")
+    if as_json:
+        print_json({"error": f"stopped by {stop.name}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
+    raise Stopped(stop.exit_code) from None
 
 
 @contextmanager

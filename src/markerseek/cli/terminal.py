@@ -5,6 +5,7 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,6 +29,11 @@ def print_json(value: object) -> None:
     """Write one JSON object on standard output."""
     sys.stdout.write(msgspec.json.encode(value).decode("utf-8") + "\n")
     sys.stdout.flush()
+
+
+def quoted(path: Path) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
 
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from markerseek.core import Asked, Failed, Finished, Measured, Refused, Sample, Started
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
 from markerseek.records.journal.entries import Checked, Entry, Happening, Interrupted, Resuming
 
 
@@ -20,18 +20,12 @@ class Standing:
         Over with an answer, ended by a fault, or open: stopped or dead, and it can go on.
     acquisitions
         Acquisitions that the policy was told, or will be.
-    asked_deg
-        Angle in degrees of the acquisition that was asked for and not made; None where there is none.
-    strongest
-        Acquisition with the largest intensity of those with light; None before the first.
     fault
         What ended it; None unless it was a fault.
     """
 
     state: Literal["finished", "fault", "open"]
     acquisitions: int
-    asked_deg: float | None
-    strongest: Sample | None
     fault: str | None
 
 
@@ -45,25 +39,18 @@ def standing(entries: Iterable[Entry]) -> Standing:
     """
     state: Literal["finished", "fault", "open"] = "open"
     acquisitions = 0
-    asked_deg: float | None = None
     fault: str | None = None
-    strongest: Sample | None = None
     for entry in entries:
         match entry.event:
-            case Asked():
-                asked_deg = entry.event.angle_deg
-            case Measured(role=role, sample=sample):
-                asked_deg = None
+            case Measured(role=role):
                 acquisitions += role == "search"
-                if not sample.dark and (strongest is None or sample.reading.intensity > strongest.reading.intensity):
-                    strongest = sample
             case Finished():
                 state = "finished"
             case Failed(error=error):
                 state, fault = "fault", str(error)
             case Resuming(fault_reset=True):
                 state, fault = "open", None
-    return Standing(state=state, acquisitions=acquisitions, asked_deg=asked_deg, strongest=strongest, fault=fault)
+    return Standing(state=state, acquisitions=acquisitions, fault=fault)
 
 
 _STEPS: dict[type, tuple[type, ...]] = {
