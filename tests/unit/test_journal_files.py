@@ -13,10 +13,8 @@ import pytest
 from made_up_journals import RANGE, configuration, died, whole_run, write
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
-from markerseek.records.journal import Journal, default_journal, read_journal, result_of, salvage, verify
+from markerseek.records.journal import Journal, default_journal, read_journal, verify
 from markerseek.records.journal.store import is_journal
-
-VERSION_1 = Path(__file__).parents[1] / "data" / "journal-version-1.journal"
 
 
 def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
@@ -60,26 +58,6 @@ def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
     assert len(read_journal(path).entries) == 6
     assert verify(path).faults == []
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
-
-
-def test_a_newer_version_is_refused_with_a_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA user_version = 3")
-    for look in (read_journal, verify, salvage):
-        with pytest.raises(RecordError, match="has version 3, this markerseek reads up to 2; install a newer one"):
-            look(path)
-
-
-def test_version_1_is_read() -> None:
-    held = read_journal(VERSION_1)
-    _, result = result_of(held)
-    assert (held.configuration.method, held.configuration.seed) == ("golden-section", 11)
-    assert (result.answer, result.acquisitions, result.refused) == ("found", 10, 0)
-    assert result.angle_deg == -11.41853617653918
-    assert result.confirmation is not None
-    assert verify(VERSION_1).faults == []
 
 
 def foreign_database(path: Path) -> None:
