@@ -14,11 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import Permit
+from markerseek.core import Measured, Permit
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
 from markerseek.records.frame_files import load_frame
+from markerseek.records.journal import Checked, Recording, read_journal
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -35,7 +36,8 @@ acceleration_deg_s2 = 25.0
 """
 """As fast as the stage can be; all else as usual."""
 
-SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal", "--json")
+METHOD = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--json")
+SEARCH = (*METHOD, "--no-journal")
 
 
 class Emulation:
@@ -90,8 +92,9 @@ def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emu
 
 
 def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does(shell: Shell, tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
     with emulation(tmp_path, seed=3) as devices:
-        code, out, err = shell("search", "--rig", devices.rig, "--arm", *SEARCH)
+        code, out, err = shell("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", journal)
         low_deg, high_deg, pulses = devices.end()
     assert code == 0, err
     over_bytes = json.loads(out)
@@ -104,6 +107,56 @@ def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does
     assert pulses == 16 * (over_bytes["acquisitions"] + 1)
     assert -36.5 <= low_deg <= min(sample["angle_deg"] for sample in over_bytes["samples"])
     assert max(sample["angle_deg"] for sample in over_bytes["samples"]) <= high_deg <= 36.5
+    # the journal alone gives it again: no device is left
+    for verb, key in (("verify", "ok"), ("replay", "equal")):
+        code, out, err = shell("journal", verb, journal, "--json")
+        assert (code, json.loads(out)[key]) == (0, True), (out, err)
+    assert json.loads(shell("resume", journal, "--json")[1]) == over_bytes
+
+
+def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_path: Path) -> None:
+    """The devices live on, as real ones do: what was measured is kept, two angles are checked, the rest is measured."""
+    journal = tmp_path / "run.journal"
+    with emulation(tmp_path, seed=3) as devices:
+        process = subprocess.Popen(
+            markerseek("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", journal),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        log = Path(f"{journal}-wal")
+        # a commit of a frame takes half a megabyte: five of the eight
+        while process.poll() is None and not (log.exists() and log.stat().st_size > 5 * 2 * 128 * 2080):
+            time.sleep(0.02)
+        process.kill()
+        process.communicate()
+        kept = read_journal(journal)
+        before = [entry.event for entry in kept.entries if isinstance(entry.event, Measured)]
+        code, out, _ = shell("resume", journal, "--json")
+        assert (code, json.loads(out)["acquisitions"]) == (4, len(before))
+        code, out, err = shell("resume", journal, "--arm", "--json")
+        assert code in (0, 3), err
+        result = json.loads(out)
+        low_deg, high_deg, pulses = devices.end()
+    held = read_journal(journal)
+    assert times_and_kinds(held)[: len(kept.entries)] == times_and_kinds(kept)
+    assert [sample["angle_deg"] for sample in result["samples"]][: len(before)] == [
+        each.sample.angle_deg for each in before
+    ]
+    assert result["refused"] == 0
+    assert abs(result["angle_deg"] - 6.4) < 3
+    checks = [entry.event for entry in held.entries if isinstance(entry.event, Checked)]
+    assert [check.difference for check in checks] == [None] * len(checks) != []
+    # those of the search, the confirmation and the checks, and what was under way when it died
+    whole = 16 * (result["acquisitions"] + 1 + len(checks))
+    assert whole <= pulses <= whole + 16
+    assert -36.5 <= low_deg <= high_deg <= 36.5
+    for verb, key in (("verify", "ok"), ("replay", "equal")):
+        code, out, err = shell("journal", verb, journal, "--json")
+        assert (code, json.loads(out)[key]) == (0, True), (out, err)
+
+
+def times_and_kinds(held: Recording) -> list[tuple[float, str]]:
+    return [(entry.clock_s, type(entry.event).__name__) for entry in held.entries]
 
 
 def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell: Shell, tmp_path: Path) -> None:
