@@ -65,7 +65,8 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import BankWriter, require_new_bank
+    from markerseek.records.ipasc import require_new_bank
+    from markerseek.records.ipasc_whole import whole_bank
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
@@ -90,7 +91,7 @@ def command(
         aside.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
     with (
-        BankWriter(to, angles=count, dark_frames=dark, facts=facts) as writer,
+        whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
         for sample in bank_samples(bank, probe=probe):

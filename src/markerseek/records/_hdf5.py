@@ -63,6 +63,14 @@ class CarefulFile:
         group, last = self._parent(name)
         return group is not None and last in group
 
+    def names(self, name: str) -> list[str]:
+        """Names in a group, sorted; none where it is missing or no group."""
+        import h5py
+
+        group, last = self._parent(name)
+        item = _followed(group, last) if group is not None and last in group else None
+        return sorted(item) if isinstance(item, h5py.Group) else []
+
     def dataset(self, name: str) -> h5py.Dataset:
         """Dataset of that name, whose largest chunk fits into memory.
 

@@ -41,6 +41,14 @@ class BankFacts:
         Distance of the array's face from the axis of rotation in metres.
     reference_angle_deg
         Angle of the marker that is known otherwise, in degrees.
+    clock_zero_unix_s
+        When the clock of `FrameBank.started_s` read 0, in seconds since 1970.
+    configuration
+        Fingerprint of the rig that scanned it.
+    seed
+        Seed of a simulated rig.
+    made_with
+        Program that scanned or imported it, with its version.
     """
 
     description: str = ""
@@ -52,6 +60,10 @@ class BankFacts:
     pulse_energy_j: float | None = None
     face_radius_m: float | None = None
     reference_angle_deg: float | None = None
+    clock_zero_unix_s: float | None = None
+    configuration: str | None = None
+    seed: int | None = None
+    made_with: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,10 +110,17 @@ class FrameBank(Bank, ABC):
         Peak of the photoacoustic image at each angle, NaN where it is not known; empty where none is.
     dark_frames
         Number of frames that were taken without laser.
+    started_s
+        When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`;
+        NaN where it is not known, empty where none is.
+    pulses
+        Laser pulses averaged at each angle; empty where it is not known.
     """
 
     intensities: tuple[float, ...] = field(repr=False, default=())
     dark_frames: int = 0
+    started_s: tuple[float, ...] = field(repr=False, default=())
+    pulses: tuple[int, ...] = field(repr=False, default=())
 
     @property
     def planned(self) -> int:

@@ -1,9 +1,11 @@
 """Writes a bank as IPASC HDF5, by pacfish, and keeps what was written readable while it grows.
 
-pacfish wants a whole bank in memory, drops values of kinds that it does not know without a word, and writes all at
-once. So it writes everything but the frames, and these are put into their place one by one: the file has its full
-size from the first frame on and nothing but numbers changes in it, so that a process that is killed leaves a file that
-opens. An angle of NaN has not been measured. `BankWriter.close` cuts off what was not.
+The file has its full size from the first frame on and nothing but numbers changes in it, so that a process that is
+killed leaves a file that opens. An angle of NaN has not been measured: it is written last, when all else of its
+measurement is on the disk, and a checksum with it. A file is never cut: `BankWriter.close` puts a smaller copy into the
+place of one that was not filled.
+
+A bank of intensities only has no detection elements and frames of no size, by which PATATO, too, opens it.
 """
 
 from __future__ import annotations
@@ -15,33 +17,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-import numpy as np
-
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
+from markerseek.records import ipasc_fields as fields
 from markerseek.records._hdf5 import require_h5py
 from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
-from markerseek.records.ipasc_fields import (
-    ANGLES,
-    DARK_FRAMES,
-    DARK_TAKEN,
-    FRAMES,
-    INTENSITIES,
-    PULSE_ENERGY,
-    PULSES,
-    SIZES,
-    TIMES,
-    acquisition_fields,
-    device_fields,
-    pacfish_package,
-)
+from markerseek.records.ipasc_admission import require_keepable
+from markerseek.records.ipasc_layout import Layout, copy_trimmed, make_file, write_frame
+from markerseek.records.ipasc_place import published, replaced
+from markerseek.records.ipasc_poses import probe_pose
+from markerseek.records.ipasc_sums import frame_sum, row_sum
 
 if TYPE_CHECKING:
     import h5py
 
 _ROOM_BYTES = 1 << 20
 """Room for everything but frames."""
-
-_BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, PULSE_ENERGY)
 
 
 def require_new_bank(path: Path) -> None:
@@ -57,7 +47,7 @@ def require_new_bank(path: Path) -> None:
         If h5py or pacfish is not installed.
     """
     require_h5py()
-    pacfish_package()
+    fields.pacfish_package()
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
     if path.exists():
@@ -77,65 +67,76 @@ class BankWriter:
         Most acquisitions without.
     facts
         What else is known of the bank.
+    whole_as
+        Name that the file gets when it is whole, by `whole_bank`: until then nobody reads it, and the disk is not
+        waited for. None: it has its name from the first acquisition on.
 
     Raises
     ------
     ConfigError
-        If the path has another suffix.
+        If the name has another suffix.
     RecordError
         If there is a file already.
     MissingExtraError
         If h5py or pacfish is not installed.
     """
 
-    def __init__(self, path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> None:
-        require_new_bank(path)
-        self._path = path
+    def __init__(
+        self, path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts, whole_as: Path | None = None
+    ) -> None:
+        self._path, self._named, self._grows = path, whole_as or path, whole_as is None
+        require_new_bank(self._named)
         self._planned, self._planned_dark = angles, dark_frames
         self._facts = facts
         self._file: h5py.File | None = None
-        self._shape: tuple[int, int] = (0, 0)
-        self._taken = self._taken_dark = 0
+        self._descriptor = -1
+        self._layout: Layout | None = None
+        self._angles_deg: dict[float, None] = {}
+        self._taken_dark = 0
 
     @property
     def taken(self) -> int:
         """Acquisitions with the laser that are in the file."""
-        return self._taken
+        return len(self._angles_deg)
 
     def add(self, sample: Sample) -> None:
-        """Write one acquisition, dark or not, and hand it to the disk.
+        """Write one acquisition, dark or not; when this returns, it is on the disk.
 
         Raises
         ------
         RecordError
-            If it cannot be written, differs in shape from those before, or is one more than was announced.
+            If it cannot be written, or not be read as a bank again: it differs in shape or rate from those before, is
+            one more than was announced, or has an angle or intensity that no bank can hold. Nothing is written then.
         """
         frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
         if sample.dark and frame is None:
             return
+        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self.taken, self._planned)
+        if row >= planned:
+            raise RecordError(f"{self._named}: {planned} acquisitions were announced and one more came; announce it")
+        require_keepable(self._named, sample, layout=self._layout, angles_deg=self._angles_deg)
         try:
             file = self._file or self._begin(frame)
-            self._require_same(frame)
-            self._put(file, sample, frame)
-            file.flush()
+            if sample.dark and frame is not None:
+                self._put_dark(file, frame)
+            else:
+                self._put(file, sample, frame)
         except (OSError, RuntimeError) as problem:
             raise self._unwritten(problem) from problem
-        if sample.dark:
-            self._taken_dark += 1
-        else:
-            self._taken += 1
 
     def close(self) -> None:
-        """Cut off what was announced and did not come, and close the file; allowed twice."""
-        file, self._file = self._file, None
-        if file is None:
+        """Close the file, and leave off the room for what was announced and did not come; allowed twice.
+
+        The room stays, and readers pass over it, where the disk cannot hold a copy beside the file.
+        """
+        if not self.let_go() or (self.taken, self._taken_dark) == (self._planned, self._planned_dark):
             return
         try:
-            with file:
-                if self._taken < self._planned:
-                    self._cut(file)
-        except (OSError, RuntimeError) as problem:
-            raise self._unwritten(problem) from problem
+            if shutil.disk_usage(self._path.parent).free > self._path.stat().st_size + _ROOM_BYTES:
+                with replaced(self._path) as part:
+                    copy_trimmed(self._path, part)
+        except (OSError, RuntimeError):
+            return
 
     def __enter__(self) -> Self:
         """The writer itself."""
@@ -147,97 +148,96 @@ class BankWriter:
         """Close the file, whatever happened."""
         self.close()
 
+    def let_go(self) -> bool:
+        """Close the file as it is, and say whether there was one; `RecordError` where the disk does not take it."""
+        file, self._file = self._file, None
+        if file is None:
+            return False
+        try:
+            file.close()
+            os.fsync(self._descriptor)
+        except (OSError, RuntimeError) as problem:
+            raise self._unwritten(problem) from problem
+        finally:
+            os.close(self._descriptor)
+        return True
+
+    def require_whole(self) -> None:
+        """Refuse a bank in which something that was announced is missing."""
+        if (self.taken, self._taken_dark) != (self._planned, self._planned_dark):
+            raise RecordError(
+                f"{self._named}: {self.taken} of {self._planned} angles and {self._taken_dark} of "
+                f"{self._planned_dark} dark frames came; nothing was kept: read the source again"
+            )
+
     def _begin(self, frame: ChannelFrame | None) -> h5py.File:
         import h5py
 
-        self._shape = (0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1])
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._require_room()
-        pacfish = pacfish_package()
-        elements, samples = self._shape
         facts = self._facts
-        sampling_hz = facts.sampling_hz if frame is None else frame.sampling_hz
-        data = pacfish.PAData(np.zeros((elements, samples, 1, 0), np.int16))
-        data.meta_data_acquisition = acquisition_fields(facts, self._planned, self._shape, sampling_hz)
-        data.meta_data_device = device_fields(facts, self._shape, sampling_hz)
-        pacfish.write_data(str(self._path), data)
+        self._layout = Layout(
+            angles=self._planned,
+            dark_frames=self._planned_dark,
+            shape=(0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1]),
+            sampling_hz=facts.sampling_hz if frame is None else frame.sampling_hz,
+        )
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._require_room(self._layout.frame_bytes + _ROOM_BYTES)
+        with published(self._path) as part:
+            make_file(part, self._layout, facts)
         self._file = h5py.File(self._path, "r+")
-        _reserve(self._file, FRAMES, (*self._shape, 1), self._planned)
-        if self._shape != (0, 0):
-            _reserve(self._file, DARK_FRAMES, self._shape, self._planned_dark)
-        self._file.flush()
-        if hasattr(os, "posix_fallocate"):
-            with self._path.open("r+b") as plain:
-                os.posix_fallocate(plain.fileno(), 0, self._path.stat().st_size)
+        self._descriptor = os.open(self._path, os.O_RDWR)
         return self._file
 
-    def _require_room(self) -> None:
+    def _require_room(self, needed: int) -> None:
         """Refuse a disk that cannot hold it all: the library says nothing of a write that fails, and dies of it."""
-        needed = 2 * math.prod(self._shape) * (self._planned + self._planned_dark) + _ROOM_BYTES
         free = shutil.disk_usage(self._path.parent).free
         if free < needed:
             raise RecordError(
-                f"{self._path}: the bank needs {needed / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
+                f"{self._named}: the bank needs {needed / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
                 "nothing was written: make room, or name another place"
             )
 
-    def _require_same(self, frame: ChannelFrame | None) -> None:
-        shape = (0, 0) if frame is None else frame.samples.shape
-        if shape != self._shape:
-            raise RecordError(
-                f"{self._path}: a frame of {shape} follows frames of {self._shape} (channels, samples); "
-                "keep one probe and one record length in a bank"
-            )
-
     def _put(self, file: h5py.File, sample: Sample, frame: ChannelFrame | None) -> None:
-        row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self._taken, self._planned)
-        if row >= planned:
-            raise RecordError(f"{self._path}: {planned} acquisitions were announced and one more came; announce it")
+        row, angle_deg, intensity = self.taken, sample.angle_deg, sample.reading.intensity
+        header = None if sample.frame is None else sample.frame.header
+        pulses = 0 if header is None else header.pulses
+        started_s = math.nan if header is None or not math.isfinite(header.started_s) else header.started_s
+        summed = row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s)
         if frame is not None:
-            # Past the library's cache, which loses what it cannot write without a word.
-            place = (0, 0, row) if sample.dark else (0, 0, 0, row)
-            counts = frame.samples.astype("<i2").tobytes()
-            file[DARK_FRAMES if sample.dark else FRAMES].id.write_direct_chunk(place, counts)
-        if sample.dark:
-            file[DARK_TAKEN][()] = row + 1
-            return
-        file[INTENSITIES][row] = sample.reading.intensity
-        if sample.frame is not None:
-            file[PULSES][row] = sample.frame.header.pulses
-            file[TIMES][row] = sample.frame.header.started_s
-        file.flush()
+            write_frame(file[fields.FRAMES], (0, 0, 0, row), frame.samples.astype("<i2").tobytes())
+            file[fields.FRAME_SUMS][row] = frame_sum(frame.samples, after=summed)
+        file[fields.INTENSITIES][row] = intensity
+        file[fields.PULSES][row] = pulses
+        file[fields.RIG_CLOCK][row] = started_s
+        zero_s = self._facts.clock_zero_unix_s
+        file[fields.TIMES][row] = math.nan if zero_s is None else zero_s + started_s
+        if self._facts.face_radius_m is not None:
+            first_deg = next(iter(self._angles_deg), angle_deg)
+            pose = probe_pose(angle_deg, first_deg=first_deg, face_radius_m=self._facts.face_radius_m)
+            file[fields.POSES][row] = pose
+        file[fields.ROW_SUMS][row] = summed
+        self._sync(file)
         # The angle last: a row with an angle is whole.
-        file[ANGLES][row] = sample.angle_deg
+        file[fields.ANGLES][row] = angle_deg
+        self._sync(file)
+        self._angles_deg[angle_deg] = None
 
-    def _cut(self, file: h5py.File) -> None:
-        for name in _BY_MEASUREMENT:
-            if name in file:
-                kept = file[name][: self._taken]
-                del file[name]
-                file[name] = kept
-        file[FRAMES].resize(self._taken, axis=3)
-        file[SIZES][3] = self._taken
+    def _put_dark(self, file: h5py.File, frame: ChannelFrame) -> None:
+        row = self._taken_dark
+        write_frame(file[fields.DARK_FRAMES], (0, 0, row), frame.samples.astype("<i2").tobytes())
+        file[fields.DARK_SUMS][row] = frame_sum(frame.samples)
+        self._sync(file)
+        file[fields.DARK_TAKEN][()] = row + 1
+        self._sync(file)
+        self._taken_dark += 1
+
+    def _sync(self, file: h5py.File) -> None:
+        if self._grows:
+            file.flush()
+            os.fsync(self._descriptor)
 
     def _unwritten(self, problem: Exception) -> RecordError:
         return RecordError(
-            f"{self._path}: the bank cannot be written: {problem}; {self._taken} acquisitions are in it and stay "
+            f"{self._named}: the bank cannot be written: {problem}; {self.taken} acquisitions are in it and stay "
             "readable; make room, or name another place"
         )
-
-
-def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> None:
-    """A dataset that has its place on the disk at once, one chunk a frame."""
-    import h5py
-
-    if name in file:
-        del file[name]
-    dims = (*shape, count)
-    if 0 in dims:
-        file.create_dataset(name, shape=dims, dtype="i2")
-        return
-    kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    kind.set_chunk((*shape, 1))
-    kind.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    room = h5py.h5s.create_simple(dims, (*shape, h5py.h5s.UNLIMITED))
-    h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)

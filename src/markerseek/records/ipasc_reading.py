@@ -7,17 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int16
+from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.records import ipasc_fields as fields
 from markerseek.records._hdf5 import CarefulFile, opened
 from markerseek.records._ordinary import ordinary_size
 from markerseek.records._vetting import vet
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.records.ipasc_array import element_row
+from markerseek.records.ipasc_columns import changed, read_columns, sums_of
+from markerseek.records.ipasc_facts import read_facts
+from markerseek.records.ipasc_sums import frame_sum
 
 _LARGEST_BYTES = 1 << 42
-_MOST_ANGLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,15 +37,19 @@ class IpascBank(FrameBank):
         Measurements that the file has room for.
     pulses
         Laser pulses averaged in each; 1 where the file does not say.
-    started_s
-        When each began, on the rig's clock in seconds; 0 where the file does not say.
+    falling
+        Whether the elements stand in the file from the high end of the array to the low one.
+    row_sums, frame_sums, dark_sums
+        Checksums of the numbers and the counts at each angle, and of the dark frames; empty where there are none.
     """
 
     path: Path
     rows: tuple[int, ...] = field(repr=False)
     room: int
-    pulses: tuple[int, ...] = field(repr=False)
-    started_s: tuple[float, ...] = field(repr=False)
+    falling: bool = False
+    row_sums: tuple[int, ...] = field(repr=False, default=())
+    frame_sums: tuple[int, ...] = field(repr=False, default=())
+    dark_sums: tuple[int, ...] = field(repr=False, default=())
 
     @property
     def planned(self) -> int:
@@ -57,10 +64,18 @@ class IpascBank(FrameBank):
         RecordError
             If they cannot be read, or are no ADC counts.
         """
-        return self._frame(
+        angle_deg = self.angles_deg[index]
+        samples = self._samples(
             fields.FRAMES,
             self.rows[index],
-            angle_deg=self.angles_deg[index],
+            what=f"the frame at {angle_deg:g} deg",
+            summed=self.frame_sums[index] if self.frame_sums else None,
+            after=self.row_sums[index] if self.row_sums else 0,
+        )
+        return self._frame(
+            samples,
+            self.rows[index],
+            angle_deg=angle_deg,
             pulses=self.pulses[index],
             started_s=self.started_s[index],
         )
@@ -69,13 +84,30 @@ class IpascBank(FrameBank):
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
-        return self._frame(fields.DARK_FRAMES, index, angle_deg=0.0, pulses=0, started_s=0.0)
+        summed = self.dark_sums[index] if self.dark_sums else None
+        samples = self._samples(fields.DARK_FRAMES, index, what=f"dark frame {index + 1}", summed=summed, after=0)
+        return self._frame(samples, index, angle_deg=0.0, pulses=0, started_s=math.nan)
 
-    def _frame(self, name: str, row: int, *, angle_deg: float, pulses: int, started_s: float) -> ChannelFrame:
-        if self.facts.sampling_hz is None:
-            raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
+    def _samples(
+        self, name: str, row: int, *, what: str, summed: int | None, after: int
+    ) -> Int16[np.ndarray, "channels samples"]:
         with opened(self.path) as file:
             samples = _counts(file, name, row)
+        if summed is not None and frame_sum(samples, after=after) != summed:
+            raise changed(self.path, what)
+        return np.ascontiguousarray(samples[::-1]) if self.falling else samples
+
+    def _frame(
+        self,
+        samples: Int16[np.ndarray, "channels samples"],
+        row: int,
+        *,
+        angle_deg: float,
+        pulses: int,
+        started_s: float,
+    ) -> ChannelFrame:
+        if self.facts.sampling_hz is None:
+            raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
         header = FrameHeader(
             sequence=row + 1,
             token=self.path.name,
@@ -111,35 +143,33 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
 def read_unvetted(path: Path) -> IntensityBank | IpascBank:
     """The same of a file that is known to do no harm."""
     with opened(path) as file:
-        _require_version(path, file)
+        version = _version(path, file)
         if not file.has(fields.ANGLES):
             raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-        angles = file.numbers(fields.ANGLES)
-        if angles.size > _MOST_ANGLES:
-            raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
-        taken = np.flatnonzero(np.isfinite(angles))
-        rows = taken[np.argsort(angles[taken], kind="stable")]
-        ordered = angles[rows]
-        require_angles(path, ordered.tolist())
-        intensities = _intensities(path, file, angles.size)[rows]
-        facts = _facts(file)
-        frames = _frame_shape(path, file, angles.size)
+        columns = read_columns(path, file, version=version)
+        room = columns.room
+        frames = _frame_shape(path, file, room)
         if frames is None:
-            if not np.isfinite(intensities).all():
+            if not all(map(math.isfinite, columns.intensities)):
                 raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
-            return IntensityBank(
-                angles_deg=tuple(ordered.tolist()), intensities=tuple(intensities.tolist()), facts=facts
-            )
+            facts = read_facts(file, version=version, pitch_m=None)
+            return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
+        array = element_row(path, file, elements=frames[0])
+        dark_frames = _dark_frames(file, frames)
         return IpascBank(
-            angles_deg=tuple(ordered.tolist()),
-            intensities=tuple(intensities.tolist()) if np.isfinite(intensities).any() else (),
-            facts=facts,
-            dark_frames=_dark_frames(file, frames),
+            angles_deg=columns.angles_deg,
+            intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
+            facts=read_facts(file, version=version, pitch_m=array.pitch_m),
+            dark_frames=dark_frames,
+            started_s=columns.started_s,
+            pulses=columns.pulses,
             path=path,
-            rows=tuple(rows.tolist()),
-            room=angles.size,
-            pulses=tuple(int(each) for each in _known(file, fields.PULSES, angles.size, otherwise=1.0)[rows]),
-            started_s=tuple(_known(file, fields.TIMES, angles.size, otherwise=0.0)[rows].tolist()),
+            rows=columns.rows,
+            room=room,
+            falling=array.falling,
+            row_sums=columns.row_sums,
+            frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=room),
+            dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
         )
 
 
@@ -154,33 +184,17 @@ def walk_frames(bank: IntensityBank | IpascBank) -> None:
         bank.frame(0)
 
 
-def _require_version(path: Path, file: CarefulFile) -> None:
+def _version(path: Path, file: CarefulFile) -> int | None:
+    """Version of the fields that are ours; None where somebody else wrote the file."""
     version = file.number(fields.VERSION)
-    if version is not None and not 1 <= version <= fields.BANK_VERSION:
+    if version is None:
+        return None
+    if not (1 <= version <= fields.BANK_VERSION and version.is_integer()):
         raise RecordError(
             f"{path}: it is a bank of version {version:g}, this markerseek reads up to {fields.BANK_VERSION}; "
             "install a newer markerseek"
         )
-
-
-def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarray, " planned"]:
-    if not file.has(fields.INTENSITIES):
-        return np.full(count, np.nan)
-    values = file.numbers(fields.INTENSITIES)
-    if values.size != count:
-        raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
-    if not (values[np.isfinite(values)] >= 0).all():
-        raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
-    return np.where(np.isfinite(values), values, np.nan)
-
-
-def _known(file: CarefulFile, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
-    """One number for each measurement, with another in the place of those that are missing."""
-    values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
-    if values.size not in (0, count):
-        raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
-    values = values if values.size else np.full(count, otherwise)
-    return np.where(np.isfinite(values) & (values >= 0), values, otherwise)
+    return int(version)
 
 
 def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] | None:
@@ -222,44 +236,3 @@ def _counts(file: CarefulFile, name: str, row: int) -> Int16[np.ndarray, "channe
     if not np.array_equal(counts, values):
         raise ValueError(f"{name} holds numbers that are no int16 counts")
     return counts
-
-
-def _facts(file: CarefulFile) -> BankFacts:
-    return BankFacts(
-        description=file.text(fields.DESCRIPTION) or "",
-        probe=file.text(fields.PROBE),
-        sampling_hz=_positive(file, fields.SAMPLING),
-        sound_speed_m_s=_positive(file, fields.SOUND_SPEED),
-        pitch_m=_pitch_m(file),
-        wavelength_m=_first(file, fields.WAVELENGTH),
-        pulse_energy_j=_first(file, fields.PULSE_ENERGY),
-        face_radius_m=_positive(file, fields.FACE_RADIUS),
-        reference_angle_deg=file.number(fields.REFERENCE),
-    )
-
-
-def _positive(file: CarefulFile, name: str) -> float | None:
-    value = file.number(name)
-    if value is not None and value <= 0:
-        raise ValueError(f"{name} is {value:g}, it must be positive")
-    return value
-
-
-def _first(file: CarefulFile, name: str) -> float | None:
-    """The first of the numbers; None where there is none, or pacfish wrote that there is none."""
-    if not file.has(name) or file.text(name) == "None":
-        return None
-    values = file.numbers(name)
-    return float(values[0]) if values.size and math.isfinite(values[0]) else None
-
-
-def _pitch_m(file: CarefulFile) -> float | None:
-    """Distance of the first two elements, where the file says where they are."""
-    names = [f"{fields.DETECTORS}/{number:010d}/detector_position" for number in (0, 1)]
-    if not all(file.has(name) for name in names):
-        return None
-    first, second = (file.numbers(name) for name in names)
-    if first.size != 3 or second.size != 3:
-        raise ValueError(f"{fields.DETECTORS} holds positions of {first.size} numbers, three are expected")
-    distance = float(np.linalg.norm(second - first))
-    return distance if math.isfinite(distance) and distance > 0 else None

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+from markerseek._version import __version__
 from markerseek.core import ConfigError, Event, Measured
 from markerseek.records.banks import BankFacts
 from markerseek.records.ipasc import BankWriter
+from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
@@ -70,7 +73,9 @@ def scan_bank(
 ) -> Generator[Event, None, None]:
     """Scan the search range and write each acquisition before the next is made.
 
-    Closed or interrupted at any moment, the stage stops, the laser is disarmed, and the file holds what was taken.
+    Closed or interrupted at any moment, the stage stops, the laser is disarmed, and the file holds what was taken. Its
+    times count from the moment at which the scan began by this computer's date; the clock of a simulated rig is
+    virtual, so that they go on from there faster or slower than the date.
 
     Parameters
     ----------
@@ -108,7 +113,15 @@ def scan_bank(
         truth_deg=rig.truth_deg,
         reference_deg=rig.reference_deg,
     )
-    facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
+    facts = replace(
+        facts,
+        wavelength_m=wavelength_m,
+        pulse_energy_j=pulse_energy_j,
+        clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
+        configuration=rig.configuration,
+        seed=rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None,
+        made_with=f"markerseek {__version__}",
+    )
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     with (

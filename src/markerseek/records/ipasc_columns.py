@@ -1,0 +1,133 @@
+"""The measurements of a bank in IPASC HDF5 but for their frames, in each version of the fields."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from markerseek.core import RecordError
+from markerseek.records import ipasc_fields as fields
+from markerseek.records._hdf5 import CarefulFile
+from markerseek.records.banks import require_angles
+from markerseek.records.ipasc_sums import row_sum
+
+_MOST_ANGLES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Numbers of each measurement that was taken, in the order of the angles.
+
+    Attributes
+    ----------
+    room
+        Measurements that the file has room for.
+    rows
+        Their places in the file.
+    angles_deg, intensities, pulses, started_s
+        As in `FrameBank`; an intensity or time that the file does not say is NaN, pulses are 1.
+    row_sums
+        Their checksums, which have been compared; empty where there are none.
+    """
+
+    room: int
+    rows: tuple[int, ...]
+    angles_deg: tuple[float, ...]
+    intensities: tuple[float, ...]
+    pulses: tuple[int, ...]
+    started_s: tuple[float, ...]
+    row_sums: tuple[int, ...]
+
+
+def read_columns(path: Path, file: CarefulFile, *, version: int | None) -> Columns:
+    """Numbers of a bank that holds ``trus_angle_deg``; measurements that were not taken are passed over.
+
+    Raises
+    ------
+    RecordError
+        If no search can work with the angles, an intensity cannot be one, or a checksum differs.
+    ValueError
+        If a field does not hold what it should.
+    """
+    angles = file.numbers(fields.ANGLES)
+    if angles.size > _MOST_ANGLES:
+        raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
+    taken = np.flatnonzero(np.isfinite(angles))
+    order = taken[np.argsort(angles[taken], kind="stable")]
+    require_angles(path, angles[order].tolist())
+    pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
+    columns = Columns(
+        room=angles.size,
+        rows=tuple(order.tolist()),
+        angles_deg=tuple(angles[order].tolist()),
+        intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
+        pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
+        started_s=tuple(_times(file, angles.size, version=version)[order].tolist()),
+        row_sums=sums_of(file, fields.ROW_SUMS, order.tolist(), room=angles.size),
+    )
+    if columns.row_sums:
+        _require_unchanged(path, columns)
+    return columns
+
+
+def sums_of(file: CarefulFile, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
+    """Checksums of some rows; none where the file has none.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer, or not as many as there is room for, where that is given.
+    """
+    if not file.has(name):
+        return ()
+    values = file.numbers(name)
+    if values.size < len(rows) or (room is not None and values.size != room):
+        raise ValueError(f"{name} holds {values.size} checksums for {room or len(rows)} frames")
+    return tuple(int(values[row]) for row in rows)
+
+
+def changed(path: Path, what: str) -> RecordError:
+    """Error that says that something is not what it was."""
+    return RecordError(
+        f"{path}: {what} has changed since it was written, its checksum differs; take the file from a backup or scan "
+        "again, or, if it was changed on purpose, delete the fields of meta_data that end in _crc32"
+    )
+
+
+def _require_unchanged(path: Path, columns: Columns) -> None:
+    rows = zip(columns.angles_deg, columns.intensities, columns.pulses, columns.started_s, strict=True)
+    for summed, (angle_deg, intensity, pulses, started_s) in zip(columns.row_sums, rows, strict=True):
+        if row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s) != summed:
+            raise changed(path, f"what is written of the angle {angle_deg:g} deg")
+
+
+def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarray, " planned"]:
+    if not file.has(fields.INTENSITIES):
+        return np.full(count, np.nan)
+    values = file.numbers(fields.INTENSITIES)
+    if values.size != count:
+        raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
+    if not (values[np.isfinite(values)] >= 0).all():
+        raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _times(file: CarefulFile, count: int, *, version: int | None) -> Float64[np.ndarray, " planned"]:
+    """When each measurement began, in seconds on the clock of the facts; NaN where the file does not say."""
+    values = _one_each(file, fields.TIMES if version in (None, 1) else fields.RIG_CLOCK, count, otherwise=math.nan)
+    # Version 1 wrote 0 where nobody told the time.
+    return np.full(count, math.nan) if version == 1 and not values[np.isfinite(values)].any() else values
+
+
+def _one_each(file: CarefulFile, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
+    """One number for each measurement, with another in the place of those that are missing."""
+    values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
+    if values.size not in (0, count):
+        raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
+    values = values if values.size else np.full(count, otherwise)
+    return np.where(np.isfinite(values), values, otherwise)
