@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from mcap_ros2.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, PaImage, RecordError
-from markerseek.records.banks import BankFacts, IntensityBank, read_bank
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, read_bank
 from markerseek.records.exports import Series, series_of, write_intensities, write_mcap, write_sequence
 from markerseek.records.exports.frames import (
     IMAGE_ORIENTATION,
@@ -23,7 +23,6 @@ from markerseek.records.exports.frames import (
     image_to_transducer,
     probe_to_probe_home,
 )
-from markerseek.records.ipasc_reading import IpascBank
 
 ANGLES = (-30.0, 0.25, 12.5)
 TIMES = (35.25, 46.5, 1000.0)
@@ -196,6 +195,24 @@ def test_intensities_are_there_for_plots_and_for_programs(heard):
     ]
 
 
+def test_pulses_are_told_where_they_are_known(tmp_path):
+    write_mcap(tmp_path / "a.mcap", None, series=replace(SERIES, pulses=(64, 64, 12)))
+    told = [json.loads(each.data)["pulses"] for each in on_topic(messages(tmp_path / "a.mcap"), "/pa_search/sample")]
+    assert told == [64, 64, 12]
+
+
+@pytest.mark.parametrize(
+    ("facts", "simulated"),
+    [
+        (BankFacts(seed=3), True),
+        (BankFacts(description="journal of x on a simulated rig: y"), True),
+        (BankFacts(), None),
+    ],
+)
+def test_what_is_simulated_is_called_so(facts, simulated):
+    assert replace(SERIES, facts=facts).known.get("simulated") is simulated
+
+
 def test_the_envelope_is_exact(heard):
     for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/envelope"), strict=True):
         assert (image.height, image.width, image.encoding, image.step) == (13, 9, "32FC1", 36)
@@ -311,38 +328,64 @@ def test_an_unknown_intensity_is_null_for_programs_and_no_point_in_plots(tmp_pat
     assert [each.data for each in on_topic(heard, "/pa_search/intensity")] == [1.0, 3.0]
 
 
-def frames(tmp_path, started_s):
-    return IpascBank(
-        angles_deg=ANGLES,
-        intensities=(1.0, 2.0, 3.0),
-        path=tmp_path / "a.hdf5",
-        rows=(0, 1, 2),
-        room=3,
-        pulses=(1, 1, 1),
-        started_s=started_s,
-    )
+@dataclass(frozen=True, kw_only=True)
+class Frames(FrameBank):
+    """A bank of which nobody asks a frame."""
+
+    def frame(self, index):
+        raise NotImplementedError
+
+    dark_frame = frame
 
 
-def test_a_series_is_in_the_order_of_time(tmp_path):
-    series = series_of(frames(tmp_path, (30.5, 10.0, 20.0)))
+def frames(started_s, **more):
+    return Frames(angles_deg=ANGLES, intensities=(1.0, 2.0, 3.0), started_s=started_s, **more)
+
+
+def test_a_series_is_in_the_order_of_time():
+    series = series_of(frames((30.5, 10.0, 20.0), pulses=(64, 65, 66)))
     assert (series.order, series.times_s, series.clock) == ((1, 2, 0), (10.0, 20.0, 30.5), "rig")
     assert (series.angles_deg, series.intensities) == ((0.25, 12.5, -30.0), (2.0, 3.0, 1.0))
-    assert series_of(frames(tmp_path, (30.5, 10.0, 20.0)), intensities=(7.0, 8.0, 9.0)).intensities == (8.0, 9.0, 7.0)
+    assert series.pulses == (65, 66, 64)
+    assert series_of(frames((30.5, 10.0, 20.0)), intensities=(7.0, 8.0, 9.0)).intensities == (8.0, 9.0, 7.0)
+
+
+def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
+    series = series_of(frames((30.5, 10.0, 20.0), facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
+    assert (series.times_s, series.clock) == ((1.7e9 + 10, 1.7e9 + 20, 1.7e9 + 30.5), "unix")
+    write_sequence(tmp_path / "a.igs.mha", iter(images()), series=series)
+    write_mcap(tmp_path / "a.mcap", iter(images()), series=series, brightest=1.0)
+    image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
+    assert [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(3)] == [0, 10, 20.5]
+    assert float(image.GetMetaData("markerseek_first_time_s")) == 1.7e9 + 10
+    assert image.GetMetaData("markerseek_times").startswith("seconds since 1970-01-01")
+    stamps = [each.header.stamp for each in on_topic(messages(tmp_path / "a.mcap"), "/TRUS/measured_js")]
+    assert [(each.sec, each.nanosec) for each in stamps] == [
+        (1_700_000_010, 0),
+        (1_700_000_020, 0),
+        (1_700_000_030, 500_000_000),
+    ]
 
 
 @pytest.mark.parametrize(
     "started_s",
-    [(0.0, 0.0, 0.0), (1.0, math.nan, 3.0), (5.0, 5.0, 6.0), (0.0, 1e6, 1e6 + 0.5), (-1.0, 2.0, 3.0)],
-    ids=["not told", "not of all", "doubled", "too close for Slicer", "negative"],
+    [(), (0.0, 0.0, 0.0), (1.0, math.nan, 3.0), (5.0, 5.0, 6.0), (0.0, 1e6, 1e6 + 0.5), (-1.0, 2.0, 3.0)],
+    ids=["none", "not told", "not of all", "doubled", "too close for Slicer", "negative"],
 )
-def test_times_that_tell_nothing_are_numbers(tmp_path, started_s):
-    series = series_of(frames(tmp_path, started_s))
+def test_times_that_tell_nothing_are_numbers(started_s):
+    series = series_of(frames(started_s, facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.order, series.times_s, series.clock) == ((0, 1, 2), (0.0, 1.0, 2.0), "none")
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"times_s": (0.0, 1.0)}, {"times_s": (0.0, 2.0, 1.0)}, {"times_s": (0.0, 1.0, math.nan)}, {"intensities": (1.0,)}],
+    [
+        {"times_s": (0.0, 1.0)},
+        {"times_s": (0.0, 2.0, 1.0)},
+        {"times_s": (0.0, 1.0, math.nan)},
+        {"intensities": (1.0,)},
+        {"pulses": (1,)},
+    ],
 )
 def test_a_series_that_does_not_fit_is_refused(wrong):
     with pytest.raises(ConfigError, match=r"series: "):

@@ -7,7 +7,8 @@
                                                          ``trus_image`` where the face radius is known; metres
 ``/TRUS/pa/image``           sensor_msgs/Image, mono8    to be looked at, in decibels
 ``/TRUS/pa/envelope``        sensor_msgs/Image, 32FC1    the same to be calculated with, in ADC counts
-``/pa_search/sample``        std_msgs/String             JSON for programs: ``angle_deg``, ``intensity``, ``time_s``
+``/pa_search/sample``        std_msgs/String             JSON for programs: ``angle_deg``, ``intensity``, ``time_s``,
+                                                         and ``pulses`` where they are known
 ``/pa_search/intensity``     std_msgs/Float64            the intensity once more, for plots, which want a number
 ===========================  ==========================  ==========================================================
 
@@ -105,9 +106,10 @@ class _Log:
     def write(self, series: Series, images: Iterable[PaImage | None], *, brightest: float | None) -> None:
         kinds = self._store.types
         radius_m = series.facts.face_radius_m
-        intensities = series.intensities or repeat(math.nan, len(series.angles_deg))
-        for angle_deg, time_s, intensity, image in zip(
-            series.angles_deg, series.times_s, intensities, images, strict=True
+        count = len(series.angles_deg)
+        intensities = series.intensities or repeat(math.nan, count)
+        for number, (angle_deg, time_s, intensity, image) in enumerate(
+            zip(series.angles_deg, series.times_s, intensities, images, strict=True)
         ):
             if not self._connections:
                 self._introduce(series, image, brightest=brightest)
@@ -118,7 +120,8 @@ class _Log:
             if image is not None and brightest is not None:
                 self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
                 self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)
-            self._say(SAMPLE, {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}, at_ns)
+            sample = {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
+            self._say(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
             if math.isfinite(intensity):
                 self._put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensity)), at_ns)
 

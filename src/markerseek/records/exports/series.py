@@ -12,7 +12,6 @@ from typing import Literal, TypeAlias
 from markerseek.core import ConfigError, PaImage, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 from markerseek.records.exports.frames import spacing_m
-from markerseek.records.ipasc_reading import IpascBank
 
 Clock: TypeAlias = Literal["unix", "rig", "none"]
 """What times were read from."""
@@ -43,6 +42,8 @@ class Series:
         Number of each in the bank, counted from 0.
     intensities
         Intensity of each, NaN where it is not known; empty where none is.
+    pulses
+        Laser pulses averaged in each; empty where it is not known.
     facts
         What else is known.
     """
@@ -52,14 +53,16 @@ class Series:
     clock: Clock
     order: tuple[int, ...]
     intensities: tuple[float, ...] = ()
+    pulses: tuple[int, ...] = ()
     facts: BankFacts
 
     def __post_init__(self) -> None:
         count = len(self.angles_deg)
-        if not len(self.times_s) == len(self.order) == count or len(self.intensities) not in (0, count):
+        given = [len(self.times_s), len(self.order), len(self.intensities) or count, len(self.pulses) or count]
+        if any(each != count for each in given):
             raise ConfigError(
-                f"series: {count} angles, {len(self.times_s)} times, {len(self.order)} places and "
-                f"{len(self.intensities)} intensities; give one of each for an acquisition"
+                f"series: {count} angles, and {', '.join(map(str, given))} times, places, intensities and pulses; "
+                "give one of each for an acquisition"
             )
         if not all(0 <= each < math.inf for each in self.times_s):
             raise ConfigError("series: times_s must be finite and not negative; leave them out where they are unknown")
@@ -74,8 +77,8 @@ class Series:
             for name, value in asdict(self.facts).items()
             if value is not None and str(value).strip()
         }
-        simulated = {"simulated": True} if _SAID_OF_A_SIMULATION in self.facts.description else {}
-        return facts | simulated | {"times": TIMES[self.clock]}
+        simulated = self.facts.seed is not None or _SAID_OF_A_SIMULATION in self.facts.description
+        return facts | ({"simulated": True} if simulated else {}) | {"times": TIMES[self.clock]}
 
 
 def series_of(
@@ -95,18 +98,17 @@ def series_of(
     intensities
         Intensities in the order of the bank's angles, in the place of those that it holds.
     """
-    count = len(bank.angles_deg)
-    started = bank.started_s if isinstance(bank, IpascBank) else ()
-    clock: Clock = "rig" if _known(started, count) else "none"
-    times = started if clock == "rig" else tuple(map(float, range(count)))
-    order = tuple(sorted(range(count), key=times.__getitem__))
+    times, clock = _times(bank)
+    order = tuple(sorted(range(len(times)), key=times.__getitem__))
     held = bank.intensities if intensities is None else intensities
+    pulses = bank.pulses if isinstance(bank, FrameBank) else ()
     return Series(
         angles_deg=tuple(bank.angles_deg[index] for index in order),
         times_s=tuple(times[index] for index in order),
         clock=clock,
         order=order,
         intensities=tuple(held[index] for index in order) if held else (),
+        pulses=tuple(pulses[index] for index in order) if pulses else (),
         facts=bank.facts if facts is None else facts,
     )
 
@@ -133,8 +135,13 @@ def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[
         raise RecordError(f"{path}: {count} angles and {'more' if given > count else given} images; give one for each")
 
 
-def _known(started_s: tuple[float, ...], count: int) -> bool:
+def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
+    count = len(bank.angles_deg)
+    started_s = bank.started_s if isinstance(bank, FrameBank) else ()
     if len(started_s) != count or not all(0 <= each < math.inf for each in started_s):
-        return False
-    first = min(started_s)
-    return len({f"{each - first:g}" for each in started_s}) == count
+        return tuple(map(float, range(count))), "none"
+    first_s = min(started_s)
+    if len({f"{each - first_s:g}" for each in started_s}) < count:
+        return tuple(map(float, range(count))), "none"
+    zero_s = bank.facts.clock_zero_unix_s
+    return (started_s, "rig") if zero_s is None else (tuple(zero_s + each for each in started_s), "unix")
