@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
-from markerseek.core import Measured, Refused
+from markerseek.core import MarkerseekError, Measured, Refused
 
 NAME = "scan"
 EXAMPLES = (
@@ -92,7 +92,7 @@ def command(
                         progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
         finally:
             if 0 < taken < angles:
-                aside.print(f"[yellow]{escape(str(out))} holds {taken} of {angles} angles; they can be read[/]")
+                _say_what_is_left(out, planned=angles)
     if as_json:
         report = ScanReport(
             path=str(out),
@@ -107,3 +107,15 @@ def command(
         print_json(report)
     else:
         people.print(f"{taken} angles and {dark} dark frames of a {assembled.kind} rig in {escape(str(out))}")
+
+
+def _say_what_is_left(path: Path, *, planned: int) -> None:
+    """Say what a scan that was cut short left behind, having read it."""
+    from markerseek.records.banks import read_bank
+
+    try:
+        held = len(read_bank(path).angles_deg)
+    except MarkerseekError as problem:
+        aside.print(f"[yellow]{escape(str(problem))}[/]")
+    else:
+        aside.print(f"[yellow]{escape(str(path))} holds {held} of {planned} angles; they can be read[/]")
