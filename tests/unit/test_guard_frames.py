@@ -135,7 +135,7 @@ def recorded(*, sequence: int, intensity: float, pulses: int) -> ReadingFrame:
 def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> None:
     made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
     made.charge(32)
-    lit, dark = recorded(sequence=8, intensity=1.0, pulses=16), recorded(sequence=7, intensity=3.0, pulses=0)
+    lit, dark = recorded(sequence=8, intensity=1.0, pulses=1), recorded(sequence=7, intensity=3.0, pulses=0)
     made.recall(dark, Reading(intensity=3.0, noise_sigma=4.0))
     made.recall(lit, Reading(intensity=1.0, noise_sigma=1.0))
     made.recall(lit, Reading(intensity=1.0, noise_sigma=100.0))
