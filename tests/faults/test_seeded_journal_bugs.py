@@ -145,7 +145,7 @@ JOURNAL_BUGS = {
         check=what_is_handed_out_is_on_the_disk,
     ),
     "a transaction that is not committed": Bug(
-        where="records.journal.writer:_transact",
+        where="records.journal.tables:transact",
         old='connection.execute("COMMIT")',
         new='connection.execute("COMMIT" if "events" not in statements[0][0] else "ROLLBACK")',
         check=a_commit_is_on_the_disk,

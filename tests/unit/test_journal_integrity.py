@@ -1,22 +1,17 @@
-"""What was changed in a journal is noticed: rows, their order, and the log of a run that died."""
+"""What was changed in the rows of a journal is noticed, and so is an order that cannot be."""
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
 from contextlib import closing
-from io import BytesIO
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from made_up_journals import EVENTS, configuration, counts, died, measured, whole_run, write
+from made_up_journals import EVENTS, configuration, counts, measured, whole_run
 from markerseek.core import Asked, RecordError
 from markerseek.records.journal import Journal, read_journal, salvage, verify
 from markerseek.records.journal.entries import Happening
-from markerseek.records.journal.log import commits
 
 
 def changed(path: Path, sql: str) -> None:
@@ -79,59 +74,3 @@ def test_an_impossible_order_is_noticed(order: tuple[str, ...], tmp_path: Path) 
     faults = verify(path).faults
     assert faults
     assert all(fault.startswith("entry ") for fault in faults)
-
-
-@pytest.fixture(scope="module")
-def dead_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dead run whose five acquisitions, 12 entries in all, lie in the log."""
-    path = tmp_path_factory.mktemp("log") / "run.journal"
-    died(path, lambda journal: write(journal, 5, lambda index: counts(32, 1040, seed=index)))
-    return path
-
-
-def with_log(journal: Path, log: bytes, folder: Path) -> Path:
-    shutil.copyfile(journal, folder / "run.journal")
-    (folder / "run.journal-wal").write_bytes(log)
-    return folder / "run.journal"
-
-
-def by_sqlite(path: Path) -> int:
-    """Number of transactions that SQLite itself makes out: one for the tables, one an entry."""
-    with closing(sqlite3.connect(path)) as database:
-        tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        return 1 + database.execute("SELECT count(*) FROM events").fetchone()[0] if tables else 0
-
-
-@settings(max_examples=40, deadline=None)
-@given(share=st.floats(0, 1))
-def test_commits_in_a_torn_log_are_those_that_sqlite_takes(
-    share: float, dead_run: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    log = Path(f"{dead_run}-wal").read_bytes()
-    torn = log[: round(share * len(log))]
-    good, lost = commits(BytesIO(torn))
-    assert lost == 0
-    path = with_log(dead_run, torn, tmp_path_factory.mktemp("torn"))
-    if good:
-        assert len(read_journal(path).entries) == good - 1
-    assert by_sqlite(path) == good
-
-
-@settings(max_examples=60, deadline=None)
-@given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
-def test_a_flipped_bit_in_the_log_is_no_silent_loss(
-    share: float, bit: int, dead_run: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    flipped = bytearray(Path(f"{dead_run}-wal").read_bytes())
-    place = int(share * len(flipped))
-    flipped[place] ^= 1 << bit
-    good, _ = commits(BytesIO(flipped))
-    path = with_log(dead_run, bytes(flipped), tmp_path_factory.mktemp("flipped"))
-    whole = 13
-    if good < whole - 1:
-        with pytest.raises(RecordError, match="log is damaged"):
-            read_journal(path)
-    else:
-        # of the last transaction it cannot be told whether it was torn or flipped
-        assert len(read_journal(path).entries) == good - 1
-    assert by_sqlite(path) == good

@@ -39,13 +39,15 @@ def show(journal: _File, as_json: _Json = False) -> None:
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import salvage, standing
 
-    held, damage = salvage(journal)
+    objects: list[dict[str, object]] = []
+    # Frames are half a megabyte each, and are only looked at here to say how large they are.
+    held, damage = salvage(journal, frames=False, see=lambda entry: objects.append(_as_object(entry)))
     if as_json:
         print_json(
             {
                 "configuration": held.configuration,
                 "state": standing(held.entries).state,
-                "entries": [_as_object(entry) for entry in held.entries],
+                "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
         )

@@ -44,7 +44,7 @@ def command(
     from markerseek.rigs.resuming import require_reset
 
     folder = picture_folder(out, plot=plot)
-    held = read_journal(journal)
+    held = read_journal(journal, frames=plot)
     stands = standing(held.entries)
     if stands.state == "finished":
         recorder, result = result_of(held)

@@ -26,9 +26,21 @@ aside = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def print_json(value: object) -> None:
-    """Write one JSON object on standard output."""
-    sys.stdout.write(msgspec.json.encode(value).decode("utf-8") + "\n")
+    """Write one JSON object on standard output; what is no Unicode in a file's name is written as escapes."""
+    sys.stdout.write(msgspec.json.encode(_readable(value)).decode("utf-8") + "\n")
     sys.stdout.flush()
+
+
+def _readable(value: object) -> object:
+    match value:
+        case str():
+            return value.encode("utf-8", "backslashreplace").decode()
+        case dict():
+            return {key: _readable(each) for key, each in value.items()}
+        case list():
+            return [_readable(each) for each in value]
+        case _:
+            return value
 
 
 def quoted(path: Path) -> str:

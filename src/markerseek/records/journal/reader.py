@@ -12,22 +12,11 @@ import msgspec
 
 from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.journal.configuration import Configuration
+from markerseek.records.journal.connection import FOLDED, UNUSED, WITH_LOG, connect, speaking_of
 from markerseek.records.journal.entries import Checked, Entry
 from markerseek.records.journal.log import require_whole_log
 from markerseek.records.journal.rows import from_row
-from markerseek.records.journal.store import (
-    FOLDED,
-    UNUSED,
-    WITH_LOG,
-    Row,
-    checksum,
-    connect,
-    log_of,
-    require_file,
-    require_ours,
-    row_checksum,
-    speaking_of,
-)
+from markerseek.records.journal.store import Row, checksum, log_of, require_file, require_ours, row_checksum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

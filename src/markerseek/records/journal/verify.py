@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
+from markerseek.records.journal.connection import speaking_of
 from markerseek.records.journal.grammar import order_faults
 from markerseek.records.journal.reader import open_journal, recording
-from markerseek.records.journal.store import speaking_of
 
 _MOST_COMPLAINTS = 20
 """Complaints of SQLite's own check that are passed on."""

@@ -13,26 +13,14 @@ import msgspec
 
 from markerseek.core import Failed, Finished, RecordError
 from markerseek.records.journal.configuration import Configuration
+from markerseek.records.journal.connection import WRITTEN, connect, speaking_of
 from markerseek.records.journal.entries import Entry, Happening, Interrupted
 from markerseek.records.journal.place import put_on_disk
-from markerseek.records.journal.plain import plain, require_finite
+from markerseek.records.journal.plain import require_finite
 from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.rows import to_row
-from markerseek.records.journal.store import (
-    APPLICATION,
-    PAGE_BYTES,
-    SCHEMAS,
-    VERSION,
-    WRITTEN,
-    Row,
-    checksum,
-    connect,
-    log_of,
-    row_checksum,
-    speaking_of,
-    taken,
-    version_of,
-)
+from markerseek.records.journal.store import VERSION, Row, log_of, row_checksum, taken, version_of
+from markerseek.records.journal.tables import encoded, last_row, lay_out, transact
 
 
 class Journal:
@@ -67,7 +55,7 @@ class Journal:
         RecordError
             If the file exists or cannot be written; nothing is left behind.
         """
-        encoded = _encoded(configuration)
+        as_json = encoded(configuration)
         with speaking_of(path, verb="written"):
             if log_of(path).exists() and not path.exists():
                 # SQLite would remove it.
@@ -82,7 +70,7 @@ class Journal:
             try:
                 connection = connect(path, how=WRITTEN)
                 try:
-                    first = _lay_out(connection, encoded)
+                    first = lay_out(connection, as_json)
                     put_on_disk(path.parent)
                 except BaseException:
                     connection.close()
@@ -151,7 +139,7 @@ class Journal:
         lift = () if self._version == VERSION else ((f"PRAGMA user_version = {VERSION}", ()),)
         self._under_way = row, event
         with speaking_of(self.path, verb="written"):
-            _transact(self._connection, insertion, *lift)
+            transact(self._connection, insertion, *lift)
         self._note(row, event)
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
 
@@ -163,7 +151,7 @@ class Journal:
         with speaking_of(self.path, verb="written"):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
-            kept = _last_row(self._connection) == (row.number, row.checksum)
+            kept = last_row(self._connection) == (row.number, row.checksum)
         if kept:
             self._note(row, event)
         self._under_way = None
@@ -243,58 +231,7 @@ class Journal:
             self.close()
 
 
-def _encoded(configuration: Configuration) -> bytes:
-    """A configuration as JSON; its parts that are JSON already stay as they are."""
-    set_ones = {
-        name: value
-        for name, value in zip(configuration.__struct_fields__, msgspec.structs.astuple(configuration), strict=True)
-        if value is not msgspec.UNSET
-    }
-    checked = {
-        name: value if isinstance(value, msgspec.Raw) else plain(value, what=f"the configuration's {name}")
-        for name, value in set_ones.items()
-    }
-    return msgspec.json.encode(checked)
-
-
-def _lay_out(connection: sqlite3.Connection, encoded: bytes) -> int:
-    """Make the tables with the configuration in one transaction; its checksum comes back."""
-    first = checksum(0, encoded)
-    connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
-    (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
-    if mode != "wal":
-        raise sqlite3.OperationalError(f"the folder's file system allows no write-ahead log, only {mode}")
-    _transact(
-        connection,
-        *((sql, ()) for sql in SCHEMAS[VERSION]),
-        ("INSERT INTO run VALUES (1, ?, ?)", (encoded.decode(), first)),
-        (f"PRAGMA application_id = {APPLICATION}", ()),
-        (f"PRAGMA user_version = {VERSION}", ()),
-    )
-    return first
-
-
-def _transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[object, ...]]) -> None:
-    """Run statements in one transaction: all or none."""
-    connection.execute("BEGIN IMMEDIATE")
-    try:
-        for sql, values in statements:
-            connection.execute(sql, values)
-        connection.execute("COMMIT")
-    except BaseException:
-        if connection.in_transaction:
-            connection.execute("ROLLBACK")
-        raise
-
-
 def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
     """Refuse a journal that another program wrote after it was read and before it was locked."""
-    if _last_row(connection) != (len(held.entries), held.last_checksum):
+    if last_row(connection) != (len(held.entries), held.last_checksum):
         raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")
-
-
-def _last_row(connection: sqlite3.Connection) -> tuple[int, int]:
-    """Number and checksum of the last event; 0 and that of the configuration before the first."""
-    last = connection.execute("SELECT number, checksum FROM events ORDER BY number DESC LIMIT 1").fetchone()
-    number, found = last or connection.execute("SELECT 0, checksum FROM run").fetchone()
-    return number, found
