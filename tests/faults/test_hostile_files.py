@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 
 from decoders import DECODERS, UNVETTED, outcome, zip_bomb
 from markerseek.core import RecordError
-from markerseek.records._vetting import vet
+from markerseek.records._mat73 import walk_arrays
+from markerseek.records._vetting import _walker, vet
 from markerseek.records.banks import read_bank
 from markerseek.records.ipasc_reading import read_unvetted
 
@@ -233,6 +234,20 @@ def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
     # The first blocks hold the structure; of the global heap, on which HDF5 2.0 hangs, the last part.
     damaged[rng.integers(0, 2000, 1 + seed % 4)] = rng.integers(0, 256, 1 + seed % 4)
     assert outcome(read, tmp_path / name, damaged.tobytes()) in ("read", "refused")
+
+
+@pytest.mark.parametrize("decoder", VETTED)
+def test_nothing_is_read_that_was_not_vetted(tmp_path, monkeypatch, decoder):
+    name, whole, read = DECODERS[decoder]
+    monkeypatch.setattr("markerseek.records._vetting.sys.executable", "/bin/false")
+    (tmp_path / name).write_bytes(whole())
+    with pytest.raises(RecordError, match="breaks down"):
+        read(tmp_path / name)
+
+
+def test_each_file_is_vetted_by_what_reads_it():
+    assert _walker(Path("a.mat")) is walk_arrays
+    assert _walker(Path("a.hdf5")) is not walk_arrays
 
 
 @pytest.mark.parametrize("decoder", VETTED)
