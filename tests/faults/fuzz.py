@@ -15,7 +15,10 @@ import atheris
 
 with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", "zipfile", "csv"]):
     import decoders
+    import journal_decoders
     import wire_decoders
+
+_FILES = decoders.UNVETTED | journal_decoders.JOURNALS
 
 
 def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
@@ -23,14 +26,14 @@ def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
     if name in wire_decoders.WIRES:
         whole, hear = wire_decoders.WIRES[name]
         return whole, lambda data: wire_decoders.wire_outcome(hear, data)
-    file_name, whole, read = decoders.UNVETTED[name]
+    file_name, whole, read = _FILES[name]
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm"))
     return whole, lambda data: decoders.outcome(read, folder / file_name, data)
 
 
 def main() -> None:
     """Fuzz the decoder that the first argument names; the others go to libFuzzer."""
-    names = (*wire_decoders.WIRES, *decoders.UNVETTED)
+    names = (*wire_decoders.WIRES, *_FILES)
     if len(sys.argv) < 2 or sys.argv[1] not in names:
         sys.exit(f"say first which decoder to fuzz: {', '.join(names)}")
     whole, one_input = _target(sys.argv.pop(1))

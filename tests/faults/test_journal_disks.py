@@ -1,0 +1,169 @@
+"""Full disks and folders that cannot be written: one kind of error, and nothing is lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from journal_runs import RANGE, commit, configuration, fill, require_all
+from markerseek import rigs
+from markerseek.core import Policy, RecordError, Started
+from markerseek.guard import State
+from markerseek.records.journal import Journal, read_journal, result_of, verify
+from markerseek.rigs import Rig
+from markerseek.rigs.journalled import journalled
+from markerseek.rigs.resuming import resumed
+from markerseek.search import build
+from markerseek.sim import GaussianCurve
+
+NOBODY = 65534
+
+
+def in_a_process(work: Callable[[], object]) -> None:
+    """Do work in a forked process, and fail if it does."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            work()
+            code = 0
+        except BaseException:  # noqa: BLE001  pytest shows what a forked process writes
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFEXITED(status)
+    assert os.WEXITSTATUS(status) == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of one megabyte."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+        pytest.skip("needs leave to mount a small disk")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_ends_the_run_with_an_error_and_loses_nothing(small_disk: Path) -> None:
+    path = small_disk / "run.journal"
+    acknowledged = fill(path)
+    require_all(path, acknowledged)
+    # with room the run goes on in the same file
+    grown = small_disk.parent / "run.journal"
+    for each in small_disk.iterdir():
+        shutil.copyfile(each, small_disk.parent / each.name)
+    journal, held = Journal.reopen(grown)
+    with journal:
+        journal.interrupt("made up")
+    assert len(read_journal(grown).entries) == len(held.entries) + 1
+    assert verify(grown).faults == []
+
+
+def test_a_file_that_may_not_grow_ends_the_run_with_an_error_and_loses_nothing(tmp_path: Path) -> None:
+    def work() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, 700_000))
+        (tmp_path / "acknowledged").write_text(str(fill(tmp_path / "run.journal")))
+
+    in_a_process(work)
+    require_all(tmp_path / "run.journal", int((tmp_path / "acknowledged").read_text()))
+
+
+def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_disk: Path, tmp_path: Path) -> None:
+    def begin() -> tuple[Policy, Rig]:
+        rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=4.0)
+        return build("ternary", limits=rig.limits.search, acquisitions=16), rig
+
+    policy, rig = begin()
+    path = small_disk / "run.journal"
+    (small_disk / "ballast").write_bytes(b"0" * (900 << 10))
+    with pytest.raises(RecordError, match="make room on the disk"), Journal.create(path, configuration()) as journal:
+        for _ in journalled(policy, rig, journal):
+            pass
+    assert rig.scanner.guard.state is State.DISARMED
+    assert len(read_journal(path).entries) >= 2
+    (small_disk / "ballast").unlink()
+    policy, rig = begin()
+    journal, held = Journal.reopen(path)
+    with journal:
+        list(resumed(policy, rig, journal, held, by="a person"))
+    policy, rig = begin()
+    whole = tmp_path / "whole.journal"
+    with Journal.create(whole, configuration()) as journal:
+        list(journalled(policy, rig, journal))
+    results = [msgspec.json.encode(result_of(read_journal(each))[1]) for each in (path, whole)]
+    assert results[0] == results[1]
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_read(tmp_path: Path) -> None:
+    folder = tmp_path / "shelf"
+    folder.mkdir()
+    with Journal.create(folder / "closed.journal", configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
+        commit(journal, 1)
+        for name in ("dead.journal", "dead.journal-wal"):
+            shutil.copyfile(folder / name.replace("dead", "closed"), folder / name)
+
+    def work() -> None:
+        if os.getuid() == 0:
+            os.setuid(NOBODY)
+        for name in ("closed.journal", "dead.journal"):
+            assert len(read_journal(folder / name).entries) == 3, name
+            assert verify(folder / name).faults == [], name
+        for attempt in (
+            lambda: Journal.create(folder / "new.journal", configuration()),
+            lambda: Journal.reopen(folder / "closed.journal"),
+            lambda: Journal.reopen(folder / "dead.journal"),
+        ):
+            with pytest.raises(RecordError, match="cannot be written"):
+                attempt()
+
+    for each in folder.iterdir():
+        each.chmod(0o444)
+    folder.chmod(0o555)
+    for parent in (tmp_path, *tmp_path.parents[:3]):
+        if parent.stat().st_uid == os.getuid() and parent != Path("/tmp"):
+            parent.chmod(0o755)
+    in_a_process(work)
+    folder.chmod(0o755)
+
+
+def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None:
+    """Or the same command, with room again, would find a file of this name that is none of its own."""
+    (small_disk / "ballast").write_bytes(b"0" * ((1 << 20) - 8192))
+    with pytest.raises(RecordError, match=r"cannot be written: .*make room on the disk"):
+        Journal.create(small_disk / "run.journal", configuration())
+    assert [each.name for each in small_disk.iterdir()] == ["ballast"]
+    (small_disk / "ballast").unlink()
+    Journal.create(small_disk / "run.journal", configuration()).close()
+    assert read_journal(small_disk / "run.journal").entries == ()
+
+
+def test_a_log_for_which_the_file_has_no_room_is_an_error_of_closing_and_nothing_is_lost(small_disk: Path) -> None:
+    path = small_disk / "run.journal"
+    journal = Journal.create(path, configuration())
+    for index in range(1, 11):
+        commit(journal, index)
+    with pytest.raises(RecordError, match=r"cannot be closed: .*make room on the disk.*stays readable"):
+        journal.close()
+    journal.close()
+    require_all(path, 10)
+    grown = small_disk.parent / "run.journal"
+    for each in small_disk.iterdir():
+        shutil.copyfile(each, small_disk.parent / each.name)
+    Journal.reopen(grown)[0].close()
+    assert [each.name for each in grown.parent.iterdir() if each.is_file()] == ["run.journal"]
+    require_all(grown, 10)

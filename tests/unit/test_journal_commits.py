@@ -1,0 +1,236 @@
+"""What a commit leaves on the disk, also where a signal strikes, a program writes meanwhile, or the power goes."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from made_up_journals import RANGE, configuration, counts, died, whole_run, write
+from markerseek.core import Asked, Failed, MoveError, RecordError, Started
+from markerseek.records.journal import (
+    Interrupted,
+    Journal,
+    default_journal,
+    journals_in,
+    make_folder,
+    outline,
+    read_journal,
+    salvage,
+    tables,
+    verify,
+    writer,
+)
+from markerseek.records.journal.store import log_of
+
+
+@contextmanager
+def struck(monkeypatch: pytest.MonkeyPatch, *, behind: str) -> Iterator[None]:
+    """A signal that strikes right behind a statement of the next transaction."""
+
+    def transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[object, ...]]) -> None:
+        connection.execute("BEGIN IMMEDIATE")
+        for sql, values in statements:
+            connection.execute(sql, values)
+        if behind == "COMMIT":
+            connection.execute("COMMIT")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(writer, "transact", transact)
+        with pytest.raises(KeyboardInterrupt):
+            yield
+    assert writer.transact is tables.transact
+
+
+@pytest.mark.parametrize("behind", ["INSERT", "COMMIT"])
+def test_a_signal_behind_any_statement_leaves_a_journal_that_can_be_noted_in(
+    behind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    asked = Asked(role="search", index=1, angle_deg=1.1)
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
+        with struck(monkeypatch, behind=behind):
+            journal.commit(asked, clock_s=1.5)
+        assert isinstance(journal.last, Asked if behind == "COMMIT" else Started)
+        journal.interrupt("SIGINT")
+    entries = read_journal(path).entries
+    kept = [asked] if behind == "COMMIT" else []
+    assert [entry.event for entry in entries[1:]] == [*kept, Interrupted(reason="SIGINT")]
+    assert entries[-1].clock_s == (1.5 if kept else 0.5)
+    assert verify(path).faults == []
+
+
+def test_a_fault_that_was_committed_when_a_signal_struck_is_not_noted_twice(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.5)
+        with struck(monkeypatch, behind="COMMIT"):
+            journal.commit(Failed(error=MoveError("stuck")), clock_s=1.5)
+        journal.interrupt("SIGINT")
+        journal.fail(MoveError("stuck"), clock_s=2.0)
+    assert len(read_journal(path).entries) == 2
+
+
+def test_nothing_is_folded_into_the_file_before_it_is_closed(tmp_path: Path) -> None:
+    """Else one commit in some thirty waits for it."""
+    path = tmp_path / "run.journal"
+    with Journal.create(path, configuration()) as journal:
+        before = path.read_bytes()
+        write(journal, 50, lambda index: counts(64, 2080, seed=index))
+        assert path.read_bytes() == before
+        assert log_of(path).stat().st_size > 50 * 64 * 2080 * 2
+    assert not log_of(path).exists()
+    assert path.stat().st_size > 50 * 64 * 2080 * 2
+
+
+def test_a_folding_that_is_held_up_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Busy(sqlite3.Connection):
+        def execute(self, sql: str, *values: object) -> sqlite3.Cursor:
+            return super().execute("SELECT 1, 5, 3" if sql.startswith("PRAGMA wal_checkpoint") else sql, *values)
+
+    connect = sqlite3.connect
+    monkeypatch.setattr("sqlite3.connect", lambda *args, **named: connect(*args, factory=Busy, **named))
+    journal = Journal.create(tmp_path / "run.journal", configuration())
+    with pytest.raises(RecordError, match="log cannot be folded in: it is in use; nothing is lost"):
+        journal.close()
+
+
+def test_an_error_on_its_way_goes_before_one_of_closing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fails(_journal: Journal) -> None:
+        raise RecordError("of closing")
+
+    monkeypatch.setattr(Journal, "close", fails)
+    with pytest.raises(MoveError, match="stuck"), Journal.create(tmp_path / "a.journal", configuration()):
+        raise MoveError("stuck")
+    with pytest.raises(RecordError, match="of closing"), Journal.create(tmp_path / "b.journal", configuration()):
+        pass
+
+
+def rewrite(path: Path) -> None:
+    """As another program, which has opened the journal to be written, does it."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("INSERT INTO events SELECT 99, kind, written, 0, body, NULL, 0, NULL FROM events LIMIT 1")
+        database.commit()
+
+
+@pytest.mark.parametrize("dead", [False, True], ids=["closed", "dead"])
+def test_a_journal_that_is_written_while_it_is_read_is_called_in_use(dead: bool, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    if dead:
+        died(path, lambda journal: write(journal, 3))
+    else:
+        whole_run(path)
+    with pytest.raises(RecordError, match="changed while it was read; another markerseek has it open"):
+        salvage(path, see=lambda entry: rewrite(path) if entry.number == 1 else None)
+
+
+def test_a_journal_that_is_written_before_it_is_locked_is_not_gone_on_with(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.journal"
+    whole_run(path)
+    connect = writer.connect
+
+    def late(place: Path, *, how: str) -> sqlite3.Connection:
+        rewrite(place)
+        return connect(place, how=how)
+
+    monkeypatch.setattr(writer, "connect", late)
+    with pytest.raises(RecordError, match="another markerseek wrote it meanwhile"):
+        Journal.reopen(path)
+
+
+@pytest.fixture
+def flushed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Folders whose names were put on the disk."""
+    seen: list[Path] = []
+    flush = os.fsync
+
+    def heard(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            seen.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", heard)
+    return seen
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc which folder a descriptor is")
+def test_the_names_of_new_folders_and_of_the_file_are_on_the_disk(
+    flushed: list[Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home" / "share"))
+    path = default_journal(method="ternary")
+    make_folder(path.parent)
+    Journal.create(path, configuration()).close()
+    made = [tmp_path, tmp_path / "home", tmp_path / "home" / "share", tmp_path / "home" / "share" / "markerseek"]
+    assert flushed == [*made, path.parent]
+    flushed.clear()
+    make_folder(path.parent)
+    assert flushed == []
+
+
+def test_where_folders_cannot_be_flushed_journals_are_made_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refused(_path: Path, _flags: int) -> int:
+        raise PermissionError(13, "a folder")
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "open", refused)
+    make_folder(tmp_path / "new")
+    assert (tmp_path / "new").is_dir()
+
+
+def test_folders_of_journals_that_nobody_named_are_their_owners_alone(tmp_path: Path) -> None:
+    make_folder(tmp_path / "one" / "two")
+    for each in (tmp_path / "one", tmp_path / "one" / "two"):
+        assert stat.S_IMODE(each.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_journal_that_was_named_has_the_rights_that_any_new_file_has(mask: int, mode: int, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    before = os.umask(mask)
+    try:
+        with Journal.create(path, configuration()):
+            modes = [stat.S_IMODE(each.stat().st_mode) for each in (path, log_of(path))]
+    finally:
+        os.umask(before)
+    assert modes == [mode, mode]
+
+
+def named(folder: Path) -> Path:
+    path = Path(os.fsdecode(os.fsencode(folder) + b"/b\xf6s 100%?#.journal"))
+    try:
+        path.touch()
+        path.unlink()
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    return path
+
+
+@pytest.mark.parametrize("end", [whole_run, lambda path: died(path, lambda journal: write(journal, 3))])
+def test_a_journal_whose_name_is_no_unicode_is_kept_and_listed(end: Callable[[Path], None], tmp_path: Path) -> None:
+    path = named(tmp_path)
+    end(path)
+    assert len(read_journal(path).entries) == 8
+    assert verify(path).faults == []
+    assert journals_in(tmp_path) == [path]
+    told = outline(path)
+    assert told.path == f"{tmp_path}/b\\udcf6s 100%?#.journal"
+    assert told.problem is None
+    journal, _ = Journal.reopen(path)
+    journal.close()
+    path.write_bytes(b"")
+    assert outline(path).problem == "it is empty, and no journal of a run; check the name"
