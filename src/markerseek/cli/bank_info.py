@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -52,6 +53,10 @@ class BankReport(msgspec.Struct, frozen=True, kw_only=True):
     wavelength_m: float | None
     pulse_energy_j: float | None
     face_radius_m: float | None
+    began_unix_s: float | None
+    configuration: str | None
+    seed: int | None
+    made_with: str | None
     version: str = __version__
 
 
@@ -122,15 +127,34 @@ def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: fl
         wavelength_m=facts.wavelength_m,
         pulse_energy_j=facts.pulse_energy_j,
         face_radius_m=facts.face_radius_m,
+        began_unix_s=_began_unix_s(bank),
+        configuration=facts.configuration,
+        seed=facts.seed,
+        made_with=facts.made_with,
     )
+
+
+def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
+    """When the first acquisition with light began, in seconds since 1970; None where that is not known."""
+    from markerseek.records.banks import FrameBank
+
+    known = [each for each in bank.started_s if math.isfinite(each)] if isinstance(bank, FrameBank) else []
+    zero_s = bank.facts.clock_zero_unix_s
+    return zero_s + min(known) if known and zero_s is not None else None
 
 
 def _print(report: BankReport, *, computed_with: str | None) -> None:
     people.print(f"[bold]{escape(report.path)}[/]: {report.content}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    cut = "" if report.planned == report.angles else f" of {report.planned} planned: the scan was cut short"
+    cut = ""
+    if report.planned != report.angles:
+        cut = (
+            f" of {report.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
+            f"'markerseek bank import {report.path} whole.hdf5' leaves them off"
+        )
     rows: list[tuple[str, str | None]] = [
         ("scanned", report.description or None),
+        ("began", None if report.began_unix_s is None else _date(report.began_unix_s)),
         ("angles", f"{report.angles}{cut}"),
         ("range", f"{report.first_deg:g}° to {report.last_deg:g}°, steps of at most {report.largest_step_deg:.3g}°"),
         ("dark frames", None if report.dark_frames == 0 else _dark(report)),
@@ -147,6 +171,9 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
         ("face radius", _number(report.face_radius_m, "{:.4g} mm", 1e3)),
         ("wavelength", _number(report.wavelength_m, "{:.4g} nm", 1e9)),
         ("pulse energy", _number(report.pulse_energy_j, "{:.4g} mJ", 1e3)),
+        ("made with", report.made_with),
+        ("configuration", report.configuration),
+        ("seed", None if report.seed is None else str(report.seed)),
     ]
     for name, value in rows:
         if value is not None:
@@ -156,6 +183,13 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
 
 def _dark(report: BankReport) -> str:
     return f"{report.dark_frames}, the largest intensity is {report.dark_intensity or math.nan:.4g}"
+
+
+def _date(unix_s: float) -> str:
+    try:
+        return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (OverflowError, ValueError, OSError):
+        return f"{unix_s:g} s after 1970"
 
 
 def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:

@@ -61,20 +61,24 @@ def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Eleme
     elements = len(positions_m)
     if elements == 1:
         return ElementRow(pitch_m=None, falling=False)
-    step_m = float(positions_m[-1, 0] - positions_m[0, 0]) / (elements - 1)
-    if step_m == 0:
+    along_m = positions_m[:, 0]
+    numbers = np.arange(elements)
+    falling = bool(np.dot(numbers - numbers.mean(), along_m) < 0)
+    pitch_m = float(np.ptp(along_m)) / (elements - 1)
+    if pitch_m == 0:
         raise RecordError(
-            f"{path}: the first and the last element have the same coordinate along x1, {positions_m[0, 0]:g} m; "
+            f"{path}: all elements have the same coordinate along x1, {along_m[0]:g} m; "
             "only a straight row of elements along x1 can be imaged"
         )
-    row_m = positions_m[0] + np.outer(np.arange(elements), (step_m, 0.0, 0.0))
+    row_m = np.tile(np.median(positions_m, axis=0), (elements, 1))
+    row_m[:, 0] = along_m.max() - pitch_m * numbers if falling else along_m.min() + pitch_m * numbers
     off_m = np.linalg.norm(positions_m - row_m, axis=1)
     worst = int(off_m.argmax())
-    if not off_m[worst] <= TOLERANCE * abs(step_m):
+    if not off_m[worst] <= TOLERANCE * pitch_m:
         x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
         raise RecordError(
             f"{path}: element {worst + 1} of {elements} stands at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
-            f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {abs(step_m) * 1e3:.4g} mm along "
+            f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
             f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
         )
-    return ElementRow(pitch_m=abs(step_m), falling=step_m < 0)
+    return ElementRow(pitch_m=pitch_m, falling=falling)
