@@ -233,4 +233,4 @@ def test_a_journal_whose_name_is_no_unicode_is_kept_and_listed(end: Callable[[Pa
     journal, _ = Journal.reopen(path)
     journal.close()
     path.write_bytes(b"")
-    assert outline(path).problem == "it is empty, and no journal of a run; check the name"
+    assert outline(path).problem == "it is empty: no journal of a run (or its run was never begun); check the name"

@@ -225,7 +225,7 @@ def test_an_empty_file_does_not_cost_its_log(small_run: Path, tmp_path: Path) ->
     path.write_bytes(b"")
     before = files_of(tmp_path)
     for look in (Journal.reopen, read_journal, verify):
-        with pytest.raises(RecordError, match=r"it is empty, and no journal of a run.*-wal is left as it is"):
+        with pytest.raises(RecordError, match=r"it is empty: no journal of a run.*-wal is left as it is"):
             look(path)
         assert files_of(tmp_path) == before
 

@@ -124,7 +124,9 @@ def require_file(path: Path) -> None:
         raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
     if path.stat().st_size == 0:
         # SQLite removes the log that lies beside an empty file.
-        raise RecordError(f"{path}: it is empty, and no journal of a run; check the name" + _log_beside(path))
+        raise RecordError(
+            f"{path}: it is empty: no journal of a run (or its run was never begun); check the name" + _log_beside(path)
+        )
 
 
 def _log_beside(path: Path) -> str:

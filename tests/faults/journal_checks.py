@@ -1,0 +1,190 @@
+"""What must hold of a journal, as checks that notice the bugs of `test_seeded_journal_bugs`."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from unittest import mock
+
+from markerseek import rigs
+from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
+from markerseek.records.journal import Journal, read_journal
+from markerseek.records.journal.store import PAGE_BYTES, VERSION
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.search import build
+
+
+@contextlib.contextmanager
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+def kept(path: Path, *, acquisitions: int = 3) -> None:
+    """A journal of some events."""
+    with new(path) as journal:
+        for event in events(acquisitions):
+            journal.commit(event, clock_s=0.0)
+
+
+def new(path: Path) -> Journal:
+    rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
+    return Journal.create(
+        path,
+        configuration_of(
+            rig,
+            method="ternary",
+            acquisitions=6,
+            as_published=False,
+            start_deg=0.0,
+            dark_frames=0,
+            stay=False,
+            seed=1,
+        ),
+    )
+
+
+def events(acquisitions: int) -> list[Event]:
+    told: list[Event] = [Started(start_deg=0.0, limits=Interval(low_deg=-35.0, high_deg=35.0))]
+    for index in range(1, acquisitions + 1):
+        sample = Sample(angle_deg=0.0, reading=Reading(intensity=float(index)))
+        told.append(Asked(role="search", index=index, angle_deg=0.0))
+        told.append(Measured(role="search", index=index, sample=sample))
+    return told
+
+
+def what_is_handed_out_is_on_the_disk() -> None:
+    """Each event that a run hands out can be read from a copy of the files as they are then."""
+    with folder() as place:
+        rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
+        policy = build("ternary", limits=rig.limits.search, start_deg=0.0, acquisitions=6)
+        with new(place / "a") as journal, closing(journalled(policy, rig, journal)) as run:
+            for count, _ in enumerate(run, start=1):
+                assert len(copied(place)) >= count
+
+
+def a_commit_is_on_the_disk() -> None:
+    with folder() as place, new(place / "a") as journal:
+        for count, event in enumerate(events(2), start=1):
+            with contextlib.suppress(RecordError):
+                journal.commit(event, clock_s=0.0)
+            assert len(copied(place)) == count
+
+
+def copied(place: Path) -> list[object]:
+    """Entries in a copy of the journal and its log, as after a sudden death."""
+    for name in ("a", "a-wal"):
+        shutil.copyfile(place / name, place / name.replace("a", "b", 1))
+    return list(read_journal(place / "b").entries)
+
+
+def unreadable_after(*statements: str) -> bool:
+    """Whether a journal is refused once somebody has changed it so."""
+    with folder() as place:
+        kept(place / "a")
+        with closing(sqlite3.connect(place / "a")) as connection:
+            for sql in statements:
+                connection.execute(sql)
+            connection.commit()
+        try:
+            read_journal(place / "a")
+        except RecordError:
+            return True
+        return False
+
+
+def a_changed_row_is_refused() -> None:
+    assert unreadable_after("UPDATE events SET clock_s = 9 WHERE number = 3")
+
+
+def changed_samples_are_refused() -> None:
+    assert unreadable_after("UPDATE events SET samples = x'00' WHERE number = 3")
+
+
+def a_changed_configuration_is_refused() -> None:
+    assert unreadable_after("UPDATE run SET configuration = replace(configuration, 'ternary', 'Ternary')")
+
+
+def every_row_is_read() -> None:
+    with folder() as place:
+        kept(place / "a")
+        try:
+            entries = read_journal(place / "a").entries
+        except RecordError as refusal:
+            raise AssertionError("a sound journal is refused") from refusal
+        assert [type(entry.event) for entry in entries] == [type(event) for event in events(3)]
+
+
+def a_journal_is_not_written_over() -> None:
+    with folder() as place:
+        kept(place / "a")
+        with contextlib.suppress(RecordError):
+            new(place / "a").close()
+        assert (place / "a").stat().st_size > 0
+        assert read_whole(place / "a") == len(events(3))
+
+
+def read_whole(path: Path) -> int:
+    try:
+        return len(read_journal(path).entries)
+    except RecordError:
+        return -1
+
+
+def a_number_that_is_not_finite_is_refused() -> None:
+    with folder() as place, new(place / "a") as journal:
+        try:
+            reading = Reading(intensity=1.0, noise_sigma=float("nan"))
+            sample = Sample(angle_deg=0.0, reading=reading)
+            journal.commit(Measured(role="search", index=1, sample=sample), clock_s=0.0)
+        except RecordError:
+            return
+        raise AssertionError("a noise that is no number is taken for one that is not known")
+
+
+def a_signal_behind_a_commit_leaves_room_for_a_note() -> None:
+    def struck(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with folder() as place, new(place / "a") as journal:
+        journal.commit(events(1)[0], clock_s=0.0)
+        with contextlib.suppress(KeyboardInterrupt), mock.patch.object(Journal, "_note", struck):
+            journal.commit(events(1)[1], clock_s=0.0)
+        with contextlib.suppress(RecordError):
+            journal.interrupt("made up")
+        journal.close()
+        assert read_whole(place / "a") == 3
+
+
+def damaged_salts_are_noticed() -> None:
+    """Those of the last but one of the commits in a log."""
+    with folder() as place:
+        with new(place / "a") as journal:
+            for event in events(2):
+                journal.commit(event, clock_s=0.0)
+            copied(place)
+        log = bytearray((place / "b-wal").read_bytes())
+        ends = [start for start in range(32, len(log), 24 + PAGE_BYTES) if any(log[start + 4 : start + 8])]
+        log[ends[-2] + 8] ^= 1
+        (place / "b-wal").write_bytes(log)
+        assert read_whole(place / "b") == -1
+        before = {each.name: each.read_bytes() for each in place.iterdir()}
+        with contextlib.suppress(RecordError):
+            Journal.reopen(place / "b")[0].close()
+        assert {each.name: each.read_bytes() for each in place.iterdir()} == before
+
+
+def an_older_program_does_not_read_what_was_added() -> None:
+    with folder() as place:
+        kept(place / "a")
+        with closing(sqlite3.connect(place / "a")) as connection:
+            connection.execute("PRAGMA user_version = 1")
+        with Journal.reopen(place / "a")[0] as journal:
+            journal.commit(events(1)[0], clock_s=0.0)
+        with closing(sqlite3.connect(place / "a")) as connection:
+            assert connection.execute("PRAGMA user_version").fetchone() == (VERSION,)
