@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import struct
 import subprocess
@@ -148,6 +149,50 @@ def angles_in(path):
             return int(np.isfinite(file["meta_data/trus_angle_deg"][()]).sum())
     except (OSError, KeyError, RuntimeError):
         return 0
+
+
+def test_a_killed_scan_says_how_it_becomes_whole(shell, scan, tmp_path):
+    killed, whole = tmp_path / "killed.hdf5", tmp_path / "whole.hdf5"
+    shutil.copy(scan, killed)
+    with h5py.File(killed, "r+") as file:
+        file["meta_data/trus_angle_deg"][9:] = np.nan
+    code, out, _ = shell("bank", "info", killed)
+    said = " ".join(out.split())
+    assert (code, "9 of 15 planned: the scan was cut short" in said) == (0, True)
+    assert "markerseek bank import" in said
+    code, _, err = shell("bank", "import", killed, whole)
+    assert code == 0, err
+    first, second = read_bank(killed), read_bank(whole)
+    assert isinstance(first, FrameBank)
+    assert isinstance(second, FrameBank)
+    assert (second.planned, second.angles_deg, second.facts) == (9, first.angles_deg, first.facts)
+    assert (second.intensities, second.started_s, second.pulses) == (first.intensities, first.started_s, first.pulses)
+    for index in range(9):
+        np.testing.assert_array_equal(first.frame(index).samples, second.frame(index).samples)
+    assert pacfish.load_data(str(whole)).binary_time_series_data.shape[3] == 9
+
+
+def test_a_damaged_frame_is_no_answer_and_its_import_leaves_nothing_behind(shell, scan, tmp_path):
+    damaged, to = tmp_path / "damaged.hdf5", tmp_path / "new" / "whole.hdf5"
+    raw = bytearray(scan.read_bytes())
+    bank = read_bank(scan)
+    assert isinstance(bank, FrameBank)
+    start = raw.find(bank.frame(7).samples.tobytes())
+    raw[start + 1000] ^= 0x10
+    damaged.write_bytes(raw)
+    sentence = f"the frame at {bank.angles_deg[7]:g} deg has changed since it was written"
+    for words in (("bank", "import", damaged, to), ("replay", damaged, "--method", "exhaustive", "--as-published")):
+        code, _, err = shell(*words)
+        assert (code, sentence in " ".join(err.split())) == (2, True), err
+    assert list(to.parent.iterdir()) == []
+    code, _, err = shell("bank", "import", scan, to)
+    assert code == 0, err
+
+
+def test_a_scan_says_what_made_it_and_when(shell, scan):
+    info = json.loads(shell("bank", "info", scan, "--json")[1])
+    assert (info["seed"], info["made_with"].split()[0], len(info["configuration"])) == (3, "markerseek", 32)
+    assert abs(info["began_unix_s"] - scan.stat().st_mtime) < 600
 
 
 def b8(path):
