@@ -7,6 +7,7 @@ import resource
 import shutil
 import signal
 import subprocess
+import sys
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -46,11 +47,12 @@ def in_a_process(work: Callable[[], object]) -> None:
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of one megabyte."""
+def small_disk(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
+    """A disk of one megabyte, or as many as a parameter says."""
     folder = tmp_path / "small"
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    size = f"size={getattr(request, 'param', 1)}m"
+    mount = ["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)]
     if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
         pytest.skip("needs leave to mount a small disk")
     yield folder
@@ -167,3 +169,16 @@ def test_a_log_for_which_the_file_has_no_room_is_an_error_of_closing_and_nothing
     Journal.reopen(grown)[0].close()
     assert [each.name for each in grown.parent.iterdir() if each.is_file()] == ["run.journal"]
     require_all(grown, 10)
+
+
+@pytest.mark.parametrize("small_disk", [24], indirect=True)
+def test_a_search_whose_log_cannot_be_folded_in_still_says_its_answer(small_disk: Path) -> None:
+    path = small_disk / "run.journal"
+    search = ["search", "--seed", "3", "--method", "ternary", "--journal", str(path), "--json"]
+    done = subprocess.run(
+        [Path(sys.executable).with_name("markerseek"), *search], capture_output=True, text=True, check=False
+    )
+    assert done.returncode in {0, 3}, done.stderr
+    assert "cannot be closed" in done.stderr
+    assert "make room on the disk" in done.stderr
+    assert done.stdout.encode() == msgspec.json.encode(result_of(read_journal(path))[1]) + b"\n"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.markup import escape
@@ -53,6 +55,25 @@ def new_journal(named: Path | None, configuration: Configuration, *, wanted: boo
             ) from problem
         print_warning(f"no journal is kept: {path}: {said}; name another place with --journal FILE")
         return None
+
+
+@contextmanager
+def held_open(journal: Journal | None) -> Iterator[Journal | None]:
+    """A journal that is closed at the end; where its log cannot be folded in, that is a warning, and no answer is lost.
+
+    Parameters
+    ----------
+    journal
+        An open one, or None.
+    """
+    try:
+        yield journal
+    finally:
+        try:
+            if journal is not None:
+                journal.close()
+        except RecordError as problem:
+            print_warning(str(problem))
 
 
 def tell_where(journal: Journal | None) -> None:

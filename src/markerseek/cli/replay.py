@@ -53,11 +53,9 @@ def command(
     What was not recorded is not made up: a search gets the nearest recorded angle. With --as-published intensities are
     interpolated between recorded angles, as in the paper's offline analysis.
     """
-    from contextlib import nullcontext
-
     from markerseek import rigs
     from markerseek.cli.hunt import conclude, hunt
-    from markerseek.cli.keeping import new_journal
+    from markerseek.cli.keeping import held_open, new_journal
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
     from markerseek.rigs.journalled import configuration_of, search_events
@@ -94,7 +92,7 @@ def command(
         stay=stay,
         seed=None,
     )
-    with new_journal(journal, configuration, wanted=journal is not None) or nullcontext() as kept:
+    with held_open(new_journal(journal, configuration, wanted=journal is not None)) as kept:
         events = search_events(policy, assembled, configuration, kept)
         recorder, result = hunt(events, configuration, most=acquisitions, journal=kept, as_json=as_json)
     conclude(

@@ -71,6 +71,7 @@ def command(
 def _go_on(journal: Path, *, reset_fault: bool, as_json: bool) -> tuple[Recorder, SearchResult, ImageReader | None]:
     """Lock the journal, put rig and policy together again, and let them go on."""
     from markerseek.cli.hunt import hunt
+    from markerseek.cli.keeping import held_open
     from markerseek.cli.on_rig import person
     from markerseek.records.journal import Journal
     from markerseek.rigs.again import policy_again, rig_again
@@ -79,7 +80,7 @@ def _go_on(journal: Path, *, reset_fault: bool, as_json: bool) -> tuple[Recorder
 
     kept, held = Journal.reopen(journal)
     begun_with = held.configuration
-    with kept, rig_again(begun_with) as rig:
+    with held_open(kept), rig_again(begun_with) as rig:
         events = resumed(policy_again(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
         most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
         recorder, result = hunt(events, begun_with, most=most, journal=kept, as_json=as_json)

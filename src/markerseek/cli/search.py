@@ -53,10 +53,8 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
-    from contextlib import nullcontext
-
     from markerseek.cli.hunt import conclude, hunt
-    from markerseek.cli.keeping import new_journal
+    from markerseek.cli.keeping import held_open, new_journal
     from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.rigs.journalled import configuration_of, search_events
@@ -84,7 +82,7 @@ def command(
             seed=seed_of(assembled),
         )
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
-        with new_journal(journal, configuration, wanted=not no_journal) or nullcontext() as kept:
+        with held_open(new_journal(journal, configuration, wanted=not no_journal)) as kept:
             events = search_events(policy, assembled, configuration, kept)
             recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json)
     conclude(
