@@ -219,6 +219,26 @@ def test_a_log_without_a_whole_commit_is_passed_over_and_not_removed_by_readers(
     assert files_of(tmp_path) == before
 
 
+@pytest.mark.parametrize("entries", [30, 47])
+def test_a_log_that_was_begun_again_is_read_up_to_what_is_left_of_the_one_before(entries: int, tmp_path: Path) -> None:
+    """As programs of version 1 did it, which folded the log in now and then and wrote on from its beginning."""
+
+    def ask(journal: Journal) -> None:
+        journal._connection.execute("PRAGMA wal_autocheckpoint = 20")
+        for index in range(entries):
+            journal.commit(Asked(role="search", index=index, angle_deg=1.1), clock_s=0.0)
+
+    path = tmp_path / "run.journal"
+    died(path, ask)
+    log = log_of(path).read_bytes()
+    salts = {log[start + 8 : start + 16] for start in frame_starts(log)}
+    assert len(salts) == 2
+    good, lost = commits(BytesIO(log))
+    assert 0 < good < entries
+    assert lost <= 1
+    assert len(read_journal(path).entries) == entries
+
+
 def test_an_empty_file_does_not_cost_its_log(small_run: Path, tmp_path: Path) -> None:
     """SQLite removes the log of an empty file as soon as it looks at it."""
     path = with_log(small_run, log_of(small_run).read_bytes(), tmp_path)

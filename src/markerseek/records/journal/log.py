@@ -83,7 +83,7 @@ def commits(log: BinaryIO) -> tuple[int, int]:
             if not frame.whole:
                 break
             following = frame.step(sums)
-            whole = frame.salts == salts and following == frame.sums
+            whole = frame.page > 0 and frame.salts == salts and following == frame.sums
             if whole:
                 sums = following
                 good += frame.ends
@@ -104,6 +104,10 @@ class _Frame:
     pairs: int
     page_sums: _Sums
     whole: bool
+
+    @property
+    def page(self) -> int:
+        return int.from_bytes(self.head[:4], "big")
 
     @property
     def size(self) -> int:

@@ -224,10 +224,10 @@ class Journal:
         return self
 
     def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+        self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         """Close it; an error that is on its way goes before one of closing, which loses nothing."""
-        with contextlib.suppress(*(() if _kind is None else (RecordError,))):
+        with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
 
 
