@@ -34,27 +34,22 @@ _AT_ONCE = 64
 _Sums: TypeAlias = tuple[int, int]
 
 
-def require_whole_log(log: Path) -> int:
-    """Refuse a log in which commits stand behind a damaged one; the number of commits that SQLite will take comes back.
+def look_over(log: Path) -> tuple[int, RecordError | None]:
+    """Number of commits that SQLite will take from a log, and what is wrong where commits stand behind a damaged one.
 
     Parameters
     ----------
     log
         The file beside the journal.
-
-    Raises
-    ------
-    RecordError
-        If more than one commit can no longer be read.
     """
     with log.open("rb") as file:
         good, lost = commits(file)
-    if lost > 1:
-        raise RecordError(
-            f"{log}: the journal's log is damaged after {good} commits, and at least {lost} cannot be read any more; "
-            "keep both files as they are, and delete a copy of the log to read what the journal itself holds"
-        )
-    return good
+    if lost < 2:
+        return good, None
+    return good, RecordError(
+        f"{log}: the journal's log is damaged after {good} commits, and at least {lost} cannot be read any more; keep "
+        "both files as they are: 'markerseek journal show' prints what stands before; other programs remove the rest"
+    )
 
 
 def commits(log: BinaryIO) -> tuple[int, int]:

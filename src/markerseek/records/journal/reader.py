@@ -14,7 +14,7 @@ from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.connection import FOLDED, UNUSED, WITH_LOG, connect, speaking_of
 from markerseek.records.journal.entries import Checked, Entry
-from markerseek.records.journal.log import require_whole_log
+from markerseek.records.journal.log import look_over
 from markerseek.records.journal.rows import from_row
 from markerseek.records.journal.store import Row, checksum, log_of, require_file, require_ours, row_checksum
 
@@ -42,20 +42,24 @@ class Recording:
 
 
 @contextmanager
-def open_journal(path: Path) -> Iterator[sqlite3.Connection]:
+def open_journal(path: Path) -> Iterator[tuple[sqlite3.Connection, RecordError | None]]:
     """Connection to a journal that is not to be changed, nor the log that a dead run left beside it.
+
+    Where that log is damaged, what stands before the damage is read, and what is wrong comes with the connection.
 
     Raises
     ------
     RecordError
-        If there is no such journal, it is in use, or its log is damaged.
+        If there is no such journal, or it is in use.
     """
     with speaking_of(path, verb="read"):
         require_file(path)
         before = _stamps(path)
         try:
-            with closing(connect(path, how=WITH_LOG if _has_commits(path) else FOLDED)) as connection:
-                yield connection
+            good, damage = _log_beside(path)
+            # Where SQLite finds nothing in a log it removes it, which a reader must not do.
+            with closing(connect(path, how=WITH_LOG if good > 0 else FOLDED)) as connection:
+                yield connection, damage
         finally:
             if _stamps(path) != before:
                 raise RecordError(
@@ -64,14 +68,13 @@ def open_journal(path: Path) -> Iterator[sqlite3.Connection]:
                 )
 
 
-def _has_commits(path: Path) -> bool:
-    """Whether the log of a journal that nobody has open holds commits that can be read."""
+def _log_beside(path: Path) -> tuple[int, RecordError | None]:
+    """Number of commits in the log of a journal that nobody has open, and what is wrong with it."""
     log = log_of(path)
     if not log.is_file() or log.stat().st_size == 0:
-        return False
+        return 0, None
     _require_unused(path)
-    # Where SQLite finds nothing in a log it removes it, which a reader must not do.
-    return require_whole_log(log) > 0
+    return look_over(log)
 
 
 def _require_unused(path: Path) -> None:
@@ -141,8 +144,12 @@ def salvage(
     RecordError
         If not even the configuration can be read, or it is newer than this program.
     """
-    with open_journal(path) as connection:
-        return recording(connection, path, frames=frames, see=see)
+    with open_journal(path) as (connection, log_damage):
+        try:
+            held, damage = recording(connection, path, frames=frames, see=see)
+        except RecordError as problem:
+            raise log_damage or problem from None
+    return held, log_damage or damage
 
 
 def recording(

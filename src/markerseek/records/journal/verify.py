@@ -44,8 +44,13 @@ def verify(path: Path) -> Finding:
         If it is no journal at all, is newer than this program, or is in use.
     """
     faults: list[str] = []
-    with open_journal(path) as connection:
-        held, damage = recording(connection, path, frames=False)
+    with open_journal(path) as (connection, log_damage):
+        try:
+            held, damage = recording(connection, path, frames=False)
+        except RecordError as problem:
+            raise log_damage or problem from None
+        if log_damage is not None:
+            faults.append(str(log_damage))
         try:
             with speaking_of(path, verb="read"):
                 complaints = connection.execute(f"PRAGMA integrity_check({_MOST_COMPLAINTS})").fetchall()
