@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import struct
@@ -207,6 +208,26 @@ def test_an_ultrasonix_file_is_described_and_drawn(shell, tmp_path):
     assert (tmp_path / "a.png").exists()
     code, out, _ = shell("frame", tmp_path / "a.b8")
     assert (code, "no channel data" in out) == (0, True)
+
+
+def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_path):
+    usual = Path(__file__).parents[2] / "../shared/data/pa-point-source"
+    frames = sorted(Path(os.environ.get("MARKERSEEK_REAL_FRAMES", usual)).glob("waterbath*.mat"))[:3]
+    if len(frames) < 3:
+        pytest.skip("the public data set is not beside the checkout")
+    for number, frame in enumerate(frames):
+        (tmp_path / "scan").mkdir(exist_ok=True)
+        (tmp_path / "scan" / f"{number}.mat").symlink_to(frame.absolute())
+    code, _, err = shell("bank", "import", tmp_path / "scan", tmp_path / "a.hdf5")
+    assert (code, "40 MHz is taken" in err, "does not name its probe" in err) == (0, True, False)
+    info = json.loads(shell("bank", "info", tmp_path / "a.hdf5", "--json")[1])
+    one = json.loads(shell("frame", frames[round(info["max_deg"])], "--json")[1])
+    assert info["probe"] == "L3-8"
+    assert info["max_intensity"] == pytest.approx(one["intensity"], rel=1e-6)
+    again = ("bank", "import", tmp_path / "a.hdf5", tmp_path / "b.hdf5", "--sampling-mhz")
+    code, _, err = shell(*again, 20)
+    assert (code, "--sampling-mhz is 20, and" in err, "says 40 MHz" in err) == (2, True, True)
+    assert shell(*again, 40)[0] == 0
 
 
 WRONG = [

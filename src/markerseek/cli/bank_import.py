@@ -82,6 +82,11 @@ def command(
     bank = _read(source, first_deg=first_deg, step_deg=step_deg)
     if probe is not None and not isinstance(bank, FrameBank):
         raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
+    held_hz = bank.facts.sampling_hz
+    if sampling_mhz is not None and held_hz is not None and not math.isclose(given["sampling_hz"], held_hz):
+        raise ConfigError(
+            f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
+        )
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
     announce_compilation()
     frames = isinstance(bank, FrameBank)
@@ -90,6 +95,8 @@ def command(
     if frames and bank.facts.sampling_hz is None:
         aside.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
+    if frames and probe is None and bank.facts.probe is None:
+        aside.print(f"[yellow]the recording does not name its probe: {facts.probe} is taken (--probe)[/]")
     with (
         whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,

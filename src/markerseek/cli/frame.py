@@ -78,7 +78,7 @@ def command(
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.ultrasonix import show_ultrasonix
-    from markerseek.records.frame_files import load_frame
+    from markerseek.records.frame_files import MAT_PROBE, load_frame
     from markerseek.records.ultrasonix_files import ULTRASONIX_SUFFIXES
     from markerseek.signals import ImageReader, probe_preset
 
@@ -89,7 +89,7 @@ def command(
         return
     if number != 1:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
-    probe = probe or ("L3-8" if file.suffix.lower() == ".mat" else "BPL9-5/55")
+    probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
     reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
     frame = load_frame(file)
     announce_compilation()

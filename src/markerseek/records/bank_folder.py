@@ -8,8 +8,8 @@ from pathlib import Path
 
 from markerseek.core import ChannelFrame, RecordError
 from markerseek.records.bank_arrays import USUAL_SAMPLING_HZ
-from markerseek.records.banks import FrameBank, require_angles
-from markerseek.records.frame_files import load_frame
+from markerseek.records.banks import BankFacts, FrameBank, require_angles
+from markerseek.records.frame_files import MAT_PROBE, load_frame
 
 _FRAME_FILES = (".mat", ".npy")
 _NAME = re.compile(
@@ -82,7 +82,9 @@ def read_folder(path: Path) -> FolderBank:
         )
     angles = sorted(by_angle)
     require_angles(path, angles)
-    return FolderBank(angles_deg=tuple(angles), places=tuple(by_angle[angle] for angle in angles))
+    places = tuple(by_angle[angle] for angle in angles)
+    facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
+    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts)
 
 
 def _named(place: Path) -> tuple[str, float]:

@@ -143,8 +143,8 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     ----------
     path
         An IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each angle
-        a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), whose name has the angle as its
-        only number (``-12.5``, ``angle_-12.5deg``).
+        a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
+        (``-12.5``, ``angle_-12.5deg``).
 
     Raises
     ------

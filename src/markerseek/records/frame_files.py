@@ -20,6 +20,9 @@ from markerseek.records.banks import HDF5_SUFFIXES
 from markerseek.records.journal.store import is_journal
 from markerseek.wire import sonixdaq
 
+MAT_PROBE = "L3-8"
+"""Preset of the probe of that data set."""
+
 _LARGEST_BYTES = 1 << 30
 
 

@@ -166,7 +166,6 @@ class ReplayReceiver:
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
 
-
     def checkpoint(self) -> bytes:
         """How far the recording has been played back, with the place of the stage, as JSON."""
         state = _ReplayState(angle_deg=self._stage.angle_deg, sequence=self._sequence, dark=self._dark)
