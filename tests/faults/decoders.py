@@ -14,13 +14,13 @@ import numpy as np
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records._mat73 import HEAD_BYTES, is_mat73, unvetted_arrays, walk_arrays
-from markerseek.records.bank_arrays import read_arrays
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.frame_files import load_frame
+from markerseek.records.careful.mat73 import HEAD_BYTES, is_mat73, unvetted_arrays, walk_arrays
 from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc_reading import read_unvetted, walk_frames
-from markerseek.records.ultrasonix_files import open_ultrasonix
+from markerseek.records.ipasc.reading import read_unvetted, walk_frames
+from markerseek.records.recordings.arrays import read_arrays
+from markerseek.records.recordings.frames import load_frame
+from markerseek.records.recordings.ultrasonix import open_ultrasonix
 from markerseek.wire import sonixdaq
 
 _FRAME = np.arange(2 * 6, dtype=np.int16).reshape(2, 6)

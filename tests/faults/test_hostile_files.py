@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 
 from decoders import DECODERS, UNVETTED, outcome, zip_bomb
 from markerseek.core import RecordError
-from markerseek.records._mat73 import walk_arrays
-from markerseek.records._vetting import _walker, vet
 from markerseek.records.banks import read_bank
-from markerseek.records.ipasc_reading import read_unvetted
+from markerseek.records.careful.mat73 import walk_arrays
+from markerseek.records.careful.vetting import _walker, vet
+from markerseek.records.ipasc.reading import read_unvetted
 
 CORPUS = Path(__file__).parent / "corpus"
 VETTED = ("hdf5", "mat73")
@@ -239,7 +239,7 @@ def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
 @pytest.mark.parametrize("decoder", VETTED)
 def test_nothing_is_read_that_was_not_vetted(tmp_path, monkeypatch, decoder):
     name, whole, read = DECODERS[decoder]
-    monkeypatch.setattr("markerseek.records._vetting.sys.executable", "/bin/false")
+    monkeypatch.setattr("markerseek.records.careful.vetting.sys.executable", "/bin/false")
     (tmp_path / name).write_bytes(whole())
     with pytest.raises(RecordError, match="breaks down"):
         read(tmp_path / name)
@@ -256,11 +256,11 @@ def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch, decoder):
     path = tmp_path / name
     path.write_bytes(whole())
     vet(path)
-    monkeypatch.setattr("markerseek.records._vetting.LIMIT_S", 0.01)
+    monkeypatch.setattr("markerseek.records.careful.vetting.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):
         vet(path)
-    monkeypatch.setattr("markerseek.records._vetting.sys.executable", "/bin/false")
-    monkeypatch.setattr("markerseek.records._vetting.LIMIT_S", 60)
+    monkeypatch.setattr("markerseek.records.careful.vetting.sys.executable", "/bin/false")
+    monkeypatch.setattr("markerseek.records.careful.vetting.LIMIT_S", 60)
     with pytest.raises(RecordError, match="breaks down"):
         vet(path)
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from markerseek.core import RecordError
 from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc_reading import IpascBank, read_unvetted
-from markerseek.records.ipasc_whole import whole_bank
+from markerseek.records.ipasc.reading import IpascBank, read_unvetted
+from markerseek.records.ipasc.whole import whole_bank
 from test_ipasc_banks import FACTS, counts, sample
 
 PLANNED, TAKEN = 8, 5

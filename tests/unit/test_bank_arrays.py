@@ -7,9 +7,9 @@ import pytest
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.bank_arrays import ArrayBank, read_arrays
-from markerseek.records.bank_folder import FolderBank
 from markerseek.records.banks import IntensityBank, read_bank
+from markerseek.records.recordings.arrays import ArrayBank, read_arrays
+from markerseek.records.recordings.folder import FolderBank
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
 HEARD = np.array([5.0, 1.0, 3.0, 2.0])

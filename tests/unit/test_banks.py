@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
-from markerseek.records.bank_folder import FolderBank
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.recordings.folder import FolderBank
 from markerseek.records.replay import IntensityReader, ReplayReceiver, ReplayStage
 
 PERMIT = Permit(token="a", angle_deg=0.0, pulses=16, expires_s=1.0)

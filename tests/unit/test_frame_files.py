@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 
 from markerseek.core import RecordError
-from markerseek.records.frame_files import load_frame
+from markerseek.records.recordings.frames import load_frame
 from markerseek.wire import sonixdaq
 
 SAMPLES = 160

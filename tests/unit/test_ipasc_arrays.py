@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
-from markerseek.records.ipasc_array import TOLERANCE, element_row
-from markerseek.records.ipasc_reading import read_unvetted
+from markerseek.records.ipasc.array import TOLERANCE, element_row
+from markerseek.records.ipasc.reading import read_unvetted
 from test_ipasc_banks import ANGLES, FACTS, changed, counts, write
 
 PITCH_M = FACTS.pitch_m

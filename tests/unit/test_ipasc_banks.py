@@ -22,8 +22,8 @@ import pytest
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Reading, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, read_bank
 from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc_fields import DEVICE_IDENTIFIERS, device_identifier
-from markerseek.records.ipasc_reading import IpascBank, read_unvetted
+from markerseek.records.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
+from markerseek.records.ipasc.reading import IpascBank, read_unvetted
 from markerseek.signals.presets import PRESET_NAMES
 
 FIXTURES = Path(__file__).parent / "banks"

@@ -13,9 +13,9 @@ import scipy.io
 from scipy.io import savemat
 
 from markerseek.core import MissingExtraError, RecordError
-from markerseek.records._mat import mat_arrays
-from markerseek.records.bank_arrays import read_arrays
-from markerseek.records.frame_files import load_frame
+from markerseek.records.careful.mat import mat_arrays
+from markerseek.records.recordings.arrays import read_arrays
+from markerseek.records.recordings.frames import load_frame
 
 DATA = Path(__file__).parents[1] / "data"
 MATLABS = Path(scipy.io.__file__).parent / "matlab/tests/data"

@@ -65,8 +65,7 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import require_new_bank
-    from markerseek.records.ipasc_whole import whole_bank
+    from markerseek.records.ipasc import require_new_bank, whole_bank
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
@@ -122,9 +121,9 @@ def _scaled(option: str, value: float | None, unit: float) -> float | None:
 
 
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
-    from markerseek.records.bank_arrays import ARRAY_SUFFIXES, read_arrays
     from markerseek.records.banks import read_bank
     from markerseek.records.journal import is_journal
+    from markerseek.records.recordings.arrays import ARRAY_SUFFIXES, read_arrays
     from markerseek.rigs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)

@@ -153,9 +153,9 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
-    from markerseek.records.bank_folder import read_folder
-    from markerseek.records.intensity_table import read_table
     from markerseek.records.journal.store import is_journal
+    from markerseek.records.recordings.folder import read_folder
+    from markerseek.records.recordings.table import read_table
 
     try:
         if path.is_dir():
@@ -172,7 +172,7 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
             return read_table(path)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
-    from markerseek.records.ipasc_reading import read_ipasc
+    from markerseek.records.ipasc.reading import read_ipasc
 
     return read_ipasc(path)
 

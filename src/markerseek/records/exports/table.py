@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markerseek.records.banks import IntensityBank
 from markerseek.records.exports._new_file import require_new
-from markerseek.records.intensity_table import write_bank
+from markerseek.records.recordings.table import write_bank
 
 
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:

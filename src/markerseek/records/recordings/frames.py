@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.records._mat import load_mat
-from markerseek.records._npy import read_npy
-from markerseek.records._ordinary import ordinary_size
 from markerseek.records.banks import HDF5_SUFFIXES
+from markerseek.records.careful.mat import load_mat
+from markerseek.records.careful.npy import read_npy
+from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.records.journal.store import is_journal
 from markerseek.wire import sonixdaq
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int16, UInt8
 
 from markerseek.core import RecordError
-from markerseek.records._ordinary import ordinary_size
+from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.wire import ultrasonix
 
 ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import RecordError
-from markerseek.records import ipasc_fields as fields
-from markerseek.records._hdf5 import CarefulFile
 from markerseek.records.banks import require_angles
-from markerseek.records.ipasc_sums import row_sum
+from markerseek.records.careful.hdf5 import CarefulFile
+from markerseek.records.ipasc import fields
+from markerseek.records.ipasc.sums import row_sum
 
 _MOST_ANGLES = 1_000_000
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from markerseek.records import ipasc_fields as fields
-from markerseek.records._hdf5 import CarefulFile
 from markerseek.records.banks import BankFacts
+from markerseek.records.careful.hdf5 import CarefulFile
+from markerseek.records.ipasc import fields
 
 _LONGEST_SEED = 100
 

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float64, Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.records._mat import mat_arrays
-from markerseek.records._npy import read_npy, read_npz
-from markerseek.records._ordinary import ordinary_size
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.careful.mat import mat_arrays
+from markerseek.records.careful.npy import read_npy, read_npz
+from markerseek.records.careful.ordinary import ordinary_size
 
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 """Suffixes of files that this module reads."""

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import RecordError
-from markerseek.records import ipasc_fields as fields
-from markerseek.records._hdf5 import CarefulFile
+from markerseek.records.careful.hdf5 import CarefulFile
+from markerseek.records.ipasc import fields
 
 TOLERANCE = 0.01
 """Largest distance of an element from its place in the row, in pitches."""

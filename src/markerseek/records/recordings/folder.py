@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, RecordError
-from markerseek.records.bank_arrays import USUAL_SAMPLING_HZ
 from markerseek.records.banks import BankFacts, FrameBank, require_angles
-from markerseek.records.frame_files import MAT_PROBE, load_frame
+from markerseek.records.recordings.arrays import USUAL_SAMPLING_HZ
+from markerseek.records.recordings.frames import MAT_PROBE, load_frame
 
 _FRAME_FILES = (".mat", ".npy")
 _NAME = re.compile(

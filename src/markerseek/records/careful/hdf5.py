@@ -2,8 +2,8 @@
 
 The library follows links to other files, loads filters, and allocates what a header declares. Here only hard links are
 followed, only the usual compressions are undone, and nothing is read that would take much more memory than the file
-has bytes. The library itself can be made to crash or to hang by damaged bytes, so `markerseek.records._vetting` opens
-a file in a process of its own first.
+has bytes. The library itself can be made to crash or to hang by damaged bytes, so `vetting` opens a file in a process
+of its own first.
 """
 
 from __future__ import annotations

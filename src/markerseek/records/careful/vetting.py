@@ -1,8 +1,8 @@
 """Reads a file of HDF5 in a process of its own first, because the library can crash or hang on damaged bytes.
 
-``python -m markerseek.records._vetting FILE`` does what `ipasc_reading` will do, or `_mat73` with a ``.mat``, under
-limits of time and memory. Only how the process ends counts: a file that is merely wrong is refused again, with its
-reason, by the caller.
+``python -m markerseek.records.careful.vetting FILE`` does what `records.ipasc` will do, or `mat73` with a ``.mat``,
+under limits of time and memory. Only how the process ends counts: a file that is merely wrong is refused again, with
+its reason, by the caller.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _limit(size: int) -> None:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except (ImportError, OSError, ValueError):
         return
-    from markerseek.records._hdf5 import MOST_PER_BYTE
+    from markerseek.records.careful.hdf5 import MOST_PER_BYTE
 
     most = pages * resource.getpagesize() + MOST_PER_BYTE * size + _ROOM_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
@@ -78,10 +78,10 @@ def _main() -> None:
 def _walker(path: Path) -> Callable[[Path], None]:
     """What reads such a file, or as much of it as could do harm."""
     if path.suffix.lower() == ".mat":
-        from markerseek.records._mat73 import walk_arrays
+        from markerseek.records.careful.mat73 import walk_arrays
 
         return walk_arrays
-    from markerseek.records.ipasc_reading import read_unvetted, walk_frames
+    from markerseek.records.ipasc.reading import read_unvetted, walk_frames
 
     return lambda path: walk_frames(read_unvetted(path))
 

@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.records import ipasc_fields as fields
-from markerseek.records._hdf5 import CarefulFile, opened
-from markerseek.records._ordinary import ordinary_size
-from markerseek.records._vetting import vet
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.records.ipasc_array import element_row
-from markerseek.records.ipasc_columns import changed, read_columns, sums_of
-from markerseek.records.ipasc_facts import read_facts
-from markerseek.records.ipasc_sums import frame_sum
+from markerseek.records.careful.hdf5 import CarefulFile, opened
+from markerseek.records.careful.ordinary import ordinary_size
+from markerseek.records.careful.vetting import vet
+from markerseek.records.ipasc import fields
+from markerseek.records.ipasc.array import element_row
+from markerseek.records.ipasc.columns import changed, read_columns, sums_of
+from markerseek.records.ipasc.facts import read_facts
+from markerseek.records.ipasc.sums import frame_sum
 
 _LARGEST_BYTES = 1 << 42
 

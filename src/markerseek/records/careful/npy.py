@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 
 from markerseek.core import RecordError
-from markerseek.records._hdf5 import MOST_PER_BYTE
+from markerseek.records.careful.hdf5 import MOST_PER_BYTE
 
 _HEADER_BYTES = 10_000
 

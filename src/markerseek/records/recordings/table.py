@@ -9,9 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.records._ordinary import ordinary_size
-from markerseek.records.bank_arrays import ARRAY_SUFFIXES
 from markerseek.records.banks import IntensityBank, require_angles
+from markerseek.records.careful.ordinary import ordinary_size
+from markerseek.records.recordings.arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns that a table of intensities must have, named in its first line."""

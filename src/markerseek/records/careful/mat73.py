@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError
-from markerseek.records._hdf5 import MOST_PER_BYTE, CarefulFile
-from markerseek.records._vetting import vet
+from markerseek.records.careful.hdf5 import MOST_PER_BYTE, CarefulFile
+from markerseek.records.careful.vetting import vet
 
 if TYPE_CHECKING:
     import h5py

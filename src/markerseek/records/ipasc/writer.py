@@ -18,14 +18,14 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
-from markerseek.records import ipasc_fields as fields
-from markerseek.records._hdf5 import require_h5py
 from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
-from markerseek.records.ipasc_admission import require_keepable
-from markerseek.records.ipasc_layout import Layout, copy_trimmed, make_file, write_frame
-from markerseek.records.ipasc_place import published, replaced
-from markerseek.records.ipasc_poses import probe_pose
-from markerseek.records.ipasc_sums import frame_sum, row_sum
+from markerseek.records.careful.hdf5 import require_h5py
+from markerseek.records.ipasc import fields
+from markerseek.records.ipasc.admission import require_keepable
+from markerseek.records.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
+from markerseek.records.ipasc.place import published, replaced
+from markerseek.records.ipasc.poses import probe_pose
+from markerseek.records.ipasc.sums import frame_sum, row_sum
 
 if TYPE_CHECKING:
     import h5py

@@ -2,7 +2,7 @@
 
 Written out for the few fields that are needed ("MAT-File Level 5 File Format", The MathWorks), because SciPy's
 reader can be made to crash the interpreter by damaged bytes, and to ask for gigabytes by a file of some kilobytes. The
-tests hold it against SciPy's on whole files. Version 7.3 is another format, read in `markerseek.records._mat73`.
+tests hold it against SciPy's on whole files. Version 7.3 is another format, read in `markerseek.records.careful.mat73`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import RecordError
-from markerseek.records._mat73 import HEAD_BYTES, is_mat73, mat73_arrays
+from markerseek.records.careful.mat73 import HEAD_BYTES, is_mat73, mat73_arrays
 
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _HEADER_BYTES = 128

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc_fields import (
+from markerseek.records.ipasc.fields import (
     ANGLES,
     BY_MEASUREMENT,
     DARK_FRAMES,

@@ -1,0 +1,1 @@
+"""Recordings of other people, as they come: tables, folders, arrays, single frames, Ultrasonix files."""
