@@ -103,7 +103,7 @@ def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
     source = Path("examples/simulated_scan.csv")
     code, out, err = shell("bank", "import", source, tmp_path / "a.hdf5")
     assert code == 0, err
-    assert "intensities only, no channel data: for markerseek and pacfish" in " ".join(out.split())
+    assert "intensities only, no channel data, which markerseek and pacfish read" in " ".join(out.split())
     np.testing.assert_array_equal(
         pacfish.load_data(str(tmp_path / "a.hdf5")).get_custom_meta_datum("intensity"), read_bank(source).intensities
     )
@@ -128,15 +128,18 @@ def test_an_export_has_one_image_for_each_angle(shell, scan, tmp_path, name):
     assert (code, "there is a file already" in err) == (2, True)
 
 
-def test_an_interrupted_scan_stays_readable(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_scan_stays_readable(tmp_path, number):
     path = tmp_path / "a.hdf5"
-    words = ("bank", "scan", str(path), "--step-deg", "0.02")
+    words = ("bank", "scan", str(path), "--step-deg", "0.02", "--json")
     process = subprocess.Popen((*MARKERSEEK, *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while process.poll() is None and angles_in(path) < 3:
         pass
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, err
+    assert json.loads(out) == {"error": f"stopped by {number.name}", "kind": "Stopped", "kept": str(path)}
+    assert "the laser is disarmed" in err
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)
     assert 3 <= len(bank.angles_deg) < 3501
@@ -175,6 +178,7 @@ def test_a_killed_scan_says_how_it_becomes_whole(shell, scan, tmp_path):
 
 def test_a_damaged_frame_is_no_answer_and_its_import_leaves_nothing_behind(shell, scan, tmp_path):
     damaged, to = tmp_path / "damaged.hdf5", tmp_path / "new" / "whole.hdf5"
+    to.parent.mkdir()
     raw = bytearray(scan.read_bytes())
     bank = read_bank(scan)
     assert isinstance(bank, FrameBank)
@@ -231,11 +235,15 @@ def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_
 
 
 WRONG = [
+    (("bank", "scan", "nowhere/a.hdf5"), "there is no folder nowhere; make it, or name another"),
+    (("bank", "import", "good.csv", "nowhere/a.hdf5"), "there is no folder nowhere"),
+    (("bank", "export", "good.csv", "nowhere/a.csv"), "there is no folder nowhere"),
+    (("bank", "export", "good.csv", ".csv"), "the name must end in one of"),
     (("bank", "scan", "a.txt"), r"must end in .hdf5 or .h5"),
     (("bank", "scan", "a.hdf5", "--step-deg", 0), "step_deg is 0 deg, it must lie between"),
     (("bank", "scan", "a.hdf5", "--step-deg", "nan"), "step_deg is nan deg"),
     (("bank", "scan", "a.hdf5", "--step-deg", 60), "step_deg is 60 deg"),
-    (("bank", "scan", "a.hdf5", "--wavelength-nm", -1), "must be positive and finite"),
+    (("bank", "scan", "a.hdf5", "--wavelength-nm", -1), "--wavelength-nm is -1, it must be positive and finite"),
     (("bank", "scan", "a.hdf5", "--rig", "none.toml"), "none.toml"),
     (("bank", "info", "none.hdf5"), "there is no such file or folder"),
     (("bank", "info", "a.csv"), "the column intensity is missing"),

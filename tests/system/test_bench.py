@@ -164,8 +164,8 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
         bare = tmp_path / "bare.toml"
         bare.write_text(devices.rig.read_text().replace(PATIENT, "[supervisor]\nenabled = false\n"))
         for rig, said in ((bare, "WITHOUT a supervisor"), (devices.rig, "stands at 0.000 deg")):
-            code, _, err = shell("search", "--rig", rig, *SEARCH)
-            assert code == 4
+            code, out, err = shell("search", "--rig", rig, *SEARCH)
+            assert (code, json.loads(out)["armed"]) == (4, False)
             assert said in err
             assert "not armed: nothing moved and nothing was fired" in err
         process = subprocess.Popen(

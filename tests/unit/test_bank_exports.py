@@ -29,7 +29,7 @@ TIMES = (35.25, 46.5, 1000.0)
 LATERAL = np.linspace(-4e-3, 4e-3, 9)
 DEPTH = np.linspace(5e-3, 8e-3, 13)
 FACTS = BankFacts(
-    description="simulated rig: a phantom", probe="BPL9-5/55", face_radius_m=10e-3, reference_angle_deg=1.5
+    description="a phantom", probe="BPL9-5/55", face_radius_m=10e-3, reference_angle_deg=1.5, simulated=True
 )
 SERIES = Series(
     angles_deg=ANGLES, times_s=TIMES, clock="rig", order=(0, 1, 2), intensities=(1.0, 2.0, 3.0), facts=FACTS
@@ -111,7 +111,7 @@ def test_what_is_known_stands_in_the_header(sequence):
         if key.startswith("markerseek_")
     }
     expected = {
-        "description": "simulated rig: a phantom",
+        "description": "a phantom",
         "simulated": "true",
         "probe": "BPL9-5/55",
         "face_radius_m": "0.01",
@@ -201,18 +201,6 @@ def test_pulses_are_told_where_they_are_known(tmp_path):
     assert told == [64, 64, 12]
 
 
-@pytest.mark.parametrize(
-    ("facts", "simulated"),
-    [
-        (BankFacts(seed=3), True),
-        (BankFacts(description="journal of x on a simulated rig: y"), True),
-        (BankFacts(), None),
-    ],
-)
-def test_what_is_simulated_is_called_so(facts, simulated):
-    assert replace(SERIES, facts=facts).known.get("simulated") is simulated
-
-
 def test_the_envelope_is_exact(heard):
     for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/envelope"), strict=True):
         assert (image.height, image.width, image.encoding, image.step) == (13, 9, "32FC1", 36)
@@ -286,7 +274,7 @@ def test_the_bank_is_told_once_and_kept_for_who_comes_late(tmp_path, heard):
         bank.items()
         >= {
             "angles": 3,
-            "description": "simulated rig: a phantom",
+            "description": "a phantom",
             "simulated": True,
             "probe": "BPL9-5/55",
             "face_radius_m": 0.01,

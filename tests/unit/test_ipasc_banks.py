@@ -38,6 +38,7 @@ FACTS = BankFacts(
     face_radius_m=10e-3,
     reference_angle_deg=1.25,
     clock_zero_unix_s=1.7e9,
+    simulated=True,
     configuration="0123456789abcdef",
     seed=1 << 70,
     made_with="markerseek 0.0",

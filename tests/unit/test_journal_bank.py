@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,14 @@ def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path)
     assert rig.imaging is not None
     assert (facts.reference_angle_deg, facts.face_radius_m) == (rig.truth_deg, rig.face_radius_m)
     assert (facts.sampling_hz, facts.pitch_m) == (40e6, rig.imaging.preset.array.pitch_m)
+    assert (facts.simulated, facts.seed, facts.configuration) == (True, 3, rig.configuration)
+    assert bank.pulses == (16,) * 6
+    frames = [each.frame for each in lit]
+    assert list(bank.started_s) == [each.header.started_s for each in frames if each is not None]
+    first = read_journal(path).entries[0]
+    assert facts.clock_zero_unix_s is not None
+    began = datetime.fromtimestamp(facts.clock_zero_unix_s + first.clock_s, tz=UTC)
+    assert abs((began - datetime.fromisoformat(first.written)).total_seconds()) < 1e-3
     assert facts.description.startswith("journal of ternary on a simulated rig")
     assert facts.description.endswith(", without 1 at repeated angles")
 

@@ -55,11 +55,12 @@ def command(
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.records.exports import require_new, write_intensities
+    from markerseek.records.exports import write_intensities
+    from markerseek.records.whole_files import require_new
     from markerseek.rigs.bank_images import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
-    if kind is None:
+    if kind is None or to.name.lower() == kind:
         raise ConfigError(f"{to}: the name must end in one of: {', '.join(SUFFIXES)}")
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")

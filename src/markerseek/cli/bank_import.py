@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -69,10 +69,10 @@ def command(
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
-        "sampling_hz": _scaled("--sampling-mhz", sampling_mhz, 1e6),
-        "face_radius_m": _scaled("--face-radius-mm", face_radius_mm, 1e-3),
-        "wavelength_m": _scaled("--wavelength-nm", wavelength_nm, 1e-9),
-        "pulse_energy_j": _scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
+        "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6),
+        "face_radius_m": scaled("--face-radius-mm", face_radius_mm, 1e-3),
+        "wavelength_m": scaled("--wavelength-nm", wavelength_nm, 1e-9),
+        "pulse_energy_j": scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
         "reference_angle_deg": reference_deg,
     }
     if reference_deg is not None and not -360 <= reference_deg <= 360:
@@ -109,15 +109,7 @@ def command(
     else:
         people.print(f"{count} angles of {content} in {escape(str(to))}")
         if not frames:
-            people.print("it holds intensities only, no channel data: for markerseek and pacfish; PATATO needs frames")
-
-
-def _scaled(option: str, value: float | None, unit: float) -> float | None:
-    if value is None:
-        return None
-    if not 0 < value < math.inf:
-        raise ConfigError(f"{option} is {value:g}, it must be positive and finite")
-    return value * unit
+            people.print("it holds intensities only, no channel data, which markerseek and pacfish read")
 
 
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:

@@ -11,7 +11,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
+from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
 from markerseek.core import MarkerseekError, Measured, Refused
 
 NAME = "scan"
@@ -66,6 +67,7 @@ def command(
     require_new_bank(out)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
+    stopped: StoppedBySignal | None = None
     with open_rig(rig, seed=seed) as (assembled, _start_deg):
         angles = scan_angles(assembled, step_deg=step_deg)
         arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
@@ -73,11 +75,11 @@ def command(
             assembled,
             out,
             step_deg=step_deg,
-            wavelength_m=None if wavelength_nm is None else wavelength_nm * 1e-9,
-            pulse_energy_j=None if pulse_energy_mj is None else pulse_energy_mj * 1e-3,
+            wavelength_m=scaled("--wavelength-nm", wavelength_nm, 1e-9),
+            pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
         )
         try:
-            with progress_bar(angles, what="scanning") as progress, closing(events):
+            with stopped_by_signals(), progress_bar(angles, what="scanning") as progress, closing(events):
                 task = progress.task_ids[0]
                 for event in events:
                     if isinstance(event, Measured) and event.role == "search":
@@ -90,9 +92,13 @@ def command(
                     elif isinstance(event, Refused):
                         refused += 1
                         progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+        except StoppedBySignal as stop:
+            stopped = stop
         finally:
             if 0 < taken < angles:
                 _say_what_is_left(out, planned=angles)
+        if stopped is not None:
+            end_stopped(stopped, as_json=as_json, kept=out if taken else None)
     if as_json:
         report = ScanReport(
             path=str(out),

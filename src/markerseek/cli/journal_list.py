@@ -29,7 +29,8 @@ def command(
     from markerseek.records.journal import journals_folder, journals_in, outline, size_with_log
 
     place = folder or journals_folder()
-    paths = journals_in(place)
+    # Before the first search there is no such folder.
+    paths = journals_in(place) if folder is not None or place.exists() else []
     total_bytes = sum(map(size_with_log, paths))
     outlines = [outline(path) for path in paths[-last:]]
     if as_json:

@@ -5,6 +5,7 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator
@@ -46,6 +47,21 @@ def _readable(value: object) -> object:
 def quoted(path: Path) -> str:
     """A path as a shell takes it."""
     return shlex.quote(str(path))
+
+
+def scaled(option: str, value: float | None, unit: float) -> float | None:
+    """Value of an option in SI units; None where it was not given.
+
+    Raises
+    ------
+    ConfigError
+        If it is not positive and finite.
+    """
+    if value is None:
+        return None
+    if not 0 < value < math.inf:
+        raise ConfigError(f"{option} is {value:g}, it must be positive and finite")
+    return value * unit
 
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:

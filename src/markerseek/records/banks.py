@@ -43,6 +43,8 @@ class BankFacts:
         Angle of the marker that is known otherwise, in degrees.
     clock_zero_unix_s
         When the clock of `FrameBank.started_s` read 0, in seconds since 1970.
+    simulated
+        Whether what it holds was never measured.
     configuration
         Fingerprint of the rig that scanned it.
     seed
@@ -61,6 +63,7 @@ class BankFacts:
     face_radius_m: float | None = None
     reference_angle_deg: float | None = None
     clock_zero_unix_s: float | None = None
+    simulated: bool | None = None
     configuration: str | None = None
     seed: int | None = None
     made_with: str | None = None

@@ -49,8 +49,12 @@ def known_facts(
     face_radius_m: float | None,
     truth_deg: float | None,
     reference_deg: float | None,
+    simulated: bool,
+    seed: int | None,
+    configuration: str,
+    clock_zero_unix_s: float,
 ) -> BankFacts:
-    """What is known of frames that an imaging chain reads; of a simulated marker the true angle is the reference."""
+    """What is known of what a rig takes; of a simulated marker the true angle is the reference."""
     preset = None if imaging is None else imaging.preset
     return BankFacts(
         description=description,
@@ -60,6 +64,11 @@ def known_facts(
         pitch_m=None if preset is None else preset.array.pitch_m,
         face_radius_m=face_radius_m,
         reference_angle_deg=reference_deg if truth_deg is None else truth_deg,
+        clock_zero_unix_s=clock_zero_unix_s,
+        simulated=simulated,
+        seed=seed,
+        configuration=configuration,
+        made_with=f"markerseek {__version__}",
     )
 
 
@@ -112,16 +121,12 @@ def scan_bank(
         face_radius_m=rig.face_radius_m,
         truth_deg=rig.truth_deg,
         reference_deg=rig.reference_deg,
-    )
-    facts = replace(
-        facts,
-        wavelength_m=wavelength_m,
-        pulse_energy_j=pulse_energy_j,
-        clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
-        configuration=rig.configuration,
+        simulated=rig.simulated,
         seed=rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None,
-        made_with=f"markerseek {__version__}",
+        configuration=rig.configuration,
+        clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
     )
+    facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     with (

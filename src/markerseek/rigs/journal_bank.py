@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
@@ -53,6 +54,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         If it cannot be read, is damaged, or holds fewer than 3 angles.
     """
     held = read_journal(path)
+    begun_with = held.configuration
     samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
     by_angle = {each.angle_deg: each for each in samples if not each.dark}
     repeated = sum(not each.dark for each in samples) - len(by_angle)
@@ -63,11 +65,15 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         intensities=tuple(each.reading.intensity for each in lit),
         facts=known_facts(
             _imaging(held),
-            description=f"journal of {held.configuration.method} on a {held.configuration.rig} rig: "
-            f"{held.configuration.description}" + (f", without {repeated} at repeated angles" if repeated else ""),
-            face_radius_m=held.configuration.face_radius_m,
-            truth_deg=held.configuration.truth_deg,
-            reference_deg=held.configuration.reference_deg,
+            description=f"journal of {begun_with.method} on a {begun_with.rig} rig: {begun_with.description}"
+            + (f", without {repeated} at repeated angles" if repeated else ""),
+            face_radius_m=begun_with.face_radius_m,
+            truth_deg=begun_with.truth_deg,
+            reference_deg=begun_with.reference_deg,
+            simulated=begun_with.rig == "simulated",
+            seed=begun_with.seed,
+            configuration=begun_with.fingerprint,
+            clock_zero_unix_s=_clock_zero_unix_s(held),
         ),
     )
     if not all(isinstance(each.frame, ChannelFrame) for each in lit):
@@ -80,7 +86,15 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         dark_frames=len(dark),
         samples=lit,
         dark=dark,
+        started_s=tuple(each.frame.header.started_s for each in lit if each.frame is not None),
+        pulses=tuple(each.frame.header.pulses for each in lit if each.frame is not None),
     )
+
+
+def _clock_zero_unix_s(held: Recording) -> float:
+    """When the clock of the run read 0, by the date of its first entry."""
+    first = held.entries[0]
+    return datetime.fromisoformat(first.written).timestamp() - first.clock_s
 
 
 def _imaging(held: Recording) -> ImageReader | None:

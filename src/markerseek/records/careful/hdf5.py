@@ -106,7 +106,7 @@ class CarefulFile:
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
-        self.require_room(8 * item.size, name=name)
+        self.require_room(8 * math.prod(item.shape), name=name)
         return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
 
     def number(self, name: str) -> float | None:

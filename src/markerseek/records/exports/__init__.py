@@ -1,9 +1,8 @@
 """Banks for other people's programs: a sequence for 3D Slicer and PLUS, a log for ROS 2, a table."""
 
-from markerseek.records.exports._new_file import require_new
 from markerseek.records.exports.mcap_log import write_mcap
 from markerseek.records.exports.sequence import write_sequence
 from markerseek.records.exports.series import Series, series_of
 from markerseek.records.exports.table import write_intensities
 
-__all__ = ["Series", "require_new", "series_of", "write_intensities", "write_mcap", "write_sequence"]
+__all__ = ["Series", "series_of", "write_intensities", "write_mcap", "write_sequence"]

@@ -31,10 +31,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from markerseek.core import ConfigError, MissingExtraError, PaImage, RecordError
+from markerseek.core import ConfigError, MissingExtraError, PaImage
 from markerseek.records.exports import _messages as messages
-from markerseek.records.exports._new_file import require_new
 from markerseek.records.exports.series import Series, grid_of, one_for_each
+from markerseek.records.whole_files import new_file
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
@@ -79,21 +79,14 @@ def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, 
         from rosbags.typesys import Stores, get_typestore
     except ImportError as problem:
         raise MissingExtraError(package="rosbags", extra="records", purpose="an export as MCAP") from problem
-    require_new(path)
     count = len(series.angles_deg)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # rosbags writes a folder with the log and a description of it; the log alone is complete.
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            bag = Path(folder) / "bag"
-            with Writer(bag, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
-                each = repeat(None, count) if images is None else one_for_each(path, images, count)
-                _Log(writer, get_typestore(Stores.ROS2_JAZZY)).write(series, each, brightest=brightest)
-            (bag / "bag.mcap").rename(path)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}; name another place") from (
-            problem
-        )
+    # rosbags writes a folder with the log and a description of it; the log alone is complete.
+    with new_file(path) as part, tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        bag = Path(folder) / "bag"
+        with Writer(bag, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
+            each = repeat(None, count) if images is None else one_for_each(path, images, count)
+            _Log(writer, get_typestore(Stores.ROS2_JAZZY)).write(series, each, brightest=brightest)
+        (bag / "bag.mcap").rename(part)
 
 
 class _Log:

@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 
 from markerseek.core import PaImage, RecordError
-from markerseek.records.exports._new_file import new_file
 from markerseek.records.exports.frames import IMAGE_ORIENTATION, image_to_probe, probe_to_probe_home
 from markerseek.records.exports.series import Series, grid_of, one_for_each
+from markerseek.records.whole_files import new_file
 
 MOST_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
@@ -49,7 +49,7 @@ def write_sequence(path: Path, images: Iterator[PaImage], *, series: Series) -> 
         raise RecordError(f"{path}: {count} frames, a sequence holds at most {MOST_FRAMES}; scan coarser")
     each = one_for_each(path, images, count)
     first = next(each)
-    with new_file(path) as file:
+    with new_file(path) as part, part.open("xb") as file:
         file.write(_header(first, series).encode("ascii"))
         for image in chain((first,), each):
             if image.envelope.shape != first.envelope.shape:

@@ -23,8 +23,6 @@ TIMES: dict[Clock, str] = {
 }
 """What times mean, in words."""
 
-_SAID_OF_A_SIMULATION = "simulated rig: "
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
@@ -77,8 +75,7 @@ class Series:
             for name, value in asdict(self.facts).items()
             if value is not None and str(value).strip()
         }
-        simulated = self.facts.seed is not None or _SAID_OF_A_SIMULATION in self.facts.description
-        return facts | ({"simulated": True} if simulated else {}) | {"times": TIMES[self.clock]}
+        return facts | {"times": TIMES[self.clock]}
 
 
 def series_of(

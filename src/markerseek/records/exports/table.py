@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from markerseek.records.banks import IntensityBank
-from markerseek.records.exports._new_file import require_new
 from markerseek.records.recordings.table import write_bank
+from markerseek.records.whole_files import new_file
 
 
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
     """Write intensities over angles in degrees as a new CSV; `RecordError` if it cannot be written."""
-    require_new(path)
-    write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), path)
+    with new_file(path) as part:
+        write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), part)

@@ -30,6 +30,7 @@ def read_facts(file: CarefulFile, *, version: int | None, pitch_m: float | None)
         face_radius_m=_positive(file, fields.FACE_RADIUS),
         reference_angle_deg=file.number(fields.REFERENCE),
         clock_zero_unix_s=_clock_zero_unix_s(file, version),
+        simulated=_truth(file.number(fields.SIMULATED)),
         configuration=file.text(fields.CONFIGURATION),
         seed=_seed(file.text(fields.SEED)),
         made_with=file.text(fields.MADE_WITH),
@@ -40,6 +41,10 @@ def _clock_zero_unix_s(file: CarefulFile, version: int | None) -> float | None:
     if version is None:
         return 0.0 if file.has(fields.TIMES) and file.text(fields.TIMES) is None else None
     return file.number(fields.CLOCK_ZERO)
+
+
+def _truth(number: float | None) -> bool | None:
+    return None if number is None else number != 0
 
 
 def _seed(text: str | None) -> int | None:

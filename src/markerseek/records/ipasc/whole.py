@@ -8,8 +8,8 @@ from pathlib import Path
 
 from markerseek.core import RecordError
 from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc.place import published
 from markerseek.records.ipasc.writer import BankWriter, require_new_bank
+from markerseek.records.whole_files import published
 
 
 @contextmanager

@@ -23,9 +23,9 @@ from markerseek.records.careful.hdf5 import require_h5py
 from markerseek.records.ipasc import fields
 from markerseek.records.ipasc.admission import require_keepable
 from markerseek.records.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
-from markerseek.records.ipasc.place import published, replaced
 from markerseek.records.ipasc.poses import probe_pose
 from markerseek.records.ipasc.sums import frame_sum, row_sum
+from markerseek.records.whole_files import published, replaced, require_new
 
 if TYPE_CHECKING:
     import h5py
@@ -42,7 +42,7 @@ def require_new_bank(path: Path) -> None:
     ConfigError
         If the suffix is another than .hdf5 and .h5.
     RecordError
-        If there is a file already.
+        If there is a file already, or no folder for it.
     MissingExtraError
         If h5py or pacfish is not installed.
     """
@@ -50,8 +50,7 @@ def require_new_bank(path: Path) -> None:
     fields.pacfish_package()
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise ConfigError(f"{path}: the name of a bank must end in {' or '.join(HDF5_SUFFIXES)}")
-    if path.exists():
-        raise RecordError(f"{path}: there is a file already; name another, or delete it")
+    require_new(path)
 
 
 class BankWriter:
@@ -180,7 +179,6 @@ class BankWriter:
             shape=(0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1]),
             sampling_hz=facts.sampling_hz if frame is None else frame.sampling_hz,
         )
-        self._path.parent.mkdir(parents=True, exist_ok=True)
         self._require_room(self._layout.frame_bytes + _ROOM_BYTES)
         with published(self._path) as part:
             make_file(part, self._layout, facts)

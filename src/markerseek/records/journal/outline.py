@@ -89,7 +89,7 @@ def _without(path: Path, problem: RecordError) -> str:
 
 
 def journals_in(folder: Path) -> list[Path]:
-    """Journals of a folder, the newest change last; empty where there is no such folder.
+    """Journals of a folder, the newest change last.
 
     Parameters
     ----------
@@ -99,12 +99,14 @@ def journals_in(folder: Path) -> list[Path]:
     Raises
     ------
     RecordError
-        If it cannot be looked at.
+        If there is no such folder, or it cannot be looked at.
     """
     try:
-        found = [(each.stat().st_mtime_ns, each) for each in folder.glob(f"*{SUFFIX}") if each.is_file()]
-        if folder.exists():
-            next(folder.iterdir(), None)
+        found = [
+            (each.stat().st_mtime_ns, each)
+            for each in folder.iterdir()
+            if each.suffix == SUFFIX and each.is_file() and not each.name.startswith(".")
+        ]
     except OSError as problem:
         raise RecordError(f"{folder}: no journals can be listed: {problem.strerror or problem}; check it") from problem
     return [path for _, path in sorted(found)]

@@ -7,6 +7,8 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
+from markerseek.records.whole_files import sync_folder
+
 
 def data_folder() -> Path:
     """Folder of the user's data of markerseek, as the system has it: ``XDG_DATA_HOME``, or that of macOS or Windows."""
@@ -53,21 +55,4 @@ def make_folder(folder: Path) -> None:
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     for each in reversed(missing):
         each.mkdir(mode=0o700, exist_ok=True)
-        put_on_disk(each.parent)
-
-
-def put_on_disk(folder: Path) -> None:
-    """Flush the names in a folder; a file's own flush does not. Windows keeps them by itself, and has no such call.
-
-    Raises
-    ------
-    OSError
-        If that fails.
-    """
-    if sys.platform == "win32":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        sync_folder(each.parent)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, TypeAlias, TypeVar
+from typing import Literal, TypeVar
 
 import msgspec
-import numpy as np
 
 from markerseek.core import (
     Ambiguous,
@@ -17,13 +16,10 @@ from markerseek.core import (
     Failed,
     Finished,
     Found,
-    Frame,
-    FrameHeader,
     Interval,
     Measured,
     NotFound,
     Reading,
-    ReadingFrame,
     RecordError,
     Refused,
     Role,
@@ -32,6 +28,16 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.records.journal.entries import Checked, Happening, Interrupted, RecordedError, Resuming
+from markerseek.records.journal.frame_rows import (
+    ChannelFrameBody,
+    FrameBody,
+    channel_body,
+    channels_of,
+    counts_of,
+    frame_body,
+    frame_of,
+    is_exact,
+)
 from markerseek.records.journal.plain import plain
 from markerseek.records.result import answer_name
 
@@ -57,43 +63,25 @@ class _AskedBody(msgspec.Struct, frozen=True, kw_only=True):
     angle_deg: float
 
 
-class _ChannelFrameBody(msgspec.Struct, frozen=True, kw_only=True, tag="channels"):
-    """The samples themselves are a blob of little-endian int16, channel after channel."""
-
-    header: FrameHeader
-    sampling_hz: float
-    shape: tuple[int, int]
-
-
-class _ReadingFrameBody(msgspec.Struct, frozen=True, kw_only=True, tag="reading"):
-    header: FrameHeader
-    intensity: float
-    noise_sigma: float | None
-    cells: int | None
-
-
-_FrameBody: TypeAlias = _ChannelFrameBody | _ReadingFrameBody
-
-
 class _MeasuredBody(msgspec.Struct, frozen=True, kw_only=True):
     role: Role
     index: int
     angle_deg: float
     dark: bool
     reading: Reading
-    frame: _FrameBody | None
+    frame: FrameBody | None
 
 
 class _RefusedBody(msgspec.Struct, frozen=True, kw_only=True):
     angle_deg: float
     reason: str
-    frame: _FrameBody | None = None
+    frame: FrameBody | None = None
 
 
 class _CheckedBody(msgspec.Struct, frozen=True, kw_only=True):
     reading: Reading
     difference: str | None
-    frame: _ChannelFrameBody | None = None
+    frame: ChannelFrameBody | None = None
 
 
 class _FinishedBody(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,7 +105,7 @@ def to_row(event: Happening) -> tuple[str, bytes, memoryview | None]:
     RecordError
         If JSON cannot hold the event exactly: a number in it is not finite.
     """
-    if isinstance(event, Refused) and event.frame is not None and not _is_exact(event.frame):
+    if isinstance(event, Refused) and event.frame is not None and not is_exact(event.frame):
         # Its numbers are why it was refused, and the reason names them.
         event = replace(event, frame=None)
     kind, encoded = _encoded(event)
@@ -158,7 +146,7 @@ def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, conf
             return _measured(_decode(body, _MeasuredBody), samples)
         case "refused":
             refused = _decode(body, _RefusedBody)
-            frame = None if refused.frame is None else _frame(refused.frame, samples)
+            frame = None if refused.frame is None else frame_of(refused.frame, samples)
             return Refused(angle_deg=refused.angle_deg, reason=refused.reason, frame=frame)
         case "finished":
             return _finished(_decode(body, _FinishedBody), confirmation)
@@ -171,7 +159,7 @@ def from_row(kind: str, body: bytes, samples: bytes | memoryview | None, *, conf
             return _decode(body, Resuming)
         case "checked":
             checked = _decode(body, _CheckedBody)
-            seen = None if checked.frame is None else _channels(checked.frame, samples)
+            seen = None if checked.frame is None else channels_of(checked.frame, samples)
             return Checked(reading=checked.reading, difference=checked.difference, frame=seen)
     raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
 
@@ -189,11 +177,11 @@ def _body(event: Happening) -> tuple[str, object]:
                 angle_deg=sample.angle_deg,
                 dark=sample.dark,
                 reading=sample.reading,
-                frame=None if sample.frame is None else _frame_body(sample.frame),
+                frame=None if sample.frame is None else frame_body(sample.frame),
             )
             return "measured", body
         case Refused():
-            held = None if event.frame is None else _frame_body(event.frame)
+            held = None if event.frame is None else frame_body(event.frame)
             return "refused", _RefusedBody(angle_deg=event.angle_deg, reason=event.reason, frame=held)
         case Finished(estimate=estimate):
             return "finished", _FinishedBody(
@@ -211,30 +199,8 @@ def _body(event: Happening) -> tuple[str, object]:
         case Resuming():
             return "resuming", event
         case Checked(frame=seen):
-            channels = None if seen is None else _channel_body(seen)
+            channels = None if seen is None else channel_body(seen)
             return "checked", _CheckedBody(reading=event.reading, difference=event.difference, frame=channels)
-
-
-def _frame_body(frame: Frame) -> _FrameBody:
-    if isinstance(frame, ChannelFrame):
-        return _channel_body(frame)
-    return _ReadingFrameBody(
-        header=frame.header, intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells
-    )
-
-
-def _channel_body(frame: ChannelFrame) -> _ChannelFrameBody:
-    channels, samples = frame.samples.shape
-    return _ChannelFrameBody(header=frame.header, sampling_hz=frame.sampling_hz, shape=(channels, samples))
-
-
-def _is_exact(frame: Frame) -> bool:
-    """Whether JSON holds all numbers of a frame but its counts."""
-    body = _frame_body(frame)
-    try:
-        return _decode(msgspec.json.encode(body), type(body)) == body
-    except RecordError:
-        return False
 
 
 def _samples(event: Happening) -> memoryview | None:
@@ -245,33 +211,13 @@ def _samples(event: Happening) -> memoryview | None:
             pass
         case _:
             return None
-    return np.ascontiguousarray(frame.samples, dtype="<i2").data.cast("B") if isinstance(frame, ChannelFrame) else None
+    return counts_of(frame) if isinstance(frame, ChannelFrame) else None
 
 
 def _measured(body: _MeasuredBody, samples: bytes | memoryview | None) -> Measured:
-    frame = None if body.frame is None else _frame(body.frame, samples)
+    frame = None if body.frame is None else frame_of(body.frame, samples)
     sample = Sample(angle_deg=body.angle_deg, reading=body.reading, dark=body.dark, frame=frame)
     return Measured(role=body.role, index=body.index, sample=sample)
-
-
-def _frame(body: _FrameBody, samples: bytes | memoryview | None) -> Frame:
-    if isinstance(body, _ReadingFrameBody):
-        return ReadingFrame(
-            header=body.header, intensity=body.intensity, noise_sigma=body.noise_sigma, cells=body.cells
-        )
-    return _channels(body, samples)
-
-
-def _channels(body: _ChannelFrameBody, samples: bytes | memoryview | None) -> ChannelFrame:
-    channels, length = body.shape
-    if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
-        held = 0 if samples is None else len(samples)
-        raise RecordError(f"a frame of {channels} channels and {length} samples with {held} bytes")
-    counts = np.frombuffer(samples, dtype="<i2").reshape(channels, length).astype(np.int16, copy=False)
-    try:
-        return ChannelFrame(header=body.header, samples=counts, sampling_hz=body.sampling_hz)
-    except ValueError as problem:
-        raise RecordError(f"a frame that is none: {problem}") from problem
 
 
 def _finished(body: _FinishedBody, confirmation: Sample | None) -> Finished:

@@ -15,12 +15,12 @@ from markerseek.core import Failed, Finished, RecordError
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.connection import WRITTEN, connect, speaking_of
 from markerseek.records.journal.entries import Entry, Happening, Interrupted
-from markerseek.records.journal.place import put_on_disk
 from markerseek.records.journal.plain import require_finite
 from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.rows import to_row
 from markerseek.records.journal.store import VERSION, Row, log_of, row_checksum, taken, version_of
 from markerseek.records.journal.tables import encoded, last_row, lay_out, transact
+from markerseek.records.whole_files import sync_folder
 
 
 class Journal:
@@ -71,7 +71,7 @@ class Journal:
                 connection = connect(path, how=WRITTEN)
                 try:
                     first = lay_out(connection, as_json)
-                    put_on_disk(path.parent)
+                    sync_folder(path.parent)
                 except BaseException:
                     connection.close()
                     raise

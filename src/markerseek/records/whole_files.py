@@ -8,11 +8,47 @@ from __future__ import annotations
 
 import os
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from markerseek.core import RecordError
+
+
+def require_new(path: Path) -> None:
+    """Refuse to write where there is something already, or no folder to write into.
+
+    Raises
+    ------
+    RecordError
+        If it is so.
+    """
+    if path.exists():
+        raise _taken(path)
+    if path.parent.is_file():
+        raise RecordError(f"{path}: it cannot be written: {path.parent} is no folder; name another place")
+    if not path.parent.exists():
+        raise RecordError(f"{path}: it cannot be written: there is no folder {path.parent}; make it, or name another")
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """As `published`, of a path that is tried first; a disk that fails becomes a `RecordError`.
+
+    Raises
+    ------
+    RecordError
+        If there is a file already, or it cannot be written.
+    """
+    require_new(path)
+    try:
+        with published(path) as part:
+            yield part
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}; name another place") from (
+            problem
+        )
 
 
 @contextmanager
@@ -26,7 +62,6 @@ def published(path: Path) -> Iterator[Path]:
     OSError
         If the file cannot be made or named.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     with _beside(path) as part:
         yield part
         sync_file(part)
@@ -57,7 +92,7 @@ def sync_file(path: Path) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Have the disk hold the names in a folder before this returns, where the system can do so."""
-    if os.name != "posix":
+    if sys.platform == "win32":
         return
     place = os.open(folder, os.O_RDONLY)
     try:
