@@ -177,7 +177,7 @@ def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("search", "--acquisitions", 1), "acquisitions is 1"),
+        (("search", "--acquisitions", 1), "Invalid value for '--acquisitions'"),
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),
         (("search", "--rig", "nowhere.toml"), "nowhere.toml"),
@@ -201,7 +201,7 @@ def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
         (("frame", "nowhere.npy"), "nowhere.npy"),
         (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
         (("frame", "nowhere.npy", "--probe", "L99"), "L99"),
-        (("frame", "nowhere.npy", "--max-depth-mm", -3), "depth range"),
+        (("frame", "nowhere.npy", "--max-depth-mm", -3), "--max-depth-mm is -3, it must lie between 0 and 1000 mm"),
         (("seek",), "No such command"),
     ],
 )

@@ -69,10 +69,10 @@ def command(
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
-        "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6),
-        "face_radius_m": scaled("--face-radius-mm", face_radius_mm, 1e-3),
-        "wavelength_m": scaled("--wavelength-nm", wavelength_nm, 1e-9),
-        "pulse_energy_j": scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
+        "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
+        "face_radius_m": scaled("--face-radius-mm", face_radius_mm, 1e-3, most=1000),
+        "wavelength_m": scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000),
+        "pulse_energy_j": scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000),
         "reference_angle_deg": reference_deg,
     }
     if reference_deg is not None and not -360 <= reference_deg <= 360:

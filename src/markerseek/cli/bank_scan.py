@@ -75,8 +75,8 @@ def command(
             assembled,
             out,
             step_deg=step_deg,
-            wavelength_m=scaled("--wavelength-nm", wavelength_nm, 1e-9),
-            pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3),
+            wavelength_m=scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000),
+            pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000),
         )
         try:
             with stopped_by_signals(), progress_bar(angles, what="scanning") as progress, closing(events):

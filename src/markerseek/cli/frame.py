@@ -25,6 +25,8 @@ EXAMPLES = (
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
 )
 
+_MOST_MM = 1000.0
+
 
 class OtherArrival(msgspec.Struct, frozen=True, kw_only=True):
     """Another coherent arrival of the same frame."""
@@ -90,6 +92,9 @@ def command(
     if number != 1:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
+    for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
+        if value is not None and not 0 <= value <= _MOST_MM:
+            raise ConfigError(f"{option} is {value:g}, it must lie between 0 and {_MOST_MM:g} mm")
     reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
     frame = load_frame(file)
     announce_compilation()

@@ -5,7 +5,6 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator
@@ -49,18 +48,27 @@ def quoted(path: Path) -> str:
     return shlex.quote(str(path))
 
 
-def scaled(option: str, value: float | None, unit: float) -> float | None:
+def scaled(option: str, value: float | None, unit: float, *, most: float) -> float | None:
     """Value of an option in SI units; None where it was not given.
+
+    Parameters
+    ----------
+    option, value
+        The option, and what was given.
+    unit
+        Its unit in SI units.
+    most
+        Largest value that can be meant, in its own unit.
 
     Raises
     ------
     ConfigError
-        If it is not positive and finite.
+        If it is not positive, or larger.
     """
     if value is None:
         return None
-    if not 0 < value < math.inf:
-        raise ConfigError(f"{option} is {value:g}, it must be positive and finite")
+    if not 0 < value <= most:
+        raise ConfigError(f"{option} is {value:g}, it must be positive and at most {most:g}; check the unit")
     return value * unit
 
 
