@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
-from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError
+from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, standing, verify
 from markerseek.rigs.again import differences, next_angle, reader_again
@@ -25,7 +25,11 @@ def test_a_journal_holds_what_run_reports(whole: Path) -> None:
     assert kinds[0] == "Started"
     assert kinds[-1] == "Finished"
     assert kinds.count("Measured") == kinds.count("Asked") == 3 + ACQUISITIONS
-    assert kinds.count("Refused") >= 3
+    refused = [entry.event for entry in held.entries if isinstance(entry.event, Refused)]
+    assert len(refused) >= 3
+    # The reader of this run refuses by the number of the frame: each of them is kept.
+    numbers = [event.frame.header.sequence for event in refused if event.frame is not None]
+    assert numbers == [4 * count for count in range(1, len(refused) + 1)]
     assert verify(whole).faults == []
     by_kind = {type(entry.event): entry for entry in held.entries}
     assert by_kind[Measured].checkpoint is not None

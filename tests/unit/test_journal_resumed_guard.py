@@ -119,6 +119,18 @@ def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path) -> None
     assert total >= rig.scanner.guard.pulses_permitted
 
 
+def test_refused_acquisitions_were_permitted_as_well(whole: Path) -> None:
+    """Each fourth frame of this run was refused and taken again; dark frames need no pulses."""
+    events = [entry.event for entry in read_journal(whole).entries]
+    lit = [event for event in events if isinstance(event, Measured) and not event.sample.dark]
+    refused = [event for event in events if isinstance(event, Refused)]
+    assert len(refused) >= 3
+    of_dark = [event for event in refused if event.frame is not None and event.frame.header.pulses == 0]
+    assert pulses_before(read_journal(whole).entries, pulses=16, attempts=3) == 16 * (
+        len(lit) + len(refused) - len(of_dark)
+    )
+
+
 def test_a_budget_that_is_used_up_stays_so_behind_a_death(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     run_until(path, lambda rig: None, measured=6)

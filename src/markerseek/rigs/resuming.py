@@ -81,14 +81,14 @@ def resumed(
     events = run(policy, again.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
     with closed_and_kept(events, again.scanner.clock, journal):
         for event in events:
-            if pending:
-                _require_same(event, pending.popleft(), held)
-            else:
-                again.go_on()
+            if not pending:
                 keep(event, again.scanner.clock, rig, journal)
+                yield event
+                continue
+            _require_same(event, pending.popleft(), held)
             yield event
-            if not pending and isinstance(event, Asked | Refused):
-                # What comes next is an acquisition: nothing moves before all that was decided has been compared.
+            if not pending:
+                # Nothing moves before all that was decided has been compared.
                 again.go_on()
 
 
@@ -113,16 +113,12 @@ class _Again:
         self._rig, self._journal, self._held, self._told = rig, journal, held, told
         self._by, self._attempts = by, attempts
         self._state = _last_checkpoint(rig, held) if told else None
-        self._gone_on = False
         self.scanner: Scanner = rig.scanner
         if told:
             self.scanner = Retelling(told, limits=rig.limits, live=rig.scanner, same_clock=self._state is not None)
 
     def go_on(self) -> None:
-        """Note who armed the rig, see that it is as it was, and leave it armed; nothing the second time."""
-        if self._gone_on:
-            return
-        self._gone_on = True
+        """Note who armed the rig, see that it is as it was, and leave it armed."""
         rig, entries = self._rig, self._held.entries
         rig.scanner.guard.charge(pulses_before(entries, pulses=rig.scanner.pulses, attempts=self._attempts))
         self._as_it_was()
