@@ -34,3 +34,13 @@ def test_searches_and_scans_that_are_killed_lose_nothing_and_resume_to_the_same_
     steps = [figures for (_, place), figures in rows.items() if "step" in place]
     assert len(steps) == 12
     assert sum(figures[1] for figures in steps) >= 50
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_search_that_hands_on_before_it_commits_is_found_out(tmp_path: Path) -> None:
+    program = [sys.executable, "-m", "tests.faults.kills.hasty"]
+    there = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run(program, cwd=ROOT, env=there, capture_output=True, text=True, check=True)
+    kills, lost, wrong = map(int, done.stdout.split())
+    assert kills == 12
+    assert 0 < lost <= wrong
