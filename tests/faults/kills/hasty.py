@@ -11,6 +11,7 @@ from markerseek.records.journal import Journal
 from markerseek.rigs import Rig
 from markerseek.rigs.journalled import keep
 from markerseek.scan import run
+
 from .at_steps import at_steps
 
 
