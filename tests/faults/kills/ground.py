@@ -13,7 +13,16 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Measured, RecordError
-from markerseek.records.journal import Checked, Interrupted, Journal, Recording, Resuming, read_journal, result_of
+from markerseek.records.journal import (
+    Checked,
+    Entry,
+    Interrupted,
+    Journal,
+    Recording,
+    Resuming,
+    read_journal,
+    result_of,
+)
 from markerseek.rigs.resuming import resumed
 
 from .processes import MismatchError
@@ -23,12 +32,15 @@ from .tally import Row, Tally
 Happened = list[tuple[object, float, bytes]]
 
 
+def told_entries(held: Recording) -> list[Entry]:
+    """Entries of what was handed on; the others tell how it was interrupted and resumed."""
+    return [entry for entry in held.entries if not isinstance(entry.event, Interrupted | Resuming | Checked)]
+
+
 def happened(held: Recording) -> Happened:
     """What a run did, without what only a resumed one holds: event, time, and samples of the frame."""
     rows = []
-    for entry in held.entries:
-        if isinstance(entry.event, Interrupted | Resuming | Checked):
-            continue
+    for entry in told_entries(held):
         frame = entry.event.sample.frame if isinstance(entry.event, Measured) else None
         samples = getattr(frame, "samples", np.empty(0, dtype=np.int16))
         rows.append((entry.event, entry.clock_s, samples.tobytes()))
