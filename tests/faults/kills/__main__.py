@@ -72,7 +72,8 @@ def carried_out(todo: list[Job], *, workers: int, folder: str) -> Tally:
     with ProcessPoolExecutor(workers, mp_context=context, initializer=work_in, initargs=(folder,)) as pool:
         for number, done in enumerate(as_completed([pool.submit(job) for job in todo]), start=1):
             tally.add(done.result())
-            sys.stderr.write(f"\r{number} of {len(todo)}, {len(tally.wrong)} wrong")
+            sys.stderr.write(f"\r{number} of {len(todo)} done, {len(tally.wrong)} wrong")
+            sys.stderr.flush()
     sys.stderr.write("\n")
     return tally
 

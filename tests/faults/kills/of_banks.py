@@ -154,7 +154,7 @@ def at_every_write(step: str, every: int) -> Tally:
         with watched(tally, path, f"{KIND}, {step}, killed at write {number}"):
             end = killed_at_write(partial(_scan, path, STEPS[step]), number)
             if not end.killed:
-                require_well(end, 0, 130)
+                require_well(end, 130 if "stop_after" in STEPS[step] else 0)
                 forget(path)
                 break
             system_call = end.place.replace("d", "", _dark_told(end))

@@ -169,6 +169,8 @@ def _watching_arming() -> None:
 
 def _command(words: Sequence[str], out: Path, *, told: int) -> None:
     sys.argv = ["markerseek", *words]
+    # Under nohup it would be ignored, and so would Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream, name in ((sys.stdout, "out"), (sys.stderr, "err")):
         place = os.open(f"{out}.{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         stream.flush()
