@@ -1,0 +1,88 @@
+"""The steps of a search, and how a process dies at the n-th of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+from collections.abc import Callable
+from typing import Any, Literal
+from unittest import mock
+
+from markerseek.core import Policy
+from markerseek.rigs import Rig
+
+_VERBS = {
+    "move_to": "stage moves",
+    "stop": "stage stops",
+    "fire": "laser fires",
+    "disarm": "laser is disarmed",
+    "arm": "receiver is armed",
+    "acquire": "frame is taken",
+    "read": "frame is read",
+    "tell": "policy is told",
+}
+
+
+class Fuse:
+    """Kills this process at the n-th step, and tells those outside at which.
+
+    Parameters
+    ----------
+    blows_at
+        Number of that step, from 1; None: it never dies.
+    told
+        Pipe to those outside; what is written there has no dot, which stands for an event.
+    """
+
+    def __init__(self, blows_at: int | None, *, told: int) -> None:
+        self.steps = 0
+        self._blows_at = blows_at
+        self._told = told
+
+    def step(self, what: str, when: Literal["before", "after"]) -> None:
+        """Count one step, and die if it is the one."""
+        self.steps += 1
+        if self.steps == self._blows_at:
+            os.write(self._told, f"{when}: {what}".encode())
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def around(self, call: Callable[..., Any], what: str) -> Callable[..., Any]:
+        """A call with a step before and one after."""
+
+        def fused(*args: Any, **named: Any) -> Any:
+            self.step(what, "before")
+            answer = call(*args, **named)
+            self.step(what, "after")
+            return answer
+
+        return fused
+
+    def into(self, policy: Policy, rig: Rig) -> None:
+        """Put it around everything that a search does."""
+        for part, verbs in (
+            (rig.stage, ("move_to", "stop")),
+            (rig.laser, ("fire", "disarm")),
+            (rig.receiver, ("arm", "acquire")),
+            (rig.scanner._reader, ("read",)),
+            (policy, ("tell",)),
+        ):
+            for verb in verbs:
+                setattr(part, verb, self.around(getattr(part, verb), _VERBS[verb]))
+
+
+def fused_sqlite(fuse: Fuse) -> mock._patch[Any]:
+    """SQLite whose every statement is two steps."""
+
+    class Connection(sqlite3.Connection):
+        def execute(self, sql: str, *args: Any) -> Any:
+            folds = "wal_checkpoint" in sql
+            return fuse.around(
+                super().execute, "SQLite folds the log" if folds else f"SQLite {sql.split(maxsplit=1)[0]}"
+            )(sql, *args)
+
+        def close(self) -> None:
+            fuse.around(super().close, "SQLite closes")()
+
+    connect = sqlite3.connect
+    return mock.patch("sqlite3.connect", lambda *args, **named: connect(*args, factory=Connection, **named))

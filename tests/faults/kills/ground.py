@@ -1,0 +1,167 @@
+"""What each search holds that nobody killed, and whether one that died and was resumed holds the same."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from markerseek.core import Measured, RecordError
+from markerseek.records.journal import (
+    Checked,
+    Entry,
+    Interrupted,
+    Journal,
+    Recording,
+    Resuming,
+    read_journal,
+    result_of,
+)
+from markerseek.rigs.resuming import resumed
+
+from .processes import MismatchError
+from .searches import PERSON, SEARCHES, Search, arming_watched
+from .tally import Row, Tally
+
+Happened = list[tuple[object, float, bytes]]
+
+
+def told_entries(held: Recording) -> list[Entry]:
+    """Entries of what was handed on; the others tell how it was interrupted and resumed."""
+    return [entry for entry in held.entries if not isinstance(entry.event, Interrupted | Resuming | Checked)]
+
+
+def happened(held: Recording) -> Happened:
+    """What a run did, without what only a resumed one holds: event, time, and samples of the frame."""
+    rows = []
+    for entry in told_entries(held):
+        frame = entry.event.sample.frame if isinstance(entry.event, Measured) else None
+        samples = getattr(frame, "samples", np.empty(0, dtype=np.int16))
+        rows.append((entry.event, entry.clock_s, samples.tobytes()))
+    return rows
+
+
+@cache
+def folder() -> Path:
+    """Where this process keeps its journals."""
+    return Path(tempfile.mkdtemp(prefix="kills-"))
+
+
+_numbers = iter(range(1, 1 << 62))
+
+
+def new_path(suffix: str = ".journal") -> Path:
+    """A name that was not used before."""
+    return folder() / f"{next(_numbers)}{suffix}"
+
+
+def copy_of(path: Path) -> Path:
+    """A journal once more, with the log that a death left beside it."""
+    copied = new_path()
+    for part in path.parent.glob(f"{path.name}*"):
+        shutil.copyfile(part, f"{copied}{part.name.removeprefix(path.name)}")
+    return copied
+
+
+def forget(path: Path) -> None:
+    """Remove a journal and whatever lies beside it."""
+    for left in path.parent.glob(f"{path.name}*"):
+        left.unlink()
+
+
+def begun(path: Path) -> bool:
+    """Whether the configuration was committed; before that no run exists that could be resumed."""
+    if not path.exists():
+        return False
+    try:
+        read_journal(path, frames=False)
+    except RecordError as problem:
+        if "never begun" in str(problem) or "it is empty" in str(problem):
+            return False
+        raise
+    return True
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A search that nobody killed."""
+
+    steps: int
+    result: bytes
+    happened: Happened
+    log_bytes: int
+
+
+@cache
+def whole(name: str) -> Whole:
+    """What a search holds at its end, lived through in this process."""
+    path = new_path()
+    sizes: list[int] = []
+    close = Journal.close
+
+    def measured_close(journal: Journal) -> None:
+        sizes.append(Path(f"{path}-wal").stat().st_size)
+        close(journal)
+
+    Journal.close = measured_close  # type: ignore[method-assign]
+    try:
+        with Path(os.devnull).open("wb") as nobody:
+            steps = SEARCHES[name].live(path, told=nobody.fileno(), blows_at=None, resume=False)
+    finally:
+        Journal.close = close  # type: ignore[method-assign]
+    held = read_journal(path)
+    forget(path)
+    return Whole(
+        steps=steps,
+        result=msgspec.json.encode(result_of(held)[1]),
+        happened=happened(held),
+        log_bytes=max(sizes),
+    )
+
+
+def went_on(search: Search, path: Path, *, told: int, row: Row, tally: Tally) -> None:
+    """Look at what a death left, go on from it in this process, and compare; counted in a row.
+
+    Raises
+    ------
+    MismatchError
+        If anything but the whole search comes out.
+    """
+    row.kills += 1
+    row.acknowledged += told
+    if told == 0 and not begun(path):
+        forget(path)
+        return
+    row.begun += 1
+    wanted = whole(search.name).happened
+    kept = happened(read_journal(path))
+    row.lost += max(told - len(kept), 0)
+    if told > len(kept):
+        raise MismatchError(f"{told} events were acknowledged, {len(kept)} are kept")
+    if kept != wanted[: len(kept)]:
+        raise MismatchError("what is kept is not what happened")
+    if len(kept) < len(wanted):
+        policy, rig, _ = search.begin()
+        journal, held = Journal.reopen(path)
+        with journal, arming_watched(rig):
+            for _ in resumed(policy, rig, journal, held, by=PERSON):
+                pass
+        tally.note("resumes in which nothing moved or fired before a person armed the rig")
+    require_whole(path, wanted, whole(search.name).result)
+    row.equal += 1
+    forget(path)
+
+
+def require_whole(path: Path, wanted: Happened, result: bytes) -> None:
+    """Refuse a journal that does not hold just what the run holds that nobody killed."""
+    held = read_journal(path)
+    if happened(held) != wanted:
+        raise MismatchError("the resumed search is not the one that nobody killed")
+    if msgspec.json.encode(result_of(held)[1]) != result:
+        raise MismatchError("the result of the resumed search differs")

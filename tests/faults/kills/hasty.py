@@ -1,0 +1,28 @@
+"""Kills searches that hand an event on before it is on the disk, and prints what was found to be lost."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from unittest import mock
+
+from markerseek.core import Event, Policy
+from markerseek.records.journal import Journal
+from markerseek.rigs import Rig
+from markerseek.rigs.journalled import keep
+from markerseek.scan import run
+
+from .at_steps import at_steps
+
+
+def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
+    for event in run(policy, rig.scanner, dark_frames=journal.configuration.dark_frames):
+        yield event
+        keep(event, rig.scanner.clock, rig, journal)
+
+
+if __name__ == "__main__":
+    with mock.patch("tests.faults.kills.searches.journalled", hasty):
+        tally = at_steps("intensities", range(60, 400, 30))
+    row = tally.row("intensities", "every step")
+    sys.stdout.write(f"{row.kills} {row.lost} {len(tally.wrong)}\n")

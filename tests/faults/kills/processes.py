@@ -1,0 +1,206 @@
+"""Work in processes of its own, which die, and what they told before."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import select
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from unittest import mock
+
+from markerseek.cli import main
+from markerseek.records.result import Recorder
+
+from .searches import arming_watched
+
+
+class MismatchError(AssertionError):
+    """Something that must hold does not."""
+
+
+@dataclass(frozen=True)
+class End:
+    """How a process ended.
+
+    Attributes
+    ----------
+    told
+        Events that it acknowledged before: bytes that those outside had read.
+    place
+        Where a fuse killed it; empty for any other death.
+    killed
+        Whether it was killed.
+    code
+        Its exit code otherwise.
+    first_s, took_s
+        Seconds from its beginning to the first event that it acknowledged, and to its end.
+    """
+
+    told: int
+    place: str
+    killed: bool
+    code: int
+    first_s: float
+    took_s: float
+
+
+@dataclass(frozen=True)
+class Death:
+    """When a process is killed: so many seconds after it has told of so many events."""
+
+    events: int
+    then_s: float
+
+
+@dataclass(frozen=True)
+class Lifetime:
+    """How long a process lives that nobody kills, and how many events it tells of."""
+
+    events: int
+    first_s: float
+    took_s: float
+
+    def death(self, chance: random.Random) -> Death:
+        """A random moment of it: before the first event, or at any time between two."""
+        events = chance.randrange(self.events)
+        between_s = (self.took_s - self.first_s) / self.events
+        then_s = chance.uniform(0.7, 1.0) * self.first_s if events == 0 else chance.uniform(0.0, 1.2) * between_s
+        return Death(events, then_s)
+
+
+def in_a_process(work: Callable[..., object], *, death: Death | None = None) -> End:
+    """Do work in a forked process, and kill it from outside, if it lives that long."""
+    receiving, telling = os.pipe()
+    began_s = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        os.close(receiving)
+        _work_and_exit(work, telling)
+    os.close(telling)
+    heard, first_s = listen(receiving, child, death)
+    _, status = os.waitpid(child, 0)
+    return ended(heard, status, first_s=first_s, took_s=time.monotonic() - began_s)
+
+
+def listen(receiving: int, child: int, death: Death | None) -> tuple[bytes, float]:
+    """What a process tells until its end, and the seconds to the first of it; it is killed when its time has come."""
+    began_s = time.monotonic()
+    heard, first_s, due_s = b"", math.inf, math.inf
+    while True:
+        if death is not None and due_s == math.inf and len(heard) >= death.events:
+            due_s = time.monotonic() + death.then_s
+        left_s = None if due_s == math.inf else max(due_s - time.monotonic(), 0.0)
+        if not select.select([receiving], [], [], left_s)[0]:
+            os.kill(child, signal.SIGKILL)
+            death, due_s = None, math.inf
+        elif data := os.read(receiving, 65536):
+            heard += data
+            first_s = min(first_s, time.monotonic() - began_s)
+        else:
+            os.close(receiving)
+            return heard, first_s
+
+
+def ended(heard: bytes, status: int, *, first_s: float = math.inf, took_s: float) -> End:
+    """What is known of a process that ended, from what it told and its status."""
+    return End(
+        told=heard.count(b"."),
+        place=heard.replace(b".", b"").decode(),
+        killed=os.WIFSIGNALED(status),
+        code=os.WEXITSTATUS(status) if os.WIFEXITED(status) else -1,
+        first_s=first_s,
+        took_s=took_s,
+    )
+
+
+def _work_and_exit(work: Callable[..., object], telling: int) -> None:
+    code = 99
+    try:
+        work(told=telling)
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0
+    except BaseException:  # noqa: BLE001  a forked process must not run on in its parent's work
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def require_well(end: End, *codes: int) -> None:
+    """Refuse a process that ended by itself, with another exit code than these."""
+    if not end.killed and end.code not in codes:
+        raise MismatchError(f"a process ended by itself with exit code {end.code}")
+
+
+def telling_events(told: int) -> None:
+    """Have every command in this process write a byte for each event that the journal has handed on."""
+    hear = Recorder.hear
+
+    def telling(self: Recorder, event: object) -> None:
+        os.write(told, b".")
+        hear(self, event)  # type: ignore[arg-type]
+
+    mock.patch.object(Recorder, "hear", telling).start()
+
+
+def _watching_arming() -> None:
+    from markerseek.rigs import again
+
+    rig_again = again.rig_again
+
+    def watched(*args: object) -> object:
+        rig = rig_again(*args)  # type: ignore[arg-type]
+        arming_watched(rig).__enter__()
+        return rig
+
+    mock.patch.object(again, "rig_again", watched).start()
+
+
+def _command(words: Sequence[str], out: Path, *, told: int) -> None:
+    sys.argv = ["markerseek", *words]
+    # Under nohup it would be ignored, and so would Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for stream, name in ((sys.stdout, "out"), (sys.stderr, "err")):
+        place = os.open(f"{out}.{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        stream.flush()
+        os.dup2(place, {"out": 1, "err": 2}[name])
+    telling_events(told)
+    _watching_arming()
+    main()
+
+
+def warm(*words: object) -> None:
+    """Let a command load in this process whatever it loads, so that no forked one has to do so before it begins."""
+    with (
+        mock.patch.object(sys, "argv", ["markerseek", *map(str, words)]),
+        redirect_stdout(StringIO()),
+        redirect_stderr(StringIO()),
+        suppress(SystemExit),
+    ):
+        main()
+
+
+def command(*words: object, out: Path, death: Death | None = None, before: Callable[[int], None] | None = None) -> End:
+    """`markerseek` in a process of its own; what it prints lies at OUT.out and OUT.err.
+
+    The process is forked from this one, which has imported everything: what is killed is the command, not the start of
+    Python. `before` is called in it, with the pipe to those outside.
+    """
+
+    def work(*, told: int) -> None:
+        if before is not None:
+            before(told)
+        _command([str(word) for word in words], out, told=told)
+
+    return in_a_process(work, death=death)

@@ -1,0 +1,179 @@
+"""The searches that are killed again and again: on intensities, on frames, and on the frames of a recorded scan.
+
+Each refuses some frames and takes them again, so that refusals are part of what is resumed.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from markerseek import rigs
+from markerseek.acoustics import Probe
+from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader, Reading
+from markerseek.records.banks import read_bank
+from markerseek.records.journal import Configuration, Journal
+from markerseek.rigs import Rig
+from markerseek.rigs.bank_scan import scan_bank
+from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.resuming import resumed
+from markerseek.search import build
+from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
+
+from .fuse import Fuse, fused_sqlite
+
+SEED = 7
+MARKER_DEG = 6.3
+PERSON = "the campaign"
+
+REFUSED_EVERY = 4
+"""Every so many frames one is refused."""
+
+SMALL = SimulatedSettings(
+    probe=Probe(array=LinearArray(elements=32, pitch_m=0.43e-3)), receiver=ReceiverSettings(samples=2080)
+)
+
+
+class Moody:
+    """A reader that refuses some frames by their number."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    def read(self, frame: Frame) -> Reading:
+        if frame.header.sequence % REFUSED_EVERY == 0:
+            raise AcquisitionError(f"frame {frame.header.sequence} is refused by this test")
+        return self._reader.read(frame)
+
+
+@dataclass(frozen=True)
+class Search:
+    """One search: a method on a rig."""
+
+    name: str
+    method: str
+    acquisitions: int
+    rig: Callable[[], Rig]
+
+    def begin(self) -> tuple[Policy, Rig, Configuration]:
+        """Policy, rig and what a journal says of them, as they are before the search."""
+        rig = self.rig()
+        rig.scanner._reader = Moody(rig.scanner._reader)
+        start_deg = rig.stage.angle_deg
+        policy = build(self.method, limits=rig.limits.search, acquisitions=self.acquisitions, start_deg=start_deg)
+        configuration = configuration_of(
+            rig,
+            method=self.method,
+            acquisitions=self.acquisitions,
+            as_published=False,
+            start_deg=start_deg,
+            dark_frames=rig.dark_frames,
+            stay=False,
+            seed=SEED,
+        )
+        return policy, rig, configuration
+
+    def live(self, journal: Path, *, told: int, blows_at: int | None, resume: bool) -> int:
+        """Begin or resume it in this process, and write a byte for each event that was handed on; its steps."""
+        policy, rig, configuration = self.begin()
+        fuse = Fuse(blows_at, told=told)
+        fuse.into(policy, rig)
+        with fused_sqlite(fuse), arming_watched(rig) if resume else ExitStack():
+            if resume:
+                kept, held = Journal.reopen(journal)
+                events = resumed(policy, rig, kept, held, by=PERSON)
+            else:
+                kept = Journal.create(journal, configuration)
+                events = journalled(policy, rig, kept)
+            with kept:
+                for _ in events:
+                    os.write(told, b".")
+                    fuse.step("event handed on", "after")
+        return fuse.steps
+
+
+@cache
+def recorded_frames() -> Path:
+    """A bank of a few frames with dark frames before, made once in each process that replays it."""
+    bank = Path(tempfile.mkdtemp(prefix="kills-bank-")) / "scan.hdf5"
+    rig = rigs.simulated(seed=SEED, settings=SMALL, marker_deg=MARKER_DEG)
+    for _ in scan_bank(rig, bank, step_deg=3.5):
+        pass
+    return bank
+
+
+_read_once = cache(read_bank)
+
+
+def replayed_frames() -> Rig:
+    """A rig that plays it back; that the file does no harm is found out once in each process, and not each time."""
+    with mock.patch("markerseek.rigs.replay.read_bank", _read_once):
+        return rigs.replayed(recorded_frames())
+
+
+SEARCHES = {
+    search.name: search
+    for search in (
+        Search(
+            name="intensities",
+            method="golden-section",
+            acquisitions=10,
+            rig=lambda: rigs.of_intensities(seed=SEED, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=MARKER_DEG),
+        ),
+        Search(
+            name="frames",
+            method="ternary",
+            acquisitions=6,
+            rig=lambda: rigs.simulated(seed=SEED, settings=SMALL, marker_deg=MARKER_DEG),
+        ),
+        Search(
+            name="replayed frames",
+            method="ternary",
+            acquisitions=6,
+            rig=replayed_frames,
+        ),
+    )
+}
+
+
+@contextmanager
+def arming_watched(rig: Rig) -> Iterator[None]:
+    """Nothing moves and nothing is fired before a person armed the rig; a world that is put back does not move."""
+    guard, armed, putting_back = rig.scanner.guard, [], []
+    arm, fire, move_to = guard.arm, rig.laser.fire, rig.stage.move_to
+
+    def after_arming(verb: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(*arguments: Any) -> Any:
+            assert armed or putting_back, "the rig moved or fired before anybody armed it"
+            return verb(*arguments)
+
+        return watched
+
+    def watched_arm(*, by: str) -> None:
+        if by != "a rig without hardware":
+            armed.append(by)
+        arm(by=by)
+
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(guard, "arm", watched_arm))
+        stack.enter_context(mock.patch.object(rig.laser, "fire", after_arming(fire)))
+        stack.enter_context(mock.patch.object(rig.stage, "move_to", after_arming(move_to)))
+        if rig.world is not None:
+            restore = rig.world.restore
+
+            def put_back(state: bytes) -> None:
+                putting_back.append(state)
+                restore(state)
+                putting_back.clear()
+
+            # The world of a simulation has slots, and its stage is put back without a move.
+            if rig.kind == "replayed":
+                stack.enter_context(mock.patch.object(rig.world, "restore", put_back))
+        yield
