@@ -24,7 +24,7 @@ import numpy as np
 from markerseek.core import Event, Measured, RecordError
 from markerseek.records.banks import FrameBank
 from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc_reading import IpascBank, read_unvetted
+from markerseek.records.ipasc.reading import IpascBank, read_unvetted
 from markerseek.rigs import bank_scan
 
 from .at_times import rig_file
