@@ -17,11 +17,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from made_up_banks import FACTS, counts, sample
 from markerseek.core import RecordError
 from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc.reading import IpascBank, read_unvetted
 from markerseek.records.ipasc.whole import whole_bank
-from test_ipasc_banks import FACTS, counts, sample
 
 PLANNED, TAKEN = 8, 5
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,61 +10,18 @@ import tracemalloc
 import uuid
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pacfish
 import pytest
 
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Reading, RecordError, Sample
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, read_bank
+from made_up_banks import ANGLES, FACTS, counts, sample, write
+from markerseek.core import RecordError
+from markerseek.records.banks import IntensityBank, read_bank
 from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
-from markerseek.records.ipasc.reading import IpascBank, read_unvetted
+from markerseek.records.ipasc.reading import IpascBank
 from markerseek.signals.presets import PRESET_NAMES
-
-FIXTURES = Path(__file__).parent / "banks"
-FACTS = BankFacts(
-    description="a simulated scan",
-    probe="BPL9-5/55",
-    sampling_hz=40e6,
-    sound_speed_m_s=1540.0,
-    pitch_m=0.43e-3,
-    wavelength_m=760e-9,
-    pulse_energy_j=2e-3,
-    face_radius_m=10e-3,
-    reference_angle_deg=1.25,
-    clock_zero_unix_s=1.7e9,
-    simulated=True,
-    configuration="0123456789abcdef",
-    seed=1 << 70,
-    made_with="markerseek 0.0",
-)
-
-
-def counts(seed, shape=(8, 50)):
-    return np.random.default_rng(seed).integers(-2048, 2048, shape).astype(np.int16)
-
-
-def sample(angle_deg, *, seed=0, dark=False, shape=(8, 50), frame=True):
-    header = FrameHeader(
-        sequence=seed + 1, token="a", pulses=0 if dark else 16, commanded_deg=angle_deg, started_s=seed * 2.0, ended_s=0
-    )
-    channel = ChannelFrame(header=header, samples=counts(seed, shape), sampling_hz=40e6) if frame else None
-    return Sample(angle_deg=angle_deg, reading=Reading(intensity=100.0 + seed), dark=dark, frame=channel)
-
-
-ANGLES = (4.0, 2.0, 0.5, -1.0)
-
-
-def write(path, *, planned=4, taken=4, facts=FACTS, frame=True):
-    with BankWriter(path, angles=planned, dark_frames=2, facts=facts) as writer:
-        for seed in (8, 9):
-            writer.add(sample(0.0, seed=seed, dark=True, frame=frame))
-        for seed, angle in enumerate(ANGLES[:taken]):
-            writer.add(sample(angle, seed=seed, frame=frame))
-    return path
 
 
 def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
@@ -133,7 +88,7 @@ def test_a_scan_that_ended_early_is_cut_to_what_was_taken(tmp_path, planned):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-import test_ipasc_banks as here
+import made_up_banks as here
 from markerseek.records.ipasc import BankWriter
 from pathlib import Path
 from types import SimpleNamespace
@@ -180,227 +135,3 @@ def test_a_bank_of_intensities_has_no_frames(tmp_path):
     data = pacfish.load_data(str(tmp_path / "a.hdf5"))
     assert (data.binary_time_series_data.size, data.get_number_of_detectors()) == (0, 0)
     assert data.get_detector_position() is None
-
-
-def test_version_0_is_somebody_elses_and_read():
-    bank = read_bank(FIXTURES / "v0.hdf5")
-    assert isinstance(bank, FrameBank)
-    assert bank.angles_deg == (-1.5, 0.0, 1.5, 3.0)
-    np.testing.assert_array_equal(bank.frame(2).samples, counts(2, (2, 6)))
-    assert (bank.intensities, bank.dark_frames) == ((), 0)
-    assert bank.facts == BankFacts(sampling_hz=40e6)
-    assert np.isnan(bank.started_s).all()
-    assert np.isnan(bank.frame(0).header.started_s)
-
-
-def test_version_1_is_read():
-    bank = read_bank(FIXTURES / "v1.hdf5")
-    assert isinstance(bank, FrameBank)
-    assert bank.angles_deg == ANGLES[::-1]
-    assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
-    np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
-    np.testing.assert_array_equal(bank.dark_frame(0).samples, counts(8, (2, 6)))
-    assert bank.facts.reference_angle_deg == 1.25
-    assert bank.facts.pitch_m == pytest.approx(0.43e-3)
-    assert (bank.facts.wavelength_m, bank.facts.face_radius_m) == (760e-9, 10e-3)
-    assert (bank.started_s, bank.facts.clock_zero_unix_s) == ((6.0, 4.0, 2.0, 0.0), None)
-
-
-def test_version_2_is_read():
-    bank = read_bank(FIXTURES / "v2.hdf5")
-    assert isinstance(bank, FrameBank)
-    assert bank.angles_deg == ANGLES[::-1]
-    assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
-    np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
-    for index, seed in enumerate((8, 9)):
-        np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
-    # The fixture was written before a bank said whether it was simulated.
-    assert replace(bank.facts, pitch_m=FACTS.pitch_m, simulated=True) == FACTS
-    assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
-
-
-def test_times_of_version_1_that_nobody_told_are_not_made_up(tmp_path):
-    shutil.copy(FIXTURES / "v1.hdf5", tmp_path / "a.hdf5")
-    bank = read_unvetted(changed(tmp_path / "a.hdf5", put("meta_data/measurement_timestamps", np.zeros(4))))
-    assert isinstance(bank, FrameBank)
-    assert np.isnan(bank.started_s).all()
-    assert np.isnan(bank.frame(0).header.started_s)
-
-
-def test_times_of_somebody_else_count_from_1970(tmp_path):
-    shutil.copy(FIXTURES / "v0.hdf5", tmp_path / "a.hdf5")
-
-    def change(file):
-        file["meta_data/measurement_timestamps"] = np.array([1.7e9, 1.7e9 + 1, np.nan, 1.7e9 + 3])
-
-    bank = read_unvetted(changed(tmp_path / "a.hdf5", change))
-    assert isinstance(bank, FrameBank)
-    assert bank.facts.clock_zero_unix_s == 0.0
-    np.testing.assert_array_equal(np.sort(bank.started_s), (1.7e9, 1.7e9 + 1, 1.7e9 + 3, np.nan))
-
-
-def test_times_that_nobody_knows_stay_unknown(tmp_path):
-    path = tmp_path / "a.hdf5"
-    with BankWriter(path, angles=3, facts=BankFacts(clock_zero_unix_s=None)) as writer:
-        for seed, started_s in enumerate((1.0, math.nan, math.inf)):
-            frame = sample(float(seed), seed=seed).frame
-            frame = replace(frame, header=replace(frame.header, started_s=started_s))
-            writer.add(replace(sample(float(seed)), frame=frame))
-    bank = read_bank(path)
-    assert isinstance(bank, FrameBank)
-    np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))
-    assert (bank.facts.clock_zero_unix_s, bank.facts.pitch_m) == (None, None)
-    assert np.isnan(pacfish.load_data(str(path)).get_measurement_time_stamps()).all()
-
-
-def changed(path, change, *, sums=True):
-    """The same bank, changed, and without its checksums if need be."""
-    with h5py.File(path, "r+") as file:
-        change(file)
-        for name in () if sums else [each for each in file["meta_data"] if each.endswith("_crc32")]:
-            del file["meta_data"][name]
-    return path
-
-
-def put(name, value):
-    def change(file):
-        del file[name]
-        file[name] = value
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (put("meta_data/markerseek_bank_version", 3), "version 3, this markerseek reads up to 2; install a newer"),
-        (put("meta_data/markerseek_bank_version", 0.5), "version 0.5"),
-        (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
-        (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg stands there twice"),
-        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, np.nan, np.nan])), "2 angles, at least 3"),
-        (
-            put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])),
-            "4e.09 deg, it must be finite and within one turn",
-        ),
-        (put("meta_data/trus_angle_deg", "many"), "numbers are expected"),
-        (put("meta_data/intensity", np.array([1.0, 2.0, 3.0])), "3 intensities for 4 angles"),
-        (put("meta_data/intensity", np.array([1.0, 2.0, 3.0, -4.0])), "negative"),
-        (put("binary_time_series_data", np.zeros((8, 50, 2, 4), np.int16)), "one wavelength"),
-        (put("meta_data/ad_sampling_rate", -1.0), "must be positive"),
-    ],
-)
-def test_a_bank_with_a_fault_is_refused(tmp_path, change, message):
-    with pytest.raises(RecordError, match=message):
-        read_unvetted(changed(write(tmp_path / "a.hdf5"), change, sums=False))
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (np.full((8, 50, 1, 4), 0.5), "no int16 counts"),
-        (np.full((8, 50, 1, 4), 1 << 20), "no int16 counts"),
-        (np.full((8, 50, 1, 4), np.nan), "no int16 counts"),
-        (np.full((8, 50, 1, 4), 1 + 2j), "ADC counts are expected"),
-    ],
-)
-def test_frames_that_are_no_counts_are_refused(tmp_path, value, message):
-    path = changed(write(tmp_path / "a.hdf5"), put("binary_time_series_data", value), sums=False)
-    with pytest.raises(RecordError, match=message):
-        read_unvetted(path).frame(0)
-
-
-def test_counts_of_another_type_are_read(tmp_path):
-    frames = np.arange(8 * 50 * 4).reshape(8, 50, 1, 4)
-    path = changed(write(tmp_path / "a.hdf5"), put("binary_time_series_data", frames.astype(np.float64)), sums=False)
-    np.testing.assert_array_equal(read_unvetted(path).frame(0).samples, frames[:, :, 0, 3])
-
-
-def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
-    path = write(tmp_path / "a.hdf5")
-    with pytest.raises(RecordError, match="there is a file already"):
-        BankWriter(path, angles=3, facts=FACTS)
-    with pytest.raises(ConfigError, match=r"must end in \.hdf5 or \.h5"):
-        BankWriter(tmp_path / "a.txt", angles=3, facts=FACTS)
-    with BankWriter(tmp_path / "b.hdf5", angles=1, facts=FACTS) as writer:
-        writer.add(sample(0.0))
-        with pytest.raises(RecordError, match="1 acquisitions were announced"):
-            writer.add(sample(1.0))
-
-
-def spoilt(**changes):
-    taken = sample(1.0, seed=1)
-    return replace(taken, **changes)
-
-
-@pytest.mark.parametrize(
-    ("taken", "message"),
-    [
-        (sample(1.0, shape=(8, 51)), "keep one probe"),
-        (sample(1.0, shape=(8, 51), dark=True), "keep one probe"),
-        (sample(1.0, frame=False), "keep one probe"),
-        (spoilt(frame=ChannelFrame(header=sample(1.0).frame.header, samples=counts(0), sampling_hz=20e6)), "2e.07 Hz"),
-        (spoilt(angle_deg=math.nan), "the angle is nan deg, it must be finite and within one turn, -360 to 360 deg"),
-        (spoilt(angle_deg=-360.1), "the angle is -360.1 deg"),
-        (spoilt(angle_deg=0.0), "the angle 0 deg comes twice"),
-        (spoilt(angle_deg=-0.0), "comes twice"),
-        (spoilt(reading=Reading(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
-        (spoilt(reading=Reading(intensity=math.inf)), "is inf"),
-    ],
-)
-def test_an_acquisition_that_could_not_be_read_again_is_refused_before_the_first_byte(tmp_path, taken, message):
-    path = tmp_path / "a.hdf5"
-    with BankWriter(path, angles=5, dark_frames=1, facts=FACTS) as writer:
-        writer.add(sample(0.0))
-        before = path.read_bytes()
-        with pytest.raises(RecordError, match=message):
-            writer.add(taken)
-        assert path.read_bytes() == before
-        for angle in (2.0, 3.0):
-            writer.add(sample(angle))
-    assert read_bank(path).angles_deg == (0.0, 2.0, 3.0)
-
-
-def test_an_intensity_that_nobody_knows_is_kept_beside_a_frame_and_not_without(tmp_path):
-    unknown = Reading(intensity=math.nan)
-    with BankWriter(tmp_path / "a.hdf5", angles=3, facts=FACTS) as writer:
-        for angle in (0.0, 2.0, 3.0):
-            writer.add(replace(sample(angle), reading=unknown))
-    assert read_bank(tmp_path / "a.hdf5").intensities == ()
-    with (
-        BankWriter(tmp_path / "b.hdf5", angles=3, facts=FACTS) as writer,
-        pytest.raises(RecordError, match="the intensity at 0 deg is nan"),
-    ):
-        writer.add(replace(sample(0.0, frame=False), reading=unknown))
-    assert not (tmp_path / "b.hdf5").exists()
-
-
-def test_a_folder_that_cannot_be_written_is_said_to_be_so(tmp_path):
-    (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(RecordError, match="cannot be written"),
-        BankWriter(tmp_path / "file" / "a.hdf5", angles=3, facts=FACTS) as writer,
-    ):
-        writer.add(sample(0.0))
-
-
-def test_a_disk_without_room_for_it_all_is_refused_before_anything_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=2_000_000))
-    with (
-        pytest.raises(RecordError, match=r"needs 2\.1 MB, 2\.0 MB are free; nothing was written"),
-        BankWriter(tmp_path / "a.hdf5", angles=1300, dark_frames=2, facts=FACTS) as writer,
-    ):
-        writer.add(sample(0.0))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_all_the_room_is_taken_with_the_first_frame(tmp_path):
-    with BankWriter(tmp_path / "a.hdf5", angles=1300, dark_frames=2, facts=FACTS) as writer:
-        writer.add(sample(0.0))
-        status = (tmp_path / "a.hdf5").stat()
-        assert status.st_blocks * 512 >= status.st_size > 1300 * 2 * 8 * 50
-
-
-def test_a_pipe_or_a_device_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.hdf5")
-    with pytest.raises(RecordError, match="no ordinary file"):
-        read_bank(tmp_path / "a.hdf5")

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.ipasc import BankWriter
@@ -24,7 +25,6 @@ from markerseek.records.ipasc.reading import read_unvetted
 from markerseek.records.ipasc.sums import frame_sum, row_sum
 from markerseek.records.ipasc.whole import whole_bank
 from markerseek.records.whole_files import published
-from test_ipasc_banks import ANGLES, FACTS, changed, counts, put, sample, write
 
 
 def every_frame(bank):
@@ -194,6 +194,7 @@ def imported(path, *, planned=3, then=lambda: None):
 
 def test_an_import_that_fails_leaves_nothing_and_can_be_made_again(tmp_path):
     path = tmp_path / "new" / "a.hdf5"
+    path.parent.mkdir()
     during = []
 
     def fail():
@@ -222,13 +223,15 @@ def test_an_import_replaces_no_file_that_came_meanwhile(tmp_path):
     assert (path.read_text(), list(tmp_path.iterdir())) == ("mine", [path])
 
 
-def test_a_folder_that_cannot_be_made_is_said_to_be_so(tmp_path):
+@pytest.mark.parametrize(("folder", "said"), [("file", "file is no folder"), ("new", "there is no folder .*new")])
+def test_a_folder_that_is_none_is_said_to_be_so(tmp_path, folder, said):
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(RecordError, match=r"a\.hdf5: the bank cannot be written.*nothing was kept"),
-        whole_bank(tmp_path / "file" / "a.hdf5", angles=3, facts=BankFacts()),
+        pytest.raises(RecordError, match=rf"a\.hdf5: it cannot be written: .*{said}.*name another"),
+        whole_bank(tmp_path / folder / "a.hdf5", angles=3, facts=BankFacts()),
     ):
         raise AssertionError
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_disk_without_second_names_gets_the_file_all_the_same(tmp_path, monkeypatch):

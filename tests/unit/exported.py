@@ -1,0 +1,51 @@
+"""What the tests of exports export: three images, their angles and times, and what is known of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from markerseek.core import PaImage
+from markerseek.records.banks import BankFacts
+from markerseek.records.exports import Series
+
+ANGLES = (-30.0, 0.25, 12.5)
+TIMES = (35.25, 46.5, 1000.0)
+LATERAL = np.linspace(-4e-3, 4e-3, 9)
+DEPTH = np.linspace(5e-3, 8e-3, 13)
+FACTS = BankFacts(
+    description="a phantom", probe="BPL9-5/55", face_radius_m=10e-3, reference_angle_deg=1.5, simulated=True
+)
+SERIES = Series(
+    angles_deg=ANGLES, times_s=TIMES, clock="rig", order=(0, 1, 2), intensities=(1.0, 2.0, 3.0), facts=FACTS
+)
+UNPLACED = replace(SERIES, facts=BankFacts())
+
+
+def images():
+    rng = np.random.default_rng(5)
+    return [PaImage(envelope=rng.random((13, 9)).astype(np.float32), lateral_m=LATERAL, depth_m=DEPTH) for _ in ANGLES]
+
+
+def place_mm(number, column, row):
+    """The place of a pixel as conventions.md has it: (ρ sin θ, y, ρ cos θ)."""
+    radius_mm, angle = 10.0 + 1e3 * DEPTH[row], math.radians(ANGLES[number])
+    return radius_mm * math.sin(angle), 1e3 * LATERAL[column], radius_mm * math.cos(angle)
+
+
+def messages(path):
+    """Topic, kind, time and message, in the order of the file."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [
+            (channel.topic, schema.name, message.log_time, each)
+            for schema, channel, message, each in reader.iter_decoded_messages(log_time_order=False)
+        ]
+
+
+def on_topic(heard, topic):
+    return [each for name, _, _, each in heard if name == topic]

@@ -1,0 +1,87 @@
+"""Banks of each version, and of somebody else: what they say comes back, and nothing is made up."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pacfish
+import pytest
+
+from made_up_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
+from markerseek.records.banks import BankFacts, FrameBank, read_bank
+from markerseek.records.ipasc import BankWriter
+from markerseek.records.ipasc.reading import read_unvetted
+
+
+def test_version_0_is_somebody_elses_and_read():
+    bank = read_bank(FIXTURES / "v0.hdf5")
+    assert isinstance(bank, FrameBank)
+    assert bank.angles_deg == (-1.5, 0.0, 1.5, 3.0)
+    np.testing.assert_array_equal(bank.frame(2).samples, counts(2, (2, 6)))
+    assert (bank.intensities, bank.dark_frames) == ((), 0)
+    assert bank.facts == BankFacts(sampling_hz=40e6)
+    assert np.isnan(bank.started_s).all()
+    assert np.isnan(bank.frame(0).header.started_s)
+
+
+def test_version_1_is_read():
+    bank = read_bank(FIXTURES / "v1.hdf5")
+    assert isinstance(bank, FrameBank)
+    assert bank.angles_deg == ANGLES[::-1]
+    assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
+    np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
+    np.testing.assert_array_equal(bank.dark_frame(0).samples, counts(8, (2, 6)))
+    assert bank.facts.reference_angle_deg == 1.25
+    assert bank.facts.pitch_m == pytest.approx(0.43e-3)
+    assert (bank.facts.wavelength_m, bank.facts.face_radius_m) == (760e-9, 10e-3)
+    assert (bank.started_s, bank.facts.clock_zero_unix_s) == ((6.0, 4.0, 2.0, 0.0), None)
+
+
+def test_version_2_is_read():
+    bank = read_bank(FIXTURES / "v2.hdf5")
+    assert isinstance(bank, FrameBank)
+    assert bank.angles_deg == ANGLES[::-1]
+    assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
+    np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
+    for index, seed in enumerate((8, 9)):
+        np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
+    # The fixture was written before a bank said whether it was simulated.
+    assert replace(bank.facts, pitch_m=FACTS.pitch_m, simulated=True) == FACTS
+    assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
+
+
+def test_times_of_version_1_that_nobody_told_are_not_made_up(tmp_path):
+    shutil.copy(FIXTURES / "v1.hdf5", tmp_path / "a.hdf5")
+    bank = read_unvetted(changed(tmp_path / "a.hdf5", put("meta_data/measurement_timestamps", np.zeros(4))))
+    assert isinstance(bank, FrameBank)
+    assert np.isnan(bank.started_s).all()
+    assert np.isnan(bank.frame(0).header.started_s)
+
+
+def test_times_of_somebody_else_count_from_1970(tmp_path):
+    shutil.copy(FIXTURES / "v0.hdf5", tmp_path / "a.hdf5")
+
+    def change(file):
+        file["meta_data/measurement_timestamps"] = np.array([1.7e9, 1.7e9 + 1, np.nan, 1.7e9 + 3])
+
+    bank = read_unvetted(changed(tmp_path / "a.hdf5", change))
+    assert isinstance(bank, FrameBank)
+    assert bank.facts.clock_zero_unix_s == 0.0
+    np.testing.assert_array_equal(np.sort(bank.started_s), (1.7e9, 1.7e9 + 1, 1.7e9 + 3, np.nan))
+
+
+def test_times_that_nobody_knows_stay_unknown(tmp_path):
+    path = tmp_path / "a.hdf5"
+    with BankWriter(path, angles=3, facts=BankFacts(clock_zero_unix_s=None)) as writer:
+        for seed, started_s in enumerate((1.0, math.nan, math.inf)):
+            frame = sample(float(seed), seed=seed).frame
+            frame = replace(frame, header=replace(frame.header, started_s=started_s))
+            writer.add(replace(sample(float(seed)), frame=frame))
+    bank = read_bank(path)
+    assert isinstance(bank, FrameBank)
+    np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))
+    assert (bank.facts.clock_zero_unix_s, bank.facts.pitch_m) == (None, None)
+    assert np.isnan(pacfish.load_data(str(path)).get_measurement_time_stamps()).all()

@@ -1,0 +1,174 @@
+"""Logs for ROS 2 and Foxglove, read back by the library mcap; rotations beside those of SciPy."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from scipy.spatial.transform import Rotation
+
+from exported import ANGLES, SERIES, TIMES, UNPLACED, images, messages, on_topic, place_mm
+from markerseek.core import ConfigError
+from markerseek.records.banks import IntensityBank
+from markerseek.records.exports import series_of, write_mcap
+
+
+@pytest.fixture
+def heard(tmp_path):
+    write_mcap(tmp_path / "a.mcap", iter(images()), series=SERIES, brightest=0.9)
+    return messages(tmp_path / "a.mcap")
+
+
+def test_mcap_has_the_topics_of_a_running_rig(heard):
+    assert {topic: kind for topic, kind, _, _ in heard} == {
+        "/TRUS/measured_js": "sensor_msgs/msg/JointState",
+        "/TRUS/pa/image": "sensor_msgs/msg/Image",
+        "/TRUS/pa/envelope": "sensor_msgs/msg/Image",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/pa_search/bank": "std_msgs/msg/String",
+        "/pa_search/sample": "std_msgs/msg/String",
+        "/pa_search/intensity": "std_msgs/msg/Float64",
+    }
+    joints = on_topic(heard, "/TRUS/measured_js")
+    assert [(each.name, each.header.frame_id) for each in joints] == [(["trus_roll"], "")] * 3
+    np.testing.assert_allclose([each.position[0] for each in joints], np.radians(ANGLES))
+
+
+def test_intensities_are_there_for_plots_and_for_programs(heard):
+    assert [each.data for each in on_topic(heard, "/pa_search/intensity")] == [1.0, 2.0, 3.0]
+    assert [json.loads(each.data) for each in on_topic(heard, "/pa_search/sample")] == [
+        {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
+        for angle_deg, intensity, time_s in zip(ANGLES, (1.0, 2.0, 3.0), TIMES, strict=True)
+    ]
+
+
+def test_pulses_are_told_where_they_are_known(tmp_path):
+    write_mcap(tmp_path / "a.mcap", None, series=replace(SERIES, pulses=(64, 64, 12)))
+    told = [json.loads(each.data)["pulses"] for each in on_topic(messages(tmp_path / "a.mcap"), "/pa_search/sample")]
+    assert told == [64, 64, 12]
+
+
+def test_the_envelope_is_exact(heard):
+    for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/envelope"), strict=True):
+        assert (image.height, image.width, image.encoding, image.step) == (13, 9, "32FC1", 36)
+        np.testing.assert_array_equal(np.frombuffer(bytes(image.data), "<f4").reshape(13, 9), expected.envelope)
+
+
+def test_a_picture_tells_the_envelope_to_half_a_step(heard):
+    """By the formula of the module, and the numbers that the file says."""
+    bank = json.loads(on_topic(heard, "/pa_search/bank")[0].data)
+    white, range_db = bank["picture_white"], bank["picture_range_db"]
+    assert white == 0.9
+    shades = set()
+    for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/image"), strict=True):
+        assert (image.height, image.width, image.encoding, image.step) == (13, 9, "mono8", 9)
+        assert image.header.frame_id == "trus_image"
+        shade = np.frombuffer(bytes(image.data), np.uint8).reshape(13, 9).astype(float)
+        told = white * 10 ** ((shade / 255 - 1) * range_db / 20)
+        inside = (expected.envelope < white) & (expected.envelope > white * 10 ** (-range_db / 20))
+        off_db = 20 * np.log10(told[inside] / expected.envelope[inside])
+        assert np.abs(off_db).max() <= range_db / 255 / 2 + 1e-5
+        assert (shade[expected.envelope >= white] == 255).all()
+        assert (shade[expected.envelope <= white * 10 ** (-range_db / 20)] == 0).all()
+        shades |= set(shade.ravel())
+    assert {0.0, 255.0} < shades
+
+
+def test_zeros_are_black(tmp_path):
+    empty = [replace(each, envelope=np.zeros((13, 9), np.float32)) for each in images()]
+    write_mcap(tmp_path / "a.mcap", iter(empty), series=SERIES, brightest=1.0)
+    assert not any(any(image.data) for image in on_topic(messages(tmp_path / "a.mcap"), "/TRUS/pa/image"))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_frames_take_a_pixel_to_where_it_is(heard, number):
+    """tf2's rule: a point's coordinates in the child, turned by the quaternion and moved, are those in the parent."""
+    chain = on_topic(heard, "/tf")[number].transforms
+    assert [(each.header.frame_id, each.child_frame_id) for each in chain] == [
+        ("trus_home", "trus_probe"),
+        ("trus_probe", "trus_image"),
+    ]
+    bank = json.loads(on_topic(heard, "/pa_search/bank")[0].data)
+    point = np.array((6 * bank["lateral_spacing_m"], 4 * bank["depth_spacing_m"], 0))
+    for each in reversed(chain):
+        turn, move = each.transform.rotation, each.transform.translation
+        turned = Rotation.from_quat((turn.x, turn.y, turn.z, turn.w)).apply(point)
+        point = turned + np.array((move.x, move.y, move.z))
+    np.testing.assert_allclose(1e3 * point, place_mm(number, 6, 4), atol=1e-9)
+
+
+def test_without_a_face_radius_there_is_the_rotation_only(tmp_path):
+    write_mcap(tmp_path / "a.mcap", iter(images()), series=UNPLACED, brightest=1.0)
+    for number, message in enumerate(on_topic(messages(tmp_path / "a.mcap"), "/tf")):
+        (only,) = message.transforms
+        turn = only.transform.rotation
+        vector = Rotation.from_quat((turn.x, turn.y, turn.z, turn.w)).as_rotvec(degrees=True)
+        np.testing.assert_allclose(vector, (0, ANGLES[number], 0), atol=1e-9)
+
+
+def test_messages_are_in_the_order_of_time_and_stamped(heard):
+    logged = [time_ns for _, _, time_ns, _ in heard]
+    assert logged == sorted(logged)
+    assert sorted(set(logged)) == [35_250_000_000, 46_500_000_000, 1_000_000_000_000]
+    stamps = [each.header.stamp for each in on_topic(heard, "/TRUS/measured_js")]
+    assert [(each.sec, each.nanosec) for each in stamps] == [(35, 250_000_000), (46, 500_000_000), (1000, 0)]
+
+
+def test_the_bank_is_told_once_and_kept_for_who_comes_late(tmp_path, heard):
+    (told,) = on_topic(heard, "/pa_search/bank")
+    bank = json.loads(told.data)
+    assert (
+        bank.items()
+        >= {
+            "angles": 3,
+            "description": "a phantom",
+            "simulated": True,
+            "probe": "BPL9-5/55",
+            "face_radius_m": 0.01,
+            "reference_angle_deg": 1.5,
+            "times": "seconds on the clock of the rig",
+        }.items()
+    )
+    assert heard[0][0] == "/pa_search/bank"
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file)
+        (record,) = reader.iter_metadata()
+        qos = {each.topic: each.metadata["offered_qos_profiles"] for each in reader.get_summary().channels.values()}
+    kept = record.metadata["serialized_metadata"]
+    assert "markerseek:" in kept
+    assert "BPL9-5/55" in kept
+    assert "transient_local" in qos["/pa_search/bank"]
+
+
+def test_mcap_of_intensities_alone(tmp_path):
+    series = series_of(IntensityBank(angles_deg=ANGLES, intensities=(1.0, 2.0, 3.0)))
+    write_mcap(tmp_path / "a.mcap", None, series=series)
+    heard = messages(tmp_path / "a.mcap")
+    assert {topic for topic, *_ in heard} == {
+        "/TRUS/measured_js",
+        "/tf",
+        "/pa_search/bank",
+        "/pa_search/sample",
+        "/pa_search/intensity",
+    }
+    assert "numbered" in json.loads(on_topic(heard, "/pa_search/bank")[0].data)["times"]
+    assert [each.header.stamp.sec for each in on_topic(heard, "/TRUS/measured_js")] == [0, 1, 2]
+    assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_an_unknown_intensity_is_null_for_programs_and_no_point_in_plots(tmp_path):
+    write_mcap(tmp_path / "a.mcap", None, series=replace(SERIES, intensities=(1.0, math.nan, 3.0)))
+    heard = messages(tmp_path / "a.mcap")
+    assert [json.loads(each.data)["intensity"] for each in on_topic(heard, "/pa_search/sample")] == [1.0, None, 3.0]
+    assert [each.data for each in on_topic(heard, "/pa_search/intensity")] == [1.0, 3.0]
+
+
+@pytest.mark.parametrize("brightest", [None, 0.0, -1.0, math.nan, math.inf])
+def test_a_picture_needs_something_bright(tmp_path, brightest):
+    with pytest.raises(ConfigError, match=r"brightest is .* ADC counts"):
+        write_mcap(tmp_path / "a.mcap", iter(images()), series=SERIES, brightest=brightest)
+    assert list(tmp_path.iterdir()) == []
