@@ -11,9 +11,9 @@ from typing import NoReturn
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from markerseek.cli.keeping import tell_where
+from markerseek.cli.result_table import facts, method_in_words, print_result
 from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar, quoted
 from markerseek.core import Event, Failed, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
@@ -134,67 +134,13 @@ def conclude(
     if as_json:
         print_json(result)
     else:
-        _print_table(result, description)
+        print_result(result, description)
     if plot:
         for path in _draw(recorder, result, description, imaging, out / f"{name}.png", out / f"{name}.html"):
             (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
     if not as_json:
         tell_where(journal)
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
-
-
-def facts(result: SearchResult) -> list[tuple[str, str]]:
-    """Names and values of a result, as people read them."""
-    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
-    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
-        low, high = result.interval95_deg
-        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
-        rows.append(("95 % interval", f"[{low:.3f}°, {high:.3f}°], {_KINDS[result.interval_kind or 'propagated']}"))
-    else:
-        rows.append(("the rule points at", f"{result.angle_deg:.3f}°, which is not claimed"))
-    if result.marker_trus_m is not None:
-        rows.append(("marker in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
-    rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
-    rows.append(("rotation", f"{result.travel_deg:.1f}°"))
-    if result.elapsed_s is not None:
-        rows.append(("time", f"{result.elapsed_s:.0f} s" + (" (virtual)" if result.rig == "simulated" else "")))
-    if result.confirmation is not None:
-        confirmation = result.confirmation
-        verdict = "confirmed" if result.confirmed else "NOT confirmed: weaker than it should be"
-        rows.append(
-            ("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°, {verdict}")
-        )
-    if result.floor is not None:
-        level = "unknown" if result.floor.level is None else f"{result.floor.level:.4g} from {result.floor.source}"
-        rows.append(("noise floor", level))
-    if result.truth_deg is not None and result.error_deg is not None:
-        rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
-    elif result.reference_deg is not None and result.error_deg is not None:
-        rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
-    return rows
-
-
-_KINDS = {
-    "posterior": "a posterior probability",
-    "bracket": "the bracket's width, not a probability",
-    "propagated": "noise propagated through the average, not a posterior",
-}
-
-
-def _method(result: SearchResult) -> str:
-    return result.method + (" as published" if result.as_published else "")
-
-
-def _mm(point_m: tuple[float, float, float]) -> list[float]:
-    return [1e3 * value for value in point_m]
-
-
-def _print_table(result: SearchResult, description: str) -> None:
-    people.print(f"[bold]{_method(result)}[/] on a {result.rig} rig: {escape(description)}")
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in facts(result):
-        table.add_row(f"[dim]{name}[/]", escape(value))
-    people.print(table)
 
 
 def _draw(
@@ -205,7 +151,7 @@ def _draw(
     finished = recorder.finished
     if finished is None or not recorder.samples:
         return ()
-    title = f"{_method(result)} on a {result.rig} rig: {description}"
+    title = f"{method_in_words(result)} on a {result.rig} rig: {description}"
     draw = partial(
         search_figure,
         recorder.samples,
