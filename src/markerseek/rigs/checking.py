@@ -11,6 +11,7 @@ from markerseek.core import (
     Clock,
     ConfigError,
     Measured,
+    RecordError,
     Refused,
     Sample,
     SaturationError,
@@ -116,25 +117,28 @@ def require_as_before(
     """
     if not samples:
         return
+    difference: str | None = None
     try:
         try:
             arm()
-            heard = [(sample, _measured(scanner, commanded_deg(sample), attempts)) for sample in samples]
+            for sample in samples:
+                now = _measured(scanner, commanded_deg(sample), attempts)
+                difference = change_of(sample.reading, now.reading)
+                frame = now.frame if isinstance(now.frame, ChannelFrame) else None
+                journal.commit(Checked(reading=now.reading, difference=difference, frame=frame), clock_s=clock.now_s())
+                if difference is not None:
+                    difference = f"measured again at {commanded_deg(sample):.3f} deg, {difference}"
+                    break
         finally:
             scanner.stop()
+    except RecordError:
+        raise
     except Exception as error:
         # A fault must outlive this process as well: it is left by a person's reset only.
         journal.fail(error, clock_s=clock.now_s())
         raise
-    for before, now in heard:
-        changed = change_of(before.reading, now.reading)
-        frame = now.frame if isinstance(now.frame, ChannelFrame) else None
-        journal.commit(Checked(reading=now.reading, difference=changed, frame=frame), clock_s=clock.now_s())
-        if changed is not None:
-            raise AcquisitionError(
-                f"measured again at {commanded_deg(before):.3f} deg, {changed}: probe, tissue or laser are not as they "
-                "were; begin a new search"
-            )
+    if difference is not None:
+        raise AcquisitionError(f"{difference}: probe, tissue or laser are not as they were; begin a new search")
 
 
 def _measured(scanner: Scanner, angle_deg: float, attempts: int) -> Sample:
