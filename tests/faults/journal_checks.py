@@ -11,11 +11,12 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
+from journal_runs import configuration
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
 from markerseek.records.journal.store import PAGE_BYTES, VERSION
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.journalled import journalled
 from markerseek.search import build
 
 
@@ -33,20 +34,7 @@ def kept(path: Path, *, acquisitions: int = 3) -> None:
 
 
 def new(path: Path) -> Journal:
-    rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
-    return Journal.create(
-        path,
-        configuration_of(
-            rig,
-            method="ternary",
-            acquisitions=6,
-            as_published=False,
-            start_deg=0.0,
-            dark_frames=0,
-            stay=False,
-            seed=1,
-        ),
-    )
+    return Journal.create(path, configuration())
 
 
 def events(acquisitions: int) -> list[Event]:

@@ -167,14 +167,28 @@ def opened(path: Path) -> Iterator[CarefulFile]:
     require_h5py()
     import h5py
 
+    with (
+        speaking_of(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind"),
+        h5py.File(path, "r") as file,
+    ):
+        yield CarefulFile(file, size=path.stat().st_size)
+
+
+@contextmanager
+def speaking_of(path: Path, *, what: str, cure: str) -> Iterator[None]:
+    """Turn whatever the library says of a file into a `RecordError`; what damaged bytes make of it cannot be listed.
+
+    Parameters
+    ----------
+    path, what
+        The file, and what it should have been.
+    cure
+        What to say at the end.
+    """
     try:
-        with h5py.File(path, "r") as file:
-            yield CarefulFile(file, size=path.stat().st_size)
+        yield
     except RecordError:
         raise
-    # What damaged bytes make of the library's errors cannot be listed.
     except Exception as problem:
         said = str(problem).strip("'\"") or type(problem).__name__
-        raise RecordError(
-            f"{path}: no bank in HDF5 that can be read: {said}; it is damaged, unfinished, or of another kind"
-        ) from problem
+        raise RecordError(f"{path}: no {what} that can be read: {said}; {cure}") from problem

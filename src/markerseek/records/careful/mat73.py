@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError
-from markerseek.records.careful.hdf5 import MOST_PER_BYTE, CarefulFile
+from markerseek.records.careful.hdf5 import MOST_PER_BYTE, CarefulFile, speaking_of
 from markerseek.records.careful.vetting import vet
 
 if TYPE_CHECKING:
@@ -74,17 +74,11 @@ def _variables(path: Path) -> Iterator[Iterator[tuple[str, h5py.Dataset]]]:
     import h5py
 
     size = path.stat().st_size
-    try:
-        with h5py.File(path, "r") as file:
-            yield _numeric(path, file, CarefulFile(file, size=size), left=MOST_PER_BYTE * size)
-    except RecordError:
-        raise
-    # What damaged bytes make of the library's errors cannot be listed.
-    except Exception as problem:
-        said = str(problem).strip("'\"") or type(problem).__name__
-        raise RecordError(
-            f"{path}: no MATLAB file of version 7.3 that can be read: {said}; it is damaged: fetch or save it again"
-        ) from problem
+    with (
+        speaking_of(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
+        h5py.File(path, "r") as file,
+    ):
+        yield _numeric(path, file, CarefulFile(file, size=size), left=MOST_PER_BYTE * size)
 
 
 def _numeric(path: Path, file: h5py.File, careful: CarefulFile, *, left: int) -> Iterator[tuple[str, h5py.Dataset]]:
