@@ -41,7 +41,8 @@ def show(journal: _File, as_json: _Json = False) -> None:
 
     objects: list[dict[str, object]] = []
     # Frames are half a megabyte each, and are only looked at here to say how large they are.
-    held, damage = salvage(journal, frames=False, see=lambda entry: objects.append(_as_object(entry)))
+    see = (lambda entry: objects.append(_as_object(entry))) if as_json else None
+    held, damage = salvage(journal, frames=False, see=see)
     if as_json:
         print_json(
             {
