@@ -21,6 +21,7 @@ from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Ref
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval
+from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import Reading, Sample
@@ -72,4 +73,6 @@ __all__ = [
     "Stage",
     "Started",
     "Unsure",
+    "is_finite",
+    "is_whole",
 ]

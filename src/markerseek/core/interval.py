@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from markerseek.core.errors import ConfigError
+from markerseek.core.number import is_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +27,7 @@ class Interval:
     high_deg: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.low_deg) and math.isfinite(self.high_deg)):
+        if not (is_finite(self.low_deg) and is_finite(self.high_deg)):
             raise ConfigError(f"interval [{self.low_deg}, {self.high_deg}] deg: both ends must be finite numbers")
         if not self.low_deg < self.high_deg:
             raise ConfigError(
@@ -44,9 +44,9 @@ class Interval:
         """Middle of the interval in degrees."""
         return (self.low_deg + self.high_deg) / 2
 
-    def __contains__(self, angle_deg: float) -> bool:
-        """Whether the angle lies inside or on an end; NaN never does."""
-        return self.low_deg <= angle_deg <= self.high_deg
+    def __contains__(self, angle_deg: object) -> bool:
+        """Whether the angle lies inside or on an end; NaN, and what is no real number, never does."""
+        return is_finite(angle_deg) and self.low_deg <= angle_deg <= self.high_deg
 
     def __str__(self) -> str:
         return f"[{self.low_deg:g}, {self.high_deg:g}] deg"

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, Permit, Reading, SaturationError
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    ConfigError,
+    Frame,
+    Permit,
+    Reading,
+    SaturationError,
+    is_finite,
+)
 
 _FEATURES = tuple(feature.name for feature in fields(Reading))
 
@@ -100,11 +108,11 @@ class Admission:
         `AcquisitionError` if the intensity is not a finite number of at least 0, another feature is not finite, the
         noise is not as it was, or too many channels are dead; `SaturationError` if too many are saturated.
         """
-        if not 0 <= reading.intensity < math.inf:
+        if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
         for name in _FEATURES:
             value = getattr(reading, name)
-            if isinstance(value, float | np.floating) and not math.isfinite(value):
+            if value is not None and name != "dead_channels" and not is_finite(value):
                 raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, LimitError
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, LimitError, is_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,17 +30,23 @@ class Limits:
             )
 
     def require_search(self, angle_deg: float) -> None:
-        """Refuse an angle that is NaN or outside the search range by a `LimitError`, before anything moves."""
+        """Refuse an angle that is no number or outside the search range by a `LimitError`, before anything moves."""
         if angle_deg not in self.search:
             raise LimitError(
-                f"angle {angle_deg:g} deg is outside the search range {self.search}; nothing was moved; "
+                f"angle {_degrees(angle_deg)} is outside the search range {self.search}; nothing was moved; "
                 "ask for an angle inside"
             )
 
     def require_travel(self, readback_deg: float) -> None:
-        """Refuse a readback that is NaN or outside the travel range by a `LimitError`."""
+        """Refuse a readback that is no number or outside the travel range by a `LimitError`."""
         if readback_deg not in self.travel:
             raise LimitError(
-                f"the stage says that it stands at {readback_deg:g} deg, outside its travel range {self.travel}; "
+                f"the stage says that it stands at {_degrees(readback_deg)}, outside its travel range {self.travel}; "
                 "check the probe and the stage's zero"
             )
+
+
+def _degrees(value: float) -> str:
+    """An angle as the device or the caller gave it, which may be no number at all."""
+    number = is_finite(value) or isinstance(value, float)
+    return f"{float(value):g} deg" if number else f"a {type(value).__name__} (no angle)"

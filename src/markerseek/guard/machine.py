@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from markerseek.core import ConfigError, DeviceError, Frame, LaserError, LimitError, MoveError, Permit, Reading
+from markerseek.core import (
+    ConfigError,
+    DeviceError,
+    Frame,
+    LaserError,
+    LimitError,
+    MoveError,
+    Permit,
+    Reading,
+    is_finite,
+    is_whole,
+)
 from markerseek.guard.admission import Admission
 from markerseek.guard.limits import Limits
 from markerseek.guard.permits import FiringLimits, Permits
@@ -40,7 +51,7 @@ class Guard:
     """
 
     def __init__(self, *, limits: Limits, firing: FiringLimits, admission: Admission, arrival_deg: float = 0.1) -> None:
-        if not 0 < arrival_deg < limits.travel.width_deg:
+        if not (is_finite(arrival_deg) and 0 < arrival_deg < limits.travel.width_deg):
             raise ConfigError(f"guard: arrival_deg is {arrival_deg} deg, it must be positive and less than the travel")
         self.limits = limits
         self._admission = admission
@@ -107,7 +118,7 @@ class Guard:
             self.limits.require_travel(angle_deg)
         except LimitError as error:
             raise self._failed(error) from None
-        return angle_deg
+        return float(angle_deg)
 
     def begin_move(self, angle_deg: float) -> None:
         """ARMED -> MOVING, to an angle of the search range."""
@@ -115,12 +126,13 @@ class Guard:
         self.limits.require_search(angle_deg)
         self._permits.void()
         self._state = State.MOVING
-        self._target_deg = angle_deg
+        self._target_deg = float(angle_deg)
 
     def end_move(self, reached_deg: float) -> None:
         """MOVING -> ARMED, when the readback says that the probe has arrived."""
         self._require("end a move", State.MOVING)
-        if not abs(self.readback(reached_deg) - self._target_deg) <= self._arrival_deg:
+        reached_deg = self.readback(reached_deg)
+        if not abs(reached_deg - self._target_deg) <= self._arrival_deg:
             error = MoveError(
                 f"the stage was sent to {self._target_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
                 f"{self._arrival_deg} deg away; check for an obstacle"
@@ -131,8 +143,9 @@ class Guard:
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
         """Leave for one acquisition at one angle, as `Permits.issue`; the state stays ARMED."""
         self._require("permit pulses", State.ARMED)
+        permit = self._permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=now_s)
         self._issued_s = now_s
-        return self._permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=now_s)
+        return permit
 
     def redeem(self, permit: Permit, *, angle_deg: float, now_s: float) -> None:
         """ARMED -> FIRING, if the permit holds here and now; it is used up in any case."""
@@ -141,7 +154,8 @@ class Guard:
             self._permits.redeem(permit, now_s=now_s)
         except LaserError as error:
             raise self._failed(error) from None
-        if not abs(self.readback(angle_deg) - permit.angle_deg) <= self._arrival_deg:
+        angle_deg = self.readback(angle_deg)
+        if not abs(angle_deg - permit.angle_deg) <= self._arrival_deg:
             moved = MoveError(
                 f"the permit holds at {permit.angle_deg:.3f} deg and the probe stands at {angle_deg:.3f} deg, more "
                 f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
@@ -152,7 +166,7 @@ class Guard:
     def end_fire(self, fired: int) -> None:
         """FIRING -> ARMED, when as many pulses were fired as were permitted."""
         self._require("end a firing", State.FIRING)
-        if fired != self._firing:
+        if not is_whole(fired) or fired != self._firing:
             error = LaserError(
                 f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
             )
@@ -183,5 +197,5 @@ class Guard:
 
     @staticmethod
     def _require_name(by: str) -> None:
-        if not by.strip():
+        if not (isinstance(by, str) and by.strip()):
             raise ConfigError("guard: by is empty; name the person who arms or resets it")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from markerseek.core import ConfigError, LaserError, LimitError, Permit
+from markerseek.core import ConfigError, LaserError, LimitError, Permit, is_finite, is_whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,9 +31,10 @@ class FiringLimits:
 
     def __post_init__(self) -> None:
         for name in ("pulses_per_permit", "pulses_per_second", "pulses_per_session"):
-            if not getattr(self, name) >= 1:
-                raise ConfigError(f"firing limits: {name} is {getattr(self, name)}, it must be at least 1")
-        if not 0 < self.lifetime_s <= 600:
+            value = getattr(self, name)
+            if not (is_whole(value) and value >= 1):
+                raise ConfigError(f"firing limits: {name} is {value}, it must be a whole number of at least 1")
+        if not (is_finite(self.lifetime_s) and 0 < self.lifetime_s <= 600):
             raise ConfigError(f"firing limits: lifetime_s is {self.lifetime_s} s, it must lie in (0, 600] s")
 
 
@@ -62,16 +63,22 @@ class Permits:
         return self._pulses
 
     def charge(self, pulses: int) -> None:
-        """Count pulses that somebody else permitted in this session; `ConfigError` if fewer than 0."""
-        if not pulses >= 0:
+        """Count pulses that somebody else permitted in this session; `ConfigError` if no whole number of at least 0."""
+        if not (is_whole(pulses) and pulses >= 0):
             raise ConfigError(f"permits: {pulses} pulses cannot have been permitted before; count them again")
         self._pulses += pulses
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
         """Leave for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 
-        `LimitError` if one acquisition or the session would exceed its pulses; nothing was permitted then.
+        `LimitError` if one acquisition or the session would exceed its pulses, or a value is no number; nothing was
+        permitted then.
         """
+        if not (is_whole(pulses) and is_finite(angle_deg) and is_finite(now_s)):
+            raise LimitError(
+                f"a permit for {pulses!r} pulses at {angle_deg!r} deg, {now_s!r} s: pulses must be a whole number, the "
+                "other two finite numbers; nothing was permitted"
+            )
         if not 0 <= pulses <= self._limits.pulses_per_permit:
             raise LimitError(
                 f"{pulses} pulses in one acquisition; the limit is {self._limits.pulses_per_permit}: average fewer"
@@ -94,12 +101,11 @@ class Permits:
         `LaserError` if it is not the open one (used, voided, altered or foreign) or has expired, `LimitError` if too
         many pulses would be fired within a second; nothing may be fired then.
         """
-        if permit not in self._open:
-            raise LaserError(
-                f"the permit {permit.token!r} is not open: used, voided or never issued; nothing was fired"
-            )
+        if not isinstance(permit, Permit) or permit not in self._open:
+            name = permit.token if isinstance(permit, Permit) else permit
+            raise LaserError(f"the permit {name!r} is not open: used, voided or never issued; nothing was fired")
         self._open.clear()
-        if not now_s <= permit.expires_s:
+        if not (is_finite(now_s) and now_s <= permit.expires_s):
             raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
         while self._used and not now_s - self._used[0][0] < 1:
             self._used.popleft()

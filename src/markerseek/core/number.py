@@ -1,0 +1,20 @@
+"""Which values are numbers: limits are checked against these, so that text, NaN or a complex number never passes."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+from typing import TypeGuard
+
+
+def is_finite(value: object) -> TypeGuard[float]:
+    """Whether a value is a finite real number, of Python or NumPy; a truth value, text or an array is not."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond every float
+        return False
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number, of Python or NumPy; 16.0 and a truth value are not."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
