@@ -167,6 +167,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
             code, out, err = shell("search", "--rig", rig, *SEARCH)
             assert (code, json.loads(out)["armed"]) == (4, False)
             assert said in err
+            assert "laser.wavelength_nm, laser.pulse_energy_j" in " ".join(err.split())
             assert "not armed: nothing moved and nothing was fired" in err
         process = subprocess.Popen(
             markerseek("search", "--rig", devices.rig, "--arm", *SEARCH),

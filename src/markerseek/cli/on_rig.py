@@ -96,6 +96,8 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import aside, print_json
+    from markerseek.drivers.exposure import exposure_line
+    from markerseek.rigs.recipe import BenchRecipe
 
     if rig.devices is None:
         return
@@ -103,6 +105,8 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     aside.print(
         f"[dim]search {rig.limits.search}, travel {rig.limits.travel}; stands at {rig.scanner.angle_deg:.3f} deg[/]"
     )
+    if isinstance(rig.recipe, BenchRecipe):
+        aside.print(escape(exposure_line(rig.recipe.settings.laser)))
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
         aside.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
         if as_json:

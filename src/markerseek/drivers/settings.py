@@ -12,6 +12,14 @@ from typing import Literal
 from markerseek.core import ConfigError
 from markerseek.guard import FiringLimits, Limits
 
+_LIGHT = {
+    "wavelength_nm": (400, 1400, "nm"),
+    "pulse_energy_j": (1e-9, 10, "J"),
+    "pulse_width_s": (1e-9, 1e-3, "s"),
+    "spot_diameter_m": (1e-5, 1, "m"),
+}
+"""Where the limits of skin exposure hold (wavelength, pulse width), and what a laser for this use can have."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchStage:
@@ -65,6 +73,9 @@ class BenchLaser:
         Pulses per second.
     answer_s
         Longest time for the laser box's answer, in seconds; a PicoLAS driver has its own.
+    wavelength_nm, pulse_energy_j, pulse_width_s, spot_diameter_m
+        The light on the skin: wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot
+        in metres. They only serve to show the exposure of skin when the rig is armed; None where they are not known.
     """
 
     port: str
@@ -72,8 +83,16 @@ class BenchLaser:
     pulses: int = 16
     rate_hz: float = 100.0
     answer_s: float = 0.5
+    wavelength_nm: float | None = None
+    pulse_energy_j: float | None = None
+    pulse_width_s: float | None = None
+    spot_diameter_m: float | None = None
 
     def __post_init__(self) -> None:
+        for name, (low, high, unit) in _LIGHT.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ConfigError(f"laser: {name} is {value} {unit}, it must lie in [{low:g}, {high:g}] {unit}")
         if not 1 <= self.pulses <= 1024:
             raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and 1024")
         if not 0 < self.rate_hz <= 1000:

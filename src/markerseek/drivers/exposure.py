@@ -1,4 +1,7 @@
-"""Skin exposure by a pulsed laser (ICNIRP 2013, IEC 60825-1), 400-1400 nm: an aid in planning, never the interlock."""
+"""Skin exposure by a pulsed laser (ICNIRP 2013, IEC 60825-1), 400-1400 nm: an aid in planning, never the interlock.
+
+It is shown when a rig of devices is armed, from the settings of its laser.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from markerseek.core import ConfigError
+from markerseek.drivers.settings import BenchLaser
 
 CAVEAT = "A laser safety officer must confirm this; the eye's limit is hundreds of times lower."
 
@@ -64,5 +68,35 @@ class SkinExposure:
         limit_j_m2 = skin_limit_j_m2(wavelength_nm=self.wavelength_nm, duration_s=self.train_s)
         return self.energy_j * self.rate_hz * self.train_s / self.spot_m2 / limit_j_m2
 
-    def __str__(self) -> str:
-        return f"skin: a pulse is {self.pulse_share:.1%} of its limit, the train {self.train_share:.1%}. {CAVEAT}"
+
+_KEYS = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
+_LONG_S = 10.0
+"""From here on the limit is a constant irradiance, so that the share of a longer train is the same, in seconds."""
+
+
+def exposure_line(laser: BenchLaser) -> str:
+    """Skin exposure by a rig's laser as shares of the limits in one line, or which keys of the rig file are missing.
+
+    The three shares are those of a pulse, of one acquisition, and of pulses without a pause; a search pauses.
+    """
+    light = {name: getattr(laser, name) for name in _KEYS}
+    missing = [f"laser.{name}" for name, value in light.items() if value is None]
+    if missing:
+        return f"skin exposure: not shown, the rig file has no {', '.join(missing)}. {CAVEAT}"
+    pulse_s, acquisition_s = light["pulse_width_s"], laser.pulses / laser.rate_hz
+    acquisition, unending = (
+        SkinExposure(
+            wavelength_nm=light["wavelength_nm"],
+            pulse_s=pulse_s,
+            energy_j=light["pulse_energy_j"],
+            spot_m2=math.pi * light["spot_diameter_m"] ** 2 / 4,
+            rate_hz=laser.rate_hz,
+            train_s=train_s,
+        )
+        for train_s in (acquisition_s, _LONG_S)
+    )
+    return (
+        f"skin exposure: a pulse is {acquisition.pulse_share:.1%} of its limit, an acquisition of {laser.pulses} "
+        f"pulses {acquisition.train_share:.1%}, {laser.rate_hz:g} Hz without a pause {unending.train_share:.1%}. "
+        f"{CAVEAT}"
+    )
