@@ -51,6 +51,8 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     if workers == 1:
         yield from enumerate(map(function, jobs))
         return
+    # The command that starts a worker would import from the current folder, before it takes over our own path.
+    os.environ["PYTHONSAFEPATH"] = "1"
     # Processes are started anew: a fork would copy the locks of threads that this one has.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)

@@ -73,6 +73,7 @@ class Supervisor:
             self._process = subprocess.Popen(  # noqa: S603  our own module, by the interpreter that runs
                 [
                     sys.executable,
+                    "-P",  # else a file of the current folder could pass for a library
                     "-m",
                     "markerseek.supervisor",
                     str(other.fileno()),

@@ -20,6 +20,9 @@ LIMIT_S, COMPUTING_S = 60.0, 5
 
 _ROOM_BYTES = 1 << 28
 
+_MISSING = 3
+"""Exit code of a process that lacks a library, and so has read nothing."""
+
 
 def vet(path: Path) -> None:
     """Refuse a file that the HDF5 library cannot stand.
@@ -27,11 +30,13 @@ def vet(path: Path) -> None:
     Raises
     ------
     RecordError
-        If the process that reads it dies, asks for far more memory than the file has bytes, or takes too long.
+        If the process that reads it dies, lacks a library, asks for far more memory than the file has bytes, or takes
+        too long.
     """
     try:
         ended = subprocess.run(  # noqa: S603 - this program, with one file's name
-            [sys.executable, "-m", __name__, str(path.absolute())],
+            # -P: or a file of the current folder could pass for the library
+            [sys.executable, "-P", "-m", __name__, str(path.absolute())],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=LIMIT_S,
@@ -43,6 +48,9 @@ def vet(path: Path) -> None:
         ) from problem
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be vetted, no process can be started: {problem.strerror}") from problem
+    if ended.returncode == _MISSING:
+        missing = ended.stderr.decode(errors="replace").strip().rpartition("\n")[2][:500]
+        raise RecordError(f"{path}: it cannot be vetted, the process that reads it lacks a library: {missing}")
     if ended.returncode != 0:
         raise RecordError(
             f"{path}: the HDF5 library breaks down when it reads it; it is damaged: scan, or save it, again"
@@ -65,14 +73,18 @@ def _limit(size: int) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
-def _main() -> None:
+def _main() -> int:
     path = Path(sys.argv[1])
-    walk = _walker(path)
-    _limit(path.stat().st_size)
     try:
+        walk = _walker(path)
+        _limit(path.stat().st_size)
         walk(path)
-    except (RecordError, MissingExtraError):
-        return
+    except RecordError:
+        return 0  # the caller reads it again, and says why
+    except MissingExtraError as missing:
+        sys.stderr.write(f"{missing}\n")
+        return _MISSING
+    return 0
 
 
 def _walker(path: Path) -> Callable[[Path], None]:
@@ -87,4 +99,4 @@ def _walker(path: Path) -> Callable[[Path], None]:
 
 
 if __name__ == "__main__":
-    _main()
+    sys.exit(_main())

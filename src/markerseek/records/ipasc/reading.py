@@ -11,7 +11,7 @@ from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.records.careful.hdf5 import CarefulFile, opened
+from markerseek.records.careful.hdf5 import CarefulFile, opened, require_h5py
 from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.records.careful.vetting import vet
 from markerseek.records.ipasc import fields
@@ -136,6 +136,7 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
         ordinary_size(path, most=_LARGEST_BYTES)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
+    require_h5py()
     vet(path)
     return read_unvetted(path)
 
