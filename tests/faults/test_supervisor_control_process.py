@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
+from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
 
+from markerseek.supervisor import Line, Supervisor
+from markerseek.supervisor.death import end_with_parent
 from pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -133,3 +139,54 @@ def test_a_supervisor_that_is_told_to_end_says_farewell_first(
 def test_ctrl_c_does_not_reach_the_supervisor_before_the_control_process(control: Control) -> None:
     assert os.getpgid(control.supervisor_pid) != os.getpgid(control.process.pid)
     assert os.getsid(control.supervisor_pid) != os.getsid(control.process.pid)
+
+
+def test_a_supervisor_whose_parent_died_before_it_could_ask_for_its_signal_ends_at_once(laser: Device) -> None:
+    ours, theirs = socket.socketpair()
+    lines = [{"name": "laser", "path": laser.path, "farewell": b64encode(b"DISARM*1234\n").decode()}]
+    orders = json.dumps({"lines": lines, "period_s": 0.2, "parent": os.getpid() + 1_000_000_000})
+    with ours, theirs:
+        command = [sys.executable, "-P", "-m", "markerseek.supervisor", str(theirs.fileno()), orders]
+        process = subprocess.Popen(command, pass_fds=[theirs.fileno()])
+        assert process.wait(timeout=60) == 0
+    laser.heard(b"DISARM*1234\n" * 2)
+
+
+def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
+    made: list[Supervisor] = []
+    line = Line(name="laser", path=laser.path, farewell=b"DISARM*1234\n")
+    thread = threading.Thread(target=lambda: made.append(Supervisor(lines=[line])))
+    thread.start()
+    thread.join()
+    with made[0] as supervisor:
+        laser.heard(line.farewell)
+        supervisor.arm()
+        supervisor.port("laser").write(b"still there")
+        laser.heard(b"still there")
+
+
+SLEEPER = """
+import signal
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])  # before a library starts threads
+from markerseek.supervisor.death import end_with_parent
+print(end_with_parent(signal.SIGTERM), flush=True)
+signal.sigwait([signal.SIGTERM])
+print("signalled", flush=True)
+"""
+PARENT = "import subprocess, sys, time; subprocess.Popen([sys.executable, '-c', sys.argv[1]]); time.sleep(600)"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone announces a parent's death by a signal")
+def test_the_system_announces_the_death_of_the_parent() -> None:
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, SLEEPER], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == "True\n"
+    parent.kill()
+    assert parent.stdout.readline() == "signalled\n"
+    parent.wait()
+    parent.stdout.close()
+
+
+def test_where_the_system_announces_no_death_the_socket_remains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("markerseek.supervisor.death.sys.platform", "darwin")
+    assert not end_with_parent(signal.SIGTERM)

@@ -18,6 +18,7 @@ from markerseek.supervisor.messages import MOST_BYTES, Kind, packed
 class _Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lines: tuple[Line, ...]
     period_s: float
+    parent: int | None = None
 
 
 def main() -> int:
@@ -25,7 +26,7 @@ def main() -> int:
     orders = msgspec.json.decode(sys.argv[2], type=_Orders)
     with socket.socket(fileno=int(sys.argv[1])) as control:
         try:
-            keeper = Keeper(control, lines=orders.lines, period_s=orders.period_s)
+            keeper = Keeper(control, lines=orders.lines, period_s=orders.period_s, parent=orders.parent)
         except MarkerseekError as error:
             control.sendall(packed(Kind.FAILED, str(error).encode()[:MOST_BYTES]))
             return 1

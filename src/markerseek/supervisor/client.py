@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from types import TracebackType
 from typing import Self
@@ -69,21 +71,25 @@ class Supervisor:
         }
         self._socket, other = socket.socketpair()
         self._socket.settimeout(_ANSWER_S)
+        # The system announces the death of the thread that starts a process, not that of its program: so this thread
+        # does nothing else and stays. It also dies sooner than a thread that computes, and need not free the memory.
+        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="supervisor")
         with other:
-            self._process = subprocess.Popen(  # noqa: S603  our own module, by the interpreter that runs
+            self._process = self._starter.submit(
+                subprocess.Popen,
                 [
                     sys.executable,
                     "-P",  # else a file of the current folder could pass for a library
                     "-m",
                     "markerseek.supervisor",
                     str(other.fileno()),
-                    msgspec.json.encode({"lines": lines, "period_s": period_s}).decode(),
+                    msgspec.json.encode({"lines": lines, "period_s": period_s, "parent": os.getpid()}).decode(),
                 ],
                 pass_fds=[other.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,
-            )
+            ).result()
         try:
             self._await_ready(start_s)
         except BaseException:
@@ -164,6 +170,7 @@ class Supervisor:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._starter.shutdown()
 
     def __enter__(self) -> Self:
         return self

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from markerseek.core import DeviceError
 from markerseek.guard.lease import Lease
+from markerseek.supervisor.death import end_with_parent
 from markerseek.supervisor.lines import Line, open_line
 from markerseek.supervisor.messages import Kind, packed, step_of, unpacked
 
@@ -96,6 +97,8 @@ class Keeper:
         What to hold. They are opened, and each farewell is said, before anything else.
     period_s
         Longest silence of the control loop while the lease is held, in seconds.
+    parent
+        Number of the control process; None for the one that is our parent now.
 
     Raises
     ------
@@ -103,7 +106,9 @@ class Keeper:
         If a line cannot be opened.
     """
 
-    def __init__(self, control: socket.socket, *, lines: Sequence[Line], period_s: float) -> None:
+    def __init__(
+        self, control: socket.socket, *, lines: Sequence[Line], period_s: float, parent: int | None = None
+    ) -> None:
         self._lease = Lease(period_s=period_s)
         self._period_s = period_s
         self._lines = [_HeldLine(line) for line in lines]
@@ -113,7 +118,7 @@ class Keeper:
         self._unread = bytearray()
         self._lapsed = False
         self._over = False
-        self._parent = os.getppid()
+        self._parent = os.getppid() if parent is None else parent
         for line in self._lines:
             line.let_go()
 
@@ -124,6 +129,9 @@ class Keeper:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._end)
         signal.set_wakeup_fd(woken.fileno())
+        end_with_parent(signal.SIGTERM)
+        # It may have died before the system was asked for a signal.
+        self._over = self._over or os.getppid() != self._parent
         self._tell(packed(Kind.READY))
         try:
             while not self._over:
