@@ -13,11 +13,14 @@ MOST_PULSES = 1024
 MOST_RATE_HZ = 1000
 MOST_EXPIRY_MS = 60000
 MOST_COUNT = 2147483647
+MOST_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
+LIGHT_LATE_US = 1000  # longest time from a trigger to its light; the photodiode is read after it
 
 PIN_LASER = 2
 PIN_ACQUISITION = 3
 PIN_PHOTODIODE = 4
 PIN_INTERLOCK = 5
+PIN_PROGRAM = 6  # tied to ground at power-up: no box, but a board that takes a new program
 PULSE_US = 10
 
 
@@ -57,8 +60,12 @@ def number(word):
 class Box:
     """The protocol.
 
-    `trigger(laser)` is called for each trigger, `photodiode()` tells the pulses seen since power-up, and
-    `interlock_closed()` whether it may fire.
+    `trigger(laser)` is called for each trigger, `photodiode()` returns the pulses seen since power-up, and
+    `interlock_closed()` whether it may fire. An interrupt sets `interlock_opened` whenever the interlock opens, so that
+    it is noticed also where it closes again before the next turn of the loop.
+
+    A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
+    light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
     """
 
     def __init__(self, trigger, photodiode, interlock_closed):
@@ -71,14 +78,17 @@ class Box:
         self.said = b""
         self.last_token = 0
         self.last_step = 0
+        self.interlock_opened = False
         self.permit = None
         self.lease_ends_us = 0
         self.expires_us = 0
+        self.train = None
         self.due_us = 0
-        self.firing = False
         self.triggers = 0
         self.sent = 0
         self.seen_before = 0
+        self.last_trigger_us = 0
+        self.fired = []  # second and pulses, of the last minute
 
     def advance(self, now_us):
         """Do what is due until that moment; what is said comes back."""
@@ -104,21 +114,32 @@ class Box:
         return said
 
     def _act(self):
-        if self.permit is None:
+        """One turn of the loop."""
+        if self._interlock_open() or (
+            self.permit is not None and self.now_us >= min(self.lease_ends_us, self.expires_us)
+        ):
+            self.permit = None
+        if self.train is None:
             return
-        if not self.interlock_closed():
-            self._let_go()
-            return
-        end_us = min(self.lease_ends_us, self.expires_us)
-        if self.now_us >= end_us:
-            self._let_go()
-        elif self.firing and self.due_us <= self.now_us:
-            self._pull()
+        if self.triggers < self.train[3]:
+            if self.due_us <= self.now_us:
+                self._pull()
+        elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
+            seen = self.photodiode() - self.seen_before
+            self.said += line_of("DONE {} {} {}".format(self.train[0], self.sent, seen))
+            self.train = None
+
+    def _interlock_open(self):
+        """Whether the interlock is open, or was since the last call."""
+        if self.interlock_opened:
+            self.interlock_opened = False
+            return True
+        return not self.interlock_closed()
 
     def _obey(self, line):
         reason = self._command(line)
         if reason:
-            self._let_go()
+            self.permit = None
             self.said += line_of("ERR " + reason)
 
     def _command(self, line):
@@ -131,9 +152,13 @@ class Box:
         if None in numbers or len(numbers) != {"HELLO": 0, "PERMIT": 5, "BEAT": 1, "FIRE": 1, "DISARM": 0}.get(verb):
             return "FORM"
         if verb == "HELLO":
-            self._let_go()
+            if self.train is not None:
+                return "BUSY"
+            self.permit = None
             self.last_step = 0
-            self.said += line_of("OK HELLO {} {} {} {}".format(IDENTITY, VERSION, LEASE_MS, self.last_token))
+            self.said += line_of(
+                "OK HELLO {} {} {} {} {}".format(IDENTITY, VERSION, LEASE_MS, self.last_token, self._seen())
+            )
         elif verb == "PERMIT":
             return self._take_permit(*numbers)
         elif verb == "BEAT":
@@ -144,7 +169,7 @@ class Box:
         elif verb == "FIRE":
             return self._fire(numbers[0])
         else:
-            self._let_go()
+            self.permit = None
             self.said += line_of("OK DISARM")
         return None
 
@@ -155,25 +180,37 @@ class Box:
             and pulses <= triggers
             and 1 <= rate_hz <= MOST_RATE_HZ
             and 1 <= expiry_ms <= MOST_EXPIRY_MS
+            and 1000 * triggers <= rate_hz * MOST_EXPIRY_MS
         ):
             return "FORM"
-        if self.firing:
+        if self.train is not None:
             return "BUSY"
-        if not self.interlock_closed():
+        if self._interlock_open():
             return "INTERLOCK"
         if token <= self.last_token:
             return "TOKEN"
+        if self._pulses_of_last_minute() + pulses > MOST_PULSES_PER_MINUTE:
+            return "BUDGET"
         self.last_token = token
         self.permit = (token, pulses, rate_hz, triggers)
         self.lease_ends_us = self.now_us + 1000 * LEASE_MS
         self.expires_us = self.now_us + 1000 * expiry_ms
-        self.said += line_of("OK PERMIT {}".format(token))
+        self.said += line_of("OK PERMIT {} {}".format(token, self._seen()))
         return None
 
+    def _seen(self):
+        return self.photodiode() & MOST_COUNT
+
+    def _pulses_of_last_minute(self):
+        """Pulses sent in the last 60 s, counted in whole seconds: up to one second's too many, never too few."""
+        oldest_s = self.now_us // 1000000 - 60
+        self.fired = [entry for entry in self.fired if entry[0] >= oldest_s]
+        return sum([entry[1] for entry in self.fired])
+
     def _fire(self, token):
-        if self.permit is None or self.firing or token != self.permit[0]:
+        if self.permit is None or self.train is not None or token != self.permit[0]:
             return "TOKEN"
-        self.firing = True
+        self.train = self.permit
         self.triggers = self.sent = 0
         self.seen_before = self.photodiode()
         self.due_us = self.now_us
@@ -181,24 +218,22 @@ class Box:
         return None
 
     def _pull(self):
-        _token, pulses, rate_hz, triggers = self.permit
-        laser = self.triggers < pulses
+        _token, pulses, rate_hz, triggers = self.train
+        laser = self.permit is not None and self.triggers < pulses
         self.trigger(laser)
         self.triggers += 1
-        self.sent += laser
+        self.last_trigger_us = self.now_us
+        if laser:
+            self.sent += 1
+            second = self.now_us // 1000000
+            if not self.fired or self.fired[-1][0] != second:
+                self.fired.append([second, 0])
+            self.fired[-1][1] += 1
         if self.triggers >= triggers:
-            self._let_go()
-        else:
-            # a pulse that comes late by half a period puts off the others: never two in a burst
-            period_us = (2000000 + rate_hz) // (2 * rate_hz)
-            self.due_us = max(self.due_us + period_us, self.now_us + period_us // 2)
-
-    def _let_go(self):
-        """Permit gone; what was fired under it is told."""
-        permit, firing = self.permit, self.firing
-        self.permit, self.firing = None, False
-        if permit is not None and firing:
-            self.said += line_of("DONE {} {} {}".format(permit[0], self.sent, self.photodiode() - self.seen_before))
+            self.permit = None
+        # a pulse that comes late by half a period puts off the others: never two in a burst
+        period_us = (2000000 + rate_hz) // (2 * rate_hz)
+        self.due_us = max(self.due_us + period_us, self.now_us + period_us // 2)
 
 
 def main():
@@ -215,6 +250,8 @@ def main():
     laser = machine.Pin(PIN_LASER, machine.Pin.OUT, value=0)
     acquisition = machine.Pin(PIN_ACQUISITION, machine.Pin.OUT, value=0)
     interlock = machine.Pin(PIN_INTERLOCK, machine.Pin.IN, machine.Pin.PULL_DOWN)
+    if machine.Pin(PIN_PROGRAM, machine.Pin.IN, machine.Pin.PULL_UP).value() == 0:
+        return  # before the watchdog, which nothing stops once it runs
     micropython.kbd_intr(-1)  # byte 3 is data, not Ctrl-C
     watchdog = machine.WDT(timeout=50)
     seen = [0]
@@ -232,6 +269,11 @@ def main():
         acquisition.value(0)
 
     box = Box(trigger, lambda: seen[0], lambda: interlock.value() == 1)
+
+    def opened(_pin):
+        box.interlock_opened = True
+
+    interlock.irq(opened, machine.Pin.IRQ_FALLING, hard=True)
     poll = select.poll()
     poll.register(sys.stdin, select.POLLIN)
     now_us, ticks = 0, time.ticks_us()

@@ -246,8 +246,8 @@ def _whole_messages() -> bytes:
 
 def _whole_lines() -> bytes:
     said: tuple[laserbox.Reply, ...] = (
-        laserbox.Greeting(identity="box1", version=1, lease_ms=100, last_token=7),
-        laserbox.Permitted(token=8),
+        laserbox.Greeting(identity="box1", version=1, lease_ms=100, last_token=7, seen=16),
+        laserbox.Permitted(token=8, seen=16),
         laserbox.Done(token=8, sent=4, photodiode=4),
         laserbox.Disarmed(),
         laserbox.Refusal(reason="BUSY"),

@@ -30,12 +30,16 @@ class Lit:
 class Bench:
     """A box, its world, and a driver on it."""
 
-    def __init__(self, *, lease_ms: int = 100) -> None:
+    def __init__(self, *, lease_ms: int = 100, turn_us: int = 200) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
         self.faults = LaserBoxFaults()
         self.box = EmulatedLaserBox(
-            world=self.world, on_triggers=self.triggers.append, lease_ms=lease_ms, faults=self.faults
+            world=self.world,
+            on_triggers=self.triggers.append,
+            lease_ms=lease_ms,
+            turn_us=turn_us,
+            faults=self.faults,
         )
         self.clock = VirtualClock()
         self.port = DirectPort(device=self.box, clock=self.clock)

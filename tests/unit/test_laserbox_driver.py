@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from laserbox_bench import Bench, permit
+from laserbox_bench import Bench, permit, pulses_of
 from markerseek.core import ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.emulators import DirectPort
@@ -96,7 +96,7 @@ def test_no_box_at_all_is_not_connected() -> None:
     ],
 )
 def test_a_box_of_another_kind_is_not_connected(change: dict[str, int], message: str) -> None:
-    greeting = wire.Greeting(identity="other", version=1, lease_ms=100, last_token=0)
+    greeting = wire.Greeting(identity="other", version=1, lease_ms=100, last_token=0, seen=0)
     told = wire.encode(replace(greeting, **change))
 
     class Other:
@@ -111,7 +111,7 @@ def test_a_box_of_another_kind_is_not_connected(change: dict[str, int], message:
         LaserBox(port=DirectPort(device=Other(), clock=clock), clock=clock)
 
 
-@pytest.mark.parametrize("answer", [wire.Permitted(token=2), wire.Done(token=9, sent=16, photodiode=16)])
+@pytest.mark.parametrize("answer", [wire.Permitted(token=2, seen=0), wire.Done(token=9, sent=16, photodiode=16)])
 def test_an_answer_to_something_else_is_no_answer(answer: wire.Reply) -> None:
     bench = Bench()
     driver = bench.driver()
@@ -153,3 +153,84 @@ def test_an_open_interlock_fires_nothing_and_closing_it_gives_no_permit_back() -
 def test_a_rate_that_the_box_cannot_keep_is_refused(rate_hz: float) -> None:
     with pytest.raises(ConfigError, match="rate_hz is"):
         Bench().driver(rate_hz=rate_hz)
+
+
+def test_light_between_two_firings_is_reported_and_nothing_is_fired() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    driver.fire(permit("a"))
+    bench.box.stray_light(2)
+    with pytest.raises(
+        LaserError, match="counts 18 pulses of light since power-up, 16 up to the last firing"
+    ) as refusal:
+        driver.fire(permit("b"))
+    assert "nothing was fired" in str(refusal.value)
+    assert not bench.box.permitted
+    assert len(bench.box.pulses) == 18
+    assert driver.fire(permit("c")) == 16  # after a person has looked, it is counted from there
+
+
+def test_light_before_it_was_connected_is_not_of_this_session() -> None:
+    bench = Bench()
+    bench.box.stray_light(3)
+    assert bench.driver().fire(permit()) == 16
+
+
+def test_a_box_that_was_switched_off_and_on_between_two_firings_is_noticed() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    driver.fire(permit("a"))
+    bench.box.power_up()
+    with pytest.raises(LaserError, match="counts 0 pulses of light since power-up, 16 up to"):
+        driver.fire(permit("b"))
+
+
+def test_a_next_program_waits_until_the_triggers_of_a_cut_train_have_ended() -> None:
+    bench = Bench()
+    bench.say(pulses_of(1, pulses=128), wire.Fire(token=1))
+    bench.clock.wait(0.05)
+    bench.say(wire.Disarm())
+    driver = bench.driver()
+    assert 1.28 <= bench.clock.now_s() < 1.4
+    assert bench.triggers == [128]
+    assert driver.fire(permit()) == 16
+    assert bench.triggers == [128, 16]
+    assert len(bench.box.pulses) == 6 + 16
+
+
+def test_after_a_cut_train_the_same_driver_waits_too() -> None:
+    bench = Bench()
+    driver = bench.driver()
+    bench.faults.photodiode_dead = True
+    with pytest.raises(LaserError, match="0 seen"):
+        driver.fire(permit("a"))
+    bench.faults.photodiode_dead = False
+    bench.say(pulses_of(9), wire.Fire(token=9), wire.Disarm())
+    assert driver.fire(permit("b")) == 16
+    assert bench.triggers == [16, 50, 16]
+
+
+def test_a_box_that_never_ends_its_triggers_is_given_up() -> None:
+    bench = Bench()
+    bench.box.feed = lambda _data: wire.encode(wire.Refusal(reason="BUSY"))  # type: ignore[method-assign]
+    with pytest.raises(NotConnectedError, match="still gives the triggers of an earlier firing after 61 s"):
+        bench.driver()
+    assert 61 <= bench.clock.now_s() < 62
+
+
+def test_a_budget_that_is_used_up_is_said_with_its_cure() -> None:
+    bench = Bench()
+    driver = bench.driver(rate_hz=1000)
+    for number in range(46):
+        driver.fire(permit(f"{number}", pulses=128))
+    with pytest.raises(LaserError, match="at most 6000 pulses a minute: wait a minute"):
+        driver.fire(permit("one more", pulses=128))
+    assert len(bench.box.pulses) == 46 * 128
+    bench.clock.wait(61)
+    assert driver.fire(permit("later", pulses=128)) == 128
+
+
+def test_triggers_that_take_longer_than_a_permit_can_last_are_refused() -> None:
+    bench = Bench()
+    with pytest.raises(ConfigError, match=r"61 triggers at 1\.0 Hz take 61 s, the limit is 60 s"):
+        LaserBox(port=bench.port, clock=bench.clock, rate_hz=1.0, dark_triggers=61)

@@ -53,10 +53,11 @@ class Pair:
         self.trains: list[int] = []
         self.pulls: list[tuple[int, bool]] = []
         self.now_ms = 0
-        self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append)
+        self.stray = 0
+        self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append, turn_us=1000)
         self.firmware = FIRMWARE.Box(
             lambda laser: self.pulls.append((self.now_ms, laser)),
-            lambda: sum(laser for _, laser in self.pulls),
+            lambda: self.stray + sum(laser for _, laser in self.pulls),
             lambda: self.interlock,
         )
 
@@ -71,7 +72,21 @@ class Pair:
     def switch_interlock(self) -> tuple[bytes, bytes]:
         self.interlock = not self.interlock
         (self.emulated.close_interlock if self.interlock else self.emulated.open_interlock)()
-        return self.emulated.feed(b""), self.firmware.advance(1000 * self.now_ms)
+        self.firmware.interlock_opened |= not self.interlock
+        return self.emulated.advance(self.now_ms / 1e3), self.firmware.advance(1000 * self.now_ms)
+
+    def flick_interlock(self) -> tuple[bytes, bytes]:
+        """Open it, and close it again where it was closed, before the next turn of the loop."""
+        self.emulated.open_interlock()
+        self.firmware.interlock_opened = True
+        if self.interlock:
+            self.emulated.close_interlock()
+        return b"", b""
+
+    def shine(self) -> tuple[bytes, bytes]:
+        self.stray += 1
+        self.emulated.stray_light()
+        return b"", b""
 
     def tell(self, data: bytes) -> tuple[bytes, bytes]:
         return self.emulated.feed(data), self.firmware.feed(data)
@@ -110,8 +125,13 @@ LINES = st.one_of(
 )
 
 
-@given(st.lists(st.one_of(LINES, st.integers(1, 120), st.none()), max_size=25))
-def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[bytes | int | None]) -> None:
+@given(
+    st.lists(
+        st.one_of(LINES, LINES, st.integers(1, 120), st.none(), st.just("flick"), st.just("light")),
+        max_size=25,
+    )
+)
+def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[bytes | int | str | None]) -> None:
     pair = Pair()
     for step in steps:
         match step:
@@ -121,9 +141,81 @@ def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[b
                 theirs, ours = pair.pass_ms(step)
             case None:
                 theirs, ours = pair.switch_interlock()
+            case "flick":
+                theirs, ours = pair.flick_interlock()
+            case _:
+                theirs, ours = pair.shine()
         assert ours == theirs
-    assert [at_ms / 1e3 for at_ms, laser in pair.pulls if laser] == [pulse.at_s for pulse in pair.emulated.pulses]
-    assert sum(pair.trains) <= len(pair.pulls)
+    theirs, ours = pair.pass_ms(2000)
+    assert ours == theirs
+    assert sum(laser for _, laser in pair.pulls) + pair.stray == len(pair.emulated.pulses)
+    if not pair.stray:
+        assert [at_ms / 1e3 for at_ms, laser in pair.pulls if laser] == [pulse.at_s for pulse in pair.emulated.pulses]
+    # every train that began was completed, lit or not
+    assert sum(pair.trains) == len(pair.pulls)
+
+
+def test_an_interlock_that_opened_and_closed_between_two_turns_voids_the_permit() -> None:
+    pair = Pair()
+    pair.tell(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    pair.pass_ms(15)
+    pair.flick_interlock()
+    theirs, ours = pair.pass_ms(100)
+    assert ours == theirs == wire.encode(wire.Done(token=1, sent=2, photodiode=2))
+    assert [laser for _, laser in pair.pulls] == [True] * 2 + [False] * 6
+    assert [at_ms for at_ms, _ in pair.pulls] == [0, 10, 20, 30, 40, 50, 60, 70]
+
+
+@pytest.mark.parametrize("late_us", [0, 500, 1000])
+def test_done_waits_for_light_that_comes_late(late_us: int) -> None:
+    times_us = []
+    now_us = 0
+    box = FIRMWARE.Box(
+        lambda laser: times_us.append(now_us + late_us) if laser else None,
+        lambda: sum(at_us <= now_us for at_us in times_us),
+        lambda: True,
+    )
+    box.feed(permit_line((1, 3, 0, 1000, 2000)) + wire.encode(wire.Fire(token=1)))
+    said = b""
+    for now_us in range(0, 10_000, 100):
+        said += box.advance(now_us)
+    assert said == wire.encode(wire.Done(token=1, sent=3, photodiode=3))
+
+
+def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
+    pair = Pair()
+    box, pulls, now_s = pair.firmware, pair.pulls, 0.0
+    refused = 0
+    times_s: list[float] = []
+    for token in range(1, 131):
+        told = box.feed(
+            wire.encode(wire.PermitPulses(token=token, pulses=100, rate_hz=1000, expiry_ms=2000, triggers=100))
+        )
+        refused += b"ERR BUDGET" in told
+        box.feed(wire.encode(wire.Fire(token=token)))
+        for _ in range(1000):
+            now_s += 0.001
+            before = len(pulls)
+            box.advance(round(1e6 * now_s))
+            times_s += [now_s] * sum(laser for _, laser in pulls[before:])
+            if round(1e3 * now_s) % 50 == 0:
+                box.feed(wire.encode(wire.Beat(step=round(1e3 * now_s) // 50)))
+    assert refused > 0
+    worst = max(sum(begin_s <= at_s < begin_s + 60 for at_s in times_s) for begin_s in times_s[::100])
+    assert 5800 <= worst <= wire.MOST_PULSES_PER_MINUTE
+
+
+def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
+    pair = Pair()
+    for token in range(1, 9):
+        theirs, ours = pair.tell(permit_line((token, 1000, 0, 1000, 2000)) + wire.encode(wire.Fire(token=token)))
+        assert ours == theirs
+        assert (b"ERR BUDGET" in ours) is (token > 6)
+        for step in range(25):
+            pair.tell(wire.encode(wire.Beat(step=100 * token + step)))
+            theirs, ours = pair.pass_ms(50)
+            assert ours == theirs
+    assert len(pair.pulls) == 6000
 
 
 @given(st.binary(max_size=80))
@@ -132,7 +224,17 @@ def test_the_firmware_s_crc_is_the_codec_s(data: bytes) -> None:
 
 
 def test_limits_and_lease_are_those_of_the_codec() -> None:
-    for name in ("LEASE_MS", "VERSION", "LINE_BYTES", "MOST_PULSES", "MOST_RATE_HZ", "MOST_EXPIRY_MS", "MOST_COUNT"):
+    for name in (
+        "LEASE_MS",
+        "VERSION",
+        "LINE_BYTES",
+        "MOST_PULSES",
+        "MOST_RATE_HZ",
+        "MOST_EXPIRY_MS",
+        "MOST_COUNT",
+        "MOST_PULSES_PER_MINUTE",
+        "LIGHT_LATE_US",
+    ):
         assert getattr(FIRMWARE, name) == getattr(wire, name), name
 
 

@@ -18,7 +18,7 @@ PERMITS = TRIGGERS.flatmap(
         box.PermitPulses,
         token=st.integers(1, box.MOST_COUNT),
         pulses=st.integers(0, triggers),
-        rate_hz=st.integers(1, box.MOST_RATE_HZ),
+        rate_hz=st.integers(max(1, -(-1000 * triggers // box.MOST_EXPIRY_MS)), box.MOST_RATE_HZ),
         expiry_ms=st.integers(1, box.MOST_EXPIRY_MS),
         triggers=st.just(triggers),
     )
@@ -37,11 +37,12 @@ REPLIES = st.one_of(
         version=COUNT,
         lease_ms=COUNT,
         last_token=COUNT,
+        seen=COUNT,
     ),
-    st.builds(box.Permitted, token=COUNT),
+    st.builds(box.Permitted, token=COUNT, seen=COUNT),
     st.builds(box.Done, token=COUNT, sent=COUNT, photodiode=COUNT),
     st.just(box.Disarmed()),
-    st.sampled_from(["CRC", "FORM", "TOKEN", "STEP", "INTERLOCK", "BUSY"]).map(
+    st.sampled_from(["CRC", "FORM", "TOKEN", "STEP", "INTERLOCK", "BUSY", "BUDGET"]).map(
         lambda reason: box.Refusal(reason=reason)
     ),
 )
@@ -136,6 +137,7 @@ def test_any_bytes_are_a_message_or_refused(line: bytes) -> None:
         "PERMIT 1 16 1001 2000 16",
         "PERMIT 1 16 100 0 16",
         "PERMIT 1 16 100 60001 16",
+        "PERMIT 1 16 1 60000 61",
         "ON",
     ],
 )
@@ -150,8 +152,8 @@ def test_what_is_no_command_is_refused_by_form(text: str) -> None:
         box.Beat(step=-1),
         box.Fire(token=box.MOST_COUNT + 1),
         box.PermitPulses(token=1, pulses=2, rate_hz=100, expiry_ms=10, triggers=1),
-        box.Greeting(identity="two words", version=1, lease_ms=100, last_token=0),
-        box.Greeting(identity="", version=1, lease_ms=100, last_token=0),
+        box.Greeting(identity="two words", version=1, lease_ms=100, last_token=0, seen=0),
+        box.Greeting(identity="", version=1, lease_ms=100, last_token=0, seen=0),
     ],
 )
 def test_what_the_other_end_would_refuse_is_not_sent(message: box.Command | box.Reply) -> None:

@@ -7,8 +7,9 @@ never from a timer. A clock that waits calls it (`markerseek.drivers.clock.Syste
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
+from typing import TypeGuard, TypeVar
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
 from markerseek.wire import laserbox as wire
@@ -25,6 +26,11 @@ _LEAST_LEASE_MS = 50
 _SPARE_S = 0.5
 """Time for which a permit outlives its last pulse, in seconds."""
 
+_BUSY_POLL_S = 0.05
+
+_LONGEST_TRAIN_S = wire.MOST_EXPIRY_MS / 1e3 + 1
+"""Longest time for which a box completes the triggers of an earlier firing, in seconds."""
+
 _MOST_TOKENS = wire.MOST_COUNT - 1_000_000
 """Tokens that a box may have used at the start: more are left than a session can use."""
 
@@ -36,7 +42,8 @@ _CURES = {
     "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
     "STEP": "a beat came twice: does another program speak to it?",
     "INTERLOCK": "the interlock is open: close it, then arm again",
-    "BUSY": "it still fires: does another program speak to it?",
+    "BUSY": "it still gives the triggers of another firing: does another program speak to it?",
+    "BUDGET": f"it sends at most {wire.MOST_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
 }
 
 
@@ -61,7 +68,7 @@ class LaserBox:
     ConfigError
         If a number is out of the box's range.
     NotConnectedError
-        If no box of this protocol answers.
+        If no box of this protocol answers, or it gives triggers for longer than any firing takes.
     """
 
     def __init__(
@@ -74,6 +81,11 @@ class LaserBox:
         if not 1 <= dark_triggers <= wire.MOST_PULSES:
             raise ConfigError(
                 f"laser box: dark_triggers is {dark_triggers}, it must lie between 1 and {wire.MOST_PULSES}"
+            )
+        if not dark_triggers / rate_hz <= wire.MOST_EXPIRY_MS / 1e3:
+            raise ConfigError(
+                f"laser box: {dark_triggers} triggers at {rate_hz} Hz take {dark_triggers / rate_hz:g} s, the limit is "
+                f"{wire.MOST_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
             )
         if not 0.1 <= answer_s <= 5:
             raise ConfigError(f"laser box: answer_s is {answer_s} s, it must lie between 0.1 and 5 s")
@@ -88,9 +100,8 @@ class LaserBox:
         self._step = 0
         self._beaten_s = -math.inf
         self._holds_permit = False
-        greeting = self._greet()
-        self.identity = greeting.identity
-        self._token = greeting.last_token
+        self._settled = False
+        self._settle()
 
     def fire(self, permit: Permit) -> int:
         """Fire the permitted pulses and return how many the photodiode saw; 0 pulses trigger the acquisition alone.
@@ -98,12 +109,15 @@ class LaserBox:
         Raises
         ------
         LaserError
-            If the permit was used or is too short, if the box refuses, or if pulses permitted, sent and seen differ.
+            If the permit was used or is too short, if the box refuses, if pulses permitted, sent and seen differ, or if
+            the photodiode has seen light outside of firings.
         DeviceTimeoutError
             If the box does not answer in time. Whatever is raised, the box was told to disarm.
         """
         if permit.token in self._used:
             raise LaserError(f"laser box: the permit {permit.token!r} was used before; nothing was fired")
+        if not self._settled:
+            self._settle()
         left_s = permit.expires_s - self._clock.now_s()
         triggers = permit.pulses or self._dark_triggers
         needed_s = triggers / self._rate_hz
@@ -116,6 +130,7 @@ class LaserBox:
         try:
             return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
         except BaseException:
+            self._settled = False
             # Where even this cannot be sent, the lease ends by itself; what went wrong first is what matters.
             with suppress(NotConnectedError):
                 self._port.write(wire.encode(wire.Disarm()))
@@ -140,17 +155,27 @@ class LaserBox:
         """
         self._holds_permit = False
         self._port.write(wire.encode(wire.Disarm()))
-        self._skip_to(wire.Disarmed, after="DISARM")
+        self._skip_to(_answers_disarm, after="DISARM")
+
+    def _settle(self) -> None:
+        """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
+        greeting = self._greet()
+        self.identity = greeting.identity
+        self._token = greeting.last_token
+        self._seen = greeting.seen
+        self._step = 0
+        self._settled = True
 
     def _greet(self) -> wire.Greeting:
-        """The box's answer to HELLO; the empty line before it ends whatever half line another program left."""
-        self._port.write(b"\n" + wire.encode(wire.Hello()))
-        try:
-            greeting = self._skip_to(wire.Greeting, after="HELLO")
-        except DeviceTimeoutError as error:
-            raise NotConnectedError(
-                "laser box: nothing answers HELLO; is the port right, and is the box powered?"
-            ) from error
+        """The box's answer to HELLO, once it is not busy any more."""
+        ends_s = self._clock.now_s() + _LONGEST_TRAIN_S
+        while isinstance(greeting := self._hello(), wire.Refusal):
+            if not self._clock.now_s() <= ends_s:
+                raise NotConnectedError(
+                    f"laser box: it still gives the triggers of an earlier firing after {_LONGEST_TRAIN_S:g} s; "
+                    "switch it off and on, or check its firmware"
+                )
+            self._clock.wait(_BUSY_POLL_S)
         if greeting.version != wire.VERSION:
             raise NotConnectedError(
                 f"laser box: it speaks version {greeting.version} of its protocol, {wire.VERSION} is needed; "
@@ -168,6 +193,16 @@ class LaserBox:
             )
         return greeting
 
+    def _hello(self) -> wire.Greeting | wire.Refusal:
+        """The answer to HELLO, or BUSY; the empty line before it ends whatever half line another program left."""
+        self._port.write(b"\n" + wire.encode(wire.Hello()))
+        try:
+            return self._skip_to(_answers_hello, after="HELLO")
+        except DeviceTimeoutError as error:
+            raise NotConnectedError(
+                "laser box: nothing answers HELLO; is the port right, and is the box powered?"
+            ) from error
+
     def _fire(self, pulses: int, triggers: int, *, expiry_s: float) -> int:
         self._token += 1
         ask = wire.PermitPulses(
@@ -180,14 +215,22 @@ class LaserBox:
         self._listen()
         self._heard.clear()
         self._port.write(wire.encode(ask))
-        if (answer := self._next(within_s=self._answer_s, after="PERMIT")) != wire.Permitted(token=self._token):
+        answer = self._next(within_s=self._answer_s, after="PERMIT")
+        if not (isinstance(answer, wire.Permitted) and answer.token == self._token):
             raise LaserError(f"laser box: {answer} answers the permit {self._token}; {_cure(answer)}")
+        if answer.seen != self._seen:
+            raise LaserError(
+                f"laser box: its photodiode counts {answer.seen} pulses of light since power-up, {self._seen} up to "
+                "the last firing: there was light that nobody permitted, or the box was switched off and on; nothing "
+                "was fired; check the laser and its trigger line"
+            )
         self._holds_permit = True
         self.beat()
         self._port.write(wire.encode(wire.Fire(token=self._token)))
         done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
         if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
+        self._seen = (self._seen + done.photodiode) & wire.MOST_COUNT
         if not done.sent == done.photodiode == pulses:
             raise LaserError(
                 f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "
@@ -195,15 +238,15 @@ class LaserBox:
             )
         return done.photodiode
 
-    def _skip_to(self, kind: type[_Kind], *, after: str) -> _Kind:
-        """The next reply of a kind; others, and damaged lines, are left over from before and passed by."""
+    def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
+        """The next reply that is wanted; others, and damaged lines, are left over from before and passed by."""
         ends_s = self._clock.now_s() + self._answer_s
         while True:
             try:
                 reply = self._next(within_s=ends_s - self._clock.now_s(), after=after)
             except LaserError:
                 continue
-            if isinstance(reply, kind):
+            if wanted(reply):
                 return reply
 
     def _next(self, *, within_s: float, after: str) -> wire.Reply:
@@ -219,6 +262,14 @@ class LaserBox:
 
     def _listen(self) -> None:
         self._heard += self._lines.feed(self._port.read(256, timeout_s=0.0))
+
+
+def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:
+    return isinstance(reply, wire.Greeting) or (isinstance(reply, wire.Refusal) and reply.reason == "BUSY")
+
+
+def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
+    return isinstance(reply, wire.Disarmed)
 
 
 def _cure(reply: wire.Reply) -> str:

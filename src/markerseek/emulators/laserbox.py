@@ -6,6 +6,7 @@ it really did stands in `pulses`, whatever it reports.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from markerseek.wire import laserbox as wire
 
 IDENTITY = "emulator"
 """How the box calls itself."""
+
+_NEVER_US = 1 << 62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,25 +42,31 @@ class LaserBoxFaults:
         Pulses beyond the permit that a broken counter lets through.
     silent
         The box does all it should and answers nothing.
+    light_late_us
+        Time from a trigger to its light, in microseconds.
     """
 
     laser_dead: bool = False
     photodiode_dead: bool = False
     extra_pulses: int = 0
     silent: bool = False
+    light_late_us: int = 0
 
 
 class EmulatedLaserBox:
-    """A laser box and the laser behind it.
+    """A laser box and the laser behind it; it looks at its inputs once a turn, as the firmware's loop does.
 
     Parameters
     ----------
     world
         What is lit.
     on_triggers
-        Told how many triggers the acquisition was given, once a train of them has ended.
+        Called with the number of triggers that the acquisition was given, once a train of them has ended: also those
+        without light after a permit was taken away.
     lease_ms
         Lease in milliseconds; at most `markerseek.wire.laserbox.LEASE_MS`.
+    turn_us
+        Time between two turns of its loop, in microseconds.
     faults
         What is broken.
     """
@@ -68,15 +77,19 @@ class EmulatedLaserBox:
         world: Surroundings,
         on_triggers: Callable[[int], None],
         lease_ms: int = wire.LEASE_MS,
+        turn_us: int = 200,
         faults: LaserBoxFaults | None = None,
     ) -> None:
         if not 1 <= lease_ms <= wire.LEASE_MS:
             raise ConfigError(f"laser box: lease_ms is {lease_ms} ms, it must lie between 1 and {wire.LEASE_MS} ms")
+        if not 1 <= turn_us <= 10_000:
+            raise ConfigError(f"laser box: turn_us is {turn_us} us, it must lie between 1 and 10000 us")
         self.pulses: list[Pulse] = []
         self.faults = faults or LaserBoxFaults()
         self._world = world
         self._on_triggers = on_triggers
         self._lease_us = 1000 * lease_ms
+        self._turn_us = turn_us
         self._now_us = 0
         self._interlock_closed = True
         self.power_up()
@@ -87,29 +100,45 @@ class EmulatedLaserBox:
         self._answers = b""
         self._last_token = 0
         self._last_step = 0
+        self._interlock_opened = False
         self._permit: wire.PermitPulses | None = None
         self._ends_us = self._expires_us = self._due_us = 0
-        self._firing = False
-        self._triggers = self._sent = self._seen = 0
+        self._train: wire.PermitPulses | None = None
+        self._triggers = self._sent = self._seen_before = 0
+        self._last_trigger_us = 0
+        self._fired: deque[tuple[int, int]] = deque()
+        self._light_us: deque[int] = deque()
+        """When light of triggers already given will come."""
+        self._seen = 0
 
     @property
     def permitted(self) -> bool:
-        """Whether a permit is held, so that the output could be driven."""
+        """Whether a permit is held, so that the laser could be triggered."""
         return self._permit is not None
 
     def open_interlock(self) -> None:
-        """Open the interlock: the output is low from now on."""
+        """Open the interlock; an interrupt notes it for the next turn of the loop."""
         self._interlock_closed = False
-        self._let_go()
+        self._interlock_opened = True
 
     def close_interlock(self) -> None:
         """Close the interlock; the permit that was held stays gone."""
         self._interlock_closed = True
 
+    def stray_light(self, pulses: int = 1) -> None:
+        """Let the laser fire by itself, now: nobody triggered it."""
+        for _ in range(pulses):
+            self._light_us.appendleft(self._now_us)
+        self._shine()
+
     def advance(self, now_s: float) -> bytes:
         """Do what is due until that moment, in seconds, and return what is said; an earlier moment changes nothing."""
-        self._now_us = max(self._now_us, round(now_s * 1e6))
-        self._catch_up()
+        until_us = max(self._now_us, round(now_s * 1e6))
+        while (turn_us := self._next_turn_us()) <= until_us:
+            self._now_us = turn_us
+            self._turn()
+        self._now_us = until_us
+        self._turn()
         return self._take()
 
     def feed(self, data: bytes) -> bytes:
@@ -117,19 +146,52 @@ class EmulatedLaserBox:
         for line in self._lines.feed(data):
             answer = self._obey(wire.decode_command(line))
             if isinstance(answer, wire.Refusal):
-                self._let_go()
+                self._void()
             if answer is not None:
                 self._answer(answer)
         return self._take()
 
-    def _catch_up(self) -> None:
-        if self._permit is None:
+    def _next_turn_us(self) -> int:
+        """Moment of the next turn in which anything can happen: turns in between would find nothing to do."""
+        due_us = []
+        if self._permit is not None:
+            due_us.append(min(self._ends_us, self._expires_us))
+        if self._train is not None:
+            due_us.append(self._due_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
+        if not due_us:
+            return _NEVER_US
+        return max(-(-min(due_us) // self._turn_us), self._now_us // self._turn_us + 1) * self._turn_us
+
+    def _turn(self) -> None:
+        """One turn of the loop."""
+        self._shine()
+        if self._interlock_open() or (
+            self._permit is not None and self._now_us >= min(self._ends_us, self._expires_us)
+        ):
+            self._void()
+        if self._train is None:
             return
-        end_us = min(self._ends_us, self._expires_us)
-        while self._firing and self._due_us <= self._now_us and self._due_us < end_us:
-            self._trigger()
-        if self._now_us >= end_us:
-            self._let_go()
+        if self._triggers < self._given:
+            if self._due_us <= self._now_us:
+                self._trigger(self._train)
+        elif self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
+            self._end_train(self._train)
+
+    @property
+    def _given(self) -> int:
+        """Triggers of the train: more than permitted where the counter is broken."""
+        return 0 if self._train is None else max(self._train.triggers, self._train.pulses + self.faults.extra_pulses)
+
+    def _interlock_open(self) -> bool:
+        """Whether the interlock is open, or was since the last turn."""
+        opened, self._interlock_opened = self._interlock_opened, False
+        return opened or not self._interlock_closed
+
+    def _shine(self) -> None:
+        """Light that has come by now; the photodiode's interrupt counts it."""
+        while self._light_us and self._light_us[0] <= self._now_us:
+            self.pulses.append(Pulse(at_s=self._light_us.popleft() / 1e6, angle_deg=self._world.angle_deg))
+            self._seen += not self.faults.photodiode_dead
 
     def _take(self) -> bytes:
         answers, self._answers = self._answers, b""
@@ -142,14 +204,7 @@ class EmulatedLaserBox:
     def _obey(self, command: wire.Command | wire.Refusal) -> wire.Reply | None:
         match command:
             case wire.Hello():
-                self._let_go()
-                self._last_step = 0
-                return wire.Greeting(
-                    identity=IDENTITY,
-                    version=wire.VERSION,
-                    lease_ms=self._lease_us // 1000,
-                    last_token=self._last_token,
-                )
+                return self._greet()
             case wire.PermitPulses():
                 return self._take_permit(command)
             case wire.Beat(step=step):
@@ -157,23 +212,44 @@ class EmulatedLaserBox:
             case wire.Fire(token=token):
                 return self._fire(token)
             case wire.Disarm():
-                self._let_go()
+                self._void()
                 return wire.Disarmed()
             case wire.Refusal():
                 return command
 
-    def _take_permit(self, permit: wire.PermitPulses) -> wire.Reply:
-        if self._firing:
+    def _greet(self) -> wire.Reply:
+        if self._train is not None:
             return wire.Refusal(reason="BUSY")
-        if not self._interlock_closed:
+        self._void()
+        self._last_step = 0
+        return wire.Greeting(
+            identity=IDENTITY,
+            version=wire.VERSION,
+            lease_ms=self._lease_us // 1000,
+            last_token=self._last_token,
+            seen=self._seen & wire.MOST_COUNT,
+        )
+
+    def _take_permit(self, permit: wire.PermitPulses) -> wire.Reply:
+        if self._train is not None:
+            return wire.Refusal(reason="BUSY")
+        if self._interlock_open():
             return wire.Refusal(reason="INTERLOCK")
         if permit.token <= self._last_token:
             return wire.Refusal(reason="TOKEN")
+        if self._pulses_of_last_minute() + permit.pulses > wire.MOST_PULSES_PER_MINUTE:
+            return wire.Refusal(reason="BUDGET")
         self._last_token = permit.token
         self._permit = permit
         self._ends_us = self._now_us + self._lease_us
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
-        return wire.Permitted(token=permit.token)
+        return wire.Permitted(token=permit.token, seen=self._seen & wire.MOST_COUNT)
+
+    def _pulses_of_last_minute(self) -> int:
+        """Pulses sent in the last 60 s, counted in whole seconds: up to one second's too many, never too few."""
+        while self._fired and self._fired[0][0] < self._now_us // 1_000_000 - 60:
+            self._fired.popleft()
+        return sum(pulses for _, pulses in self._fired)
 
     def _renew(self, step: int) -> wire.Reply | None:
         if step <= self._last_step:
@@ -183,37 +259,40 @@ class EmulatedLaserBox:
         return None
 
     def _fire(self, token: int) -> wire.Reply | None:
-        if self._permit is None or self._firing or token != self._permit.token:
+        if self._permit is None or self._train is not None or token != self._permit.token:
             return wire.Refusal(reason="TOKEN")
-        self._firing = True
-        self._triggers = self._sent = self._seen = 0
+        self._train = self._permit
+        self._triggers = self._sent = 0
+        self._seen_before = self._seen
         self._due_us = self._now_us
-        self._catch_up()
+        self._turn()
         return None
 
-    def _trigger(self) -> None:
-        """Give one trigger to the acquisition, and to the laser while pulses are left."""
-        permit = self._permit
-        if permit is None:
-            return
+    def _trigger(self, train: wire.PermitPulses) -> None:
+        """Give one trigger to the acquisition, and to the laser while the permit holds and pulses are left."""
+        lit = self._permit is not None and self._triggers < train.pulses + self.faults.extra_pulses
         self._triggers += 1
-        if self._triggers <= permit.pulses + self.faults.extra_pulses:
+        self._last_trigger_us = self._now_us
+        if lit:
             self._sent += 1
+            self._fired.append((self._now_us // 1_000_000, 1))
             if not self.faults.laser_dead:
-                self.pulses.append(Pulse(at_s=self._due_us / 1e6, angle_deg=self._world.angle_deg))
-                self._seen += not self.faults.photodiode_dead
-        if self._triggers >= max(permit.triggers, permit.pulses + self.faults.extra_pulses):
-            self._let_go()
-        else:
-            self._due_us += round(1e6 / permit.rate_hz)
+                self._light_us.append(self._now_us + self.faults.light_late_us)
+                self._shine()
+        if self._triggers >= self._given:
+            self._void()
+        # a pulse that comes late by half a period puts off the others: never two in a burst
+        period_us = (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
+        self._due_us = max(self._due_us + period_us, self._now_us + period_us // 2)
 
-    def _let_go(self) -> None:
-        """Output low, permit gone; what was fired under it is told to the world, the acquisition and the host."""
-        permit, firing = self._permit, self._firing
-        self._permit, self._firing = None, False
-        if permit is None or not firing:
-            return
+    def _void(self) -> None:
+        """Take the permit away: no light from now on; a train that has begun goes on without."""
+        self._permit = None
+
+    def _end_train(self, train: wire.PermitPulses) -> None:
+        """The world, the acquisition and the host receive what was fired."""
+        self._train = None
         if self._sent and not self.faults.laser_dead:
-            self._world.flash(pulses=self._sent, at_s=self._due_us / 1e6)
+            self._world.flash(pulses=self._sent, at_s=self._last_trigger_us / 1e6)
         self._on_triggers(self._triggers)
-        self._answer(wire.Done(token=permit.token, sent=self._sent, photodiode=self._seen))
+        self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=self._seen - self._seen_before))

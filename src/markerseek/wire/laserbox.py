@@ -6,19 +6,26 @@ A line is words apart by one space, a star, and the CRC-16/CCITT-FALSE of what s
 ======================================================  ==========================================================
 host to box                                             box to host
 ======================================================  ==========================================================
-``HELLO``                                               ``OK HELLO id version lease_ms last_token``
-``PERMIT token pulses rate_hz expiry_ms triggers``      ``OK PERMIT token``
+``HELLO``                                               ``OK HELLO id version lease_ms last_token seen``
+``PERMIT token pulses rate_hz expiry_ms triggers``      ``OK PERMIT token seen``
 ``BEAT step``                                           nothing
-``FIRE token``                                          ``DONE token sent photodiode`` when it is over
+``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended
 ``DISARM``                                              ``OK DISARM``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
 
 There is no "on". A permit is void after its expiry, after one firing, at the lease's end, at any refusal, at DISARM and
-HELLO, and when the interlock opens; the output is low then. The lease begins with PERMIT and is renewed by BEAT with a
-step above the one before. Tokens are numbers, and each permit's must be above all before it: the counter never runs
-backwards, and nothing is fired twice. ``triggers`` is how often the acquisition is triggered; the first ``pulses`` of
-them trigger the laser too, so that a permit of 0 pulses takes a dark frame with the averaging of a lit one.
+HELLO, and when the interlock opens, however shortly; without one there is no light. The lease begins with PERMIT and is
+renewed by BEAT with a step above the one before. Tokens are numbers, and each permit's must be above all before it: the
+counter never runs backwards, and nothing is fired twice.
+
+``triggers`` is how often the acquisition is triggered; the first ``pulses`` of them trigger the laser too, so that a
+permit of 0 pulses takes a dark frame with the averaging of a lit one. They take 60 s at most. A train whose permit is
+taken away is completed at the same rate without light, for an acquisition that counts triggers would wait for the rest;
+until DONE is said, HELLO and PERMIT are refused as ``BUSY``. DONE is said `LIGHT_LATE_US` after the last trigger.
+
+``seen`` is the photodiode's count since power-up: what it rose by outside of firings is light that nobody permitted.
+Within any minute a box sends `MOST_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 """
 
 from __future__ import annotations
@@ -29,10 +36,12 @@ from typing import get_args
 from markerseek.core import ConfigError, LaserError
 from markerseek.wire.laserbox_messages import (
     LEASE_MS,
+    LIGHT_LATE_US,
     LINE_BYTES,
     MOST_COUNT,
     MOST_EXPIRY_MS,
     MOST_PULSES,
+    MOST_PULSES_PER_MINUTE,
     MOST_RATE_HZ,
     VERSION,
     Beat,
@@ -52,10 +61,12 @@ from markerseek.wire.laserbox_messages import (
 
 __all__ = [
     "LEASE_MS",
+    "LIGHT_LATE_US",
     "LINE_BYTES",
     "MOST_COUNT",
     "MOST_EXPIRY_MS",
     "MOST_PULSES",
+    "MOST_PULSES_PER_MINUTE",
     "MOST_RATE_HZ",
     "VERSION",
     "Beat",
@@ -162,10 +173,10 @@ def _words(message: Command | Reply) -> list[str]:
 
 def _reply_words(message: Reply) -> list[str]:
     match message:
-        case Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token):
-            return ["OK", "HELLO", identity, *map(str, (version, lease_ms, last_token))]
-        case Permitted(token=token):
-            return ["OK", "PERMIT", str(token)]
+        case Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token, seen=seen):
+            return ["OK", "HELLO", identity, *map(str, (version, lease_ms, last_token, seen))]
+        case Permitted(token=token, seen=seen):
+            return ["OK", "PERMIT", str(token), str(seen)]
         case Done(token=token, sent=sent, photodiode=photodiode):
             return ["DONE", *map(str, (token, sent, photodiode))]
         case Disarmed():
@@ -207,6 +218,7 @@ def _acceptable(permit: PermitPulses) -> bool:
         and permit.pulses <= permit.triggers
         and 1 <= permit.rate_hz <= MOST_RATE_HZ
         and 1 <= permit.expiry_ms <= MOST_EXPIRY_MS
+        and 1000 * permit.triggers <= permit.rate_hz * MOST_EXPIRY_MS
     )
 
 
@@ -214,8 +226,8 @@ def _reply(words: list[str]) -> Reply | None:
     match words:
         case ["OK", "HELLO", identity, *rest]:
             return _greeting(identity, [_number(word) for word in rest])
-        case ["OK", "PERMIT", word] if (token := _number(word)) is not None:
-            return Permitted(token=token)
+        case ["OK", "PERMIT", *rest]:
+            return _permitted([_number(word) for word in rest])
         case ["OK", "DISARM"]:
             return Disarmed()
         case ["DONE", *rest]:
@@ -228,8 +240,16 @@ def _reply(words: list[str]) -> Reply | None:
 
 def _greeting(identity: str, numbers: list[int | None]) -> Greeting | None:
     match numbers:
-        case [int(version), int(lease_ms), int(last_token)] if identity.isalnum() and len(identity) <= 16:
-            return Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token)
+        case [int(version), int(lease_ms), int(last_token), int(seen)] if identity.isalnum() and len(identity) <= 16:
+            return Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token, seen=seen)
+        case _:
+            return None
+
+
+def _permitted(numbers: list[int | None]) -> Permitted | None:
+    match numbers:
+        case [int(token), int(seen)]:
+            return Permitted(token=token, seen=seen)
         case _:
             return None
 

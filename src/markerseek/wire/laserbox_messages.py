@@ -15,7 +15,17 @@ LINE_BYTES = 80
 """Longest line, its end included."""
 
 MOST_PULSES, MOST_RATE_HZ, MOST_EXPIRY_MS, MOST_COUNT = 1024, 1000, 60_000, 2**31 - 1
-"""Largest numbers of a permit that a box accepts, and of a token or step."""
+"""Largest numbers of a permit that a box accepts, and of a token, a step or a count of the photodiode."""
+
+MOST_PULSES_PER_MINUTE = 6000
+"""Pulses that a box sends within any minute at most, whatever it is permitted.
+
+A laser at the usual 100 Hz cannot reach it: 6,000 pulses in a minute are 100 Hz without a pause, and a search moves the
+probe in between (16 to 128 pulses an acquisition, a few thousand a minute at most). At 1,000 Hz it is a tenth.
+"""
+
+LIGHT_LATE_US = 1000
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE said, after it."""
 
 RefusalReason: TypeAlias = Literal[
     "CRC",  # the line came damaged
@@ -23,13 +33,14 @@ RefusalReason: TypeAlias = Literal[
     "TOKEN",  # a permit's token that is not above all before, or a firing without a permit of that token
     "STEP",  # a beat whose step is not above the one before
     "INTERLOCK",  # the interlock is open
-    "BUSY",  # a permit while pulses are fired
+    "BUSY",  # a permit or HELLO before a train of triggers has ended
+    "BUDGET",  # the permit's pulses would be more than the box sends within a minute
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hello:
-    """Asks who is there; takes any permit away and begins the steps anew."""
+    """Asks who is there; takes any permit away, and steps may begin at 1 again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,24 +75,29 @@ class Disarm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Greeting:
-    """Answer to `Hello`: who is there, its protocol, its lease in milliseconds, and the last token that it took."""
+    """Answer to `Hello`: who is there, its protocol, its lease in milliseconds, and the last token that it took.
+
+    ``seen`` is how many pulses of light the photodiode has seen since power-up.
+    """
 
     identity: str
     version: int
     lease_ms: int
     last_token: int
+    seen: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Permitted:
-    """Answer to `PermitPulses`."""
+    """Answer to `PermitPulses`; ``seen`` is how many pulses of light the photodiode has seen since power-up."""
 
     token: int
+    seen: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """A firing is over: pulses sent to the laser, and pulses that the photodiode saw."""
+    """A train has ended: pulses sent to the laser, and pulses that the photodiode saw meanwhile."""
 
     token: int
     sent: int

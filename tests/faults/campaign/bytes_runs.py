@@ -60,6 +60,8 @@ LASER_AND_DAQ: tuple[ByteFault, ...] = (
     ByteFault(name="laser extra pulses", begin=_set("laser_box", "extra_pulses", 2), harm="pulses"),
     ByteFault(name="laser silent", begin=_set("laser_box", "silent", True)),
     ByteFault(name="laser interlock", begin=lambda bench: bench.laser_box.open_interlock()),
+    ByteFault(name="laser stray light", begin=lambda bench: bench.laser_box.stray_light(), harm="pulses"),
+    ByteFault(name="laser late light", begin=_set("laser_box", "light_late_us", 5000)),
     ByteFault(name="laser power cycle", begin=lambda bench: bench.laser_box.power_up()),
     ByteFault(name="receiver off", begin=_set("daq", "off", True)),
     ByteFault(name="receiver delayed", begin=_set("daq", "delay_s", 9.0)),

@@ -17,8 +17,13 @@ def differences(run):
             for _ in range(value):
                 now_ms[0] += 1
                 said += box.advance(1000 * now_ms[0])
+        elif kind == "flick":
+            box.interlock_opened = True
+        elif kind == "light":
+            pulses_ms.append(now_ms[0])
         else:
             closed[0] = value
+            box.interlock_opened = box.interlock_opened or not value
             said = box.advance(1000 * now_ms[0])
         if said != bytes.fromhex(expected):
             found.append((kind, value, said, expected))

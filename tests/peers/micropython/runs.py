@@ -58,12 +58,12 @@ def told(rng: random.Random) -> bytes:
 
 
 def one_run(rng: random.Random) -> dict[str, object]:
-    box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None)
+    box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None, turn_us=1000)
     steps: list[tuple[str, object]] = []
     said: list[bytes] = []
     now_ms, closed = 0, True
     for _ in range(STEPS):
-        match rng.choices(["feed", "ms", "interlock"], weights=[6, 3, 1])[0]:
+        match rng.choices(["feed", "ms", "interlock", "flick", "light"], weights=[12, 6, 2, 1, 1])[0]:
             case "feed":
                 data = told(rng)
                 steps.append(("feed", data.hex()))
@@ -73,11 +73,24 @@ def one_run(rng: random.Random) -> dict[str, object]:
                 now_ms = times_ms[-1]
                 steps.append(("ms", len(times_ms)))
                 said.append(b"".join(box.advance(at_ms / 1e3) for at_ms in times_ms))
+            case "flick":
+                box.open_interlock()
+                if closed:
+                    box.close_interlock()
+                steps.append(("flick", 0))
+                said.append(b"")
+            case "light":
+                box.stray_light()
+                steps.append(("light", 0))
+                said.append(b"")
             case _:
                 closed = not closed
                 (box.close_interlock if closed else box.open_interlock)()
                 steps.append(("interlock", closed))
-                said.append(box.feed(b""))
+                said.append(box.advance(now_ms / 1e3))
+    # every train is completed, lit or not
+    steps.append(("ms", 2000))
+    said.append(b"".join(box.advance(at_ms / 1e3) for at_ms in range(now_ms + 1, now_ms + 2001)))
     pulses_ms = [round(1e3 * pulse.at_s) for pulse in box.pulses]
     return {"steps": steps, "said": [answer.hex() for answer in said], "pulses_ms": pulses_ms}
 
