@@ -24,7 +24,7 @@ import tempfile
 import time
 import tty
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 LEASE_S = 0.1
@@ -86,7 +86,6 @@ class Bench:
     relay: Relay
     rig: Path
     searches: int = 0
-    complaints: list[str] = field(default_factory=list)
 
     def blow(self, chance: random.Random, how: signal.Signals) -> Blow:
         """Start a search, strike it in a lit train, and wait for DISARM."""

@@ -1,7 +1,8 @@
 """The laser goes dark when the search dies or hangs: real processes and signals, the truth told by the emulated box.
 
-How soon is measured by hand, on a quiet machine: `python tests/faults/test_laser_off.py 100`. As a test it must only be
-far sooner than the pulses would end.
+How soon is measured by hand, on a quiet machine: the real command by `python -m tests.faults.laser_off --kills 100`, a
+bare control process by `python tests/faults/test_laser_off.py 100`. As a test it must only be far sooner than the
+pulses would end.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import time
 
 import pytest
 
+import laser_off
 from markerseek.core import FrameHeader, ReadingFrame
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
@@ -94,6 +96,13 @@ def test_the_laser_is_dark_long_before_its_pulses_would_end(how: str) -> None:
     before, after_s = measure(how)
     assert 20 <= before < PULSES / 2
     assert after_s < 1.0
+
+
+def test_the_real_command_s_laser_is_disarmed_soon_after_a_kill() -> None:
+    pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+    (blow,) = laser_off.measure(kills=1, seed=1, how=signal.SIGKILL, busy=0)
+    assert blow.after_s < 1.0
+    assert blow.threads > 1
 
 
 if __name__ == "__main__":
