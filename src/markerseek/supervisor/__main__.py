@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import socket
 import sys
 
 import msgspec
 
 from markerseek.core import MarkerseekError
+from markerseek.supervisor.death import hasten
 from markerseek.supervisor.keeper import Keeper
 from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed
@@ -30,15 +29,9 @@ def main() -> int:
         except MarkerseekError as error:
             control.sendall(packed(Kind.FAILED, str(error).encode()[:MOST_BYTES]))
             return 1
-        _hasten()
+        hasten()
         keeper.run()
     return 0
-
-
-def _hasten() -> None:
-    """Come before all other programs of the computer, where this user may (``ulimit -r``): what it does is short."""
-    with contextlib.suppress(AttributeError, OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import msgspec
 
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.guard.lease import Lease
+from markerseek.supervisor.death import hasten
 from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked
 from markerseek.supervisor.port import SupervisedPort
@@ -73,7 +74,7 @@ class Supervisor:
         self._socket.settimeout(_ANSWER_S)
         # The system announces the death of the thread that starts a process, not that of its program: so this thread
         # does nothing else and stays. It also dies sooner than a thread that computes, and need not free the memory.
-        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="supervisor")
+        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="supervisor", initializer=hasten)
         with other:
             self._process = self._starter.submit(
                 subprocess.Popen,
