@@ -229,3 +229,12 @@ def test_a_reading_is_made_of_numbers(name: str, value: Any) -> None:
 def test_what_is_no_number_is_neither_finite_nor_whole(value: Any) -> None:
     assert not is_finite(value)
     assert is_whole(value) is (type(value) is int)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "words"), [(40, "40 deg"), (math.nan, "nan deg"), (3 + 0j, "a complex (no angle)")]
+)
+def test_an_angle_that_is_refused_is_given_in_degrees_if_it_is_a_number(angle_deg: Any, words: str) -> None:
+    with pytest.raises(LimitError) as refusal:
+        Limits().require_search(angle_deg)
+    assert str(refusal.value).startswith(f"angle {words} is outside the search range")
