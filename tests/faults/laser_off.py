@@ -102,7 +102,7 @@ class Bench:
     searches: int = 0
 
     def blow(self, chance: random.Random, how: signal.Signals) -> Blow | None:
-        """Start a search, strike it in a lit train, and wait for DISARM; None if it ended before, on a computer too busy."""
+        """Start a search, strike it in a lit train, and wait for DISARM; None if it ended by itself."""
         self.searches += 1
         load = os.getloadavg()[0]
         journal = self.folder / f"{self.searches}.journal"
