@@ -97,6 +97,8 @@ def resume_command(journal: Path, rig_file: Path | None) -> str:
 
 def _tell_how_to_go_on(journal: Journal, rig_file: Path | None) -> None:
     """Say by which command a run that ended with an error goes on; nothing where only a new search helps."""
+    if not journal.path.exists():
+        return
     said = f"[dim]journal:[/] {escape(str(journal.path))}"
     command = escape(resume_command(journal.path, rig_file))
     if isinstance(journal.last, Failed):

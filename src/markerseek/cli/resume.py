@@ -170,7 +170,7 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
         return False
     kept = "1 acquisition is kept" if stands.acquisitions == 1 else f"{stands.acquisitions} acquisitions are kept"
     people.print(
-        f"{held.configuration.method} on a {held.configuration.rig} rig: {kept}; "
+        f"{escape(held.configuration.method)} on a {held.configuration.rig} rig: {kept}; "
         + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
     )
     if checks_deg:

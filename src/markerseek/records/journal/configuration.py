@@ -81,5 +81,3 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if not 0 <= self.dark_frames <= _MOST_DARK_FRAMES:
             raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {_MOST_DARK_FRAMES}")
-        if not -360 <= self.start_deg <= 360:
-            raise ConfigError(f"start_deg is {self.start_deg:g} deg, it must lie within one turn of 0")
