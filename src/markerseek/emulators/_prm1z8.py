@@ -33,6 +33,8 @@ class Prm1z8:
     play_deg
         Play between motor and probe: pushed from below the probe stands at the motor's angle, pulled from above by the
         play behind it. In degrees.
+    sense
+        1 if the probe turns as the motor does, -1 if it is mounted the other way round; the play is then mirrored too.
     fault
         Gives the fault of that name if it holds now.
     rng
@@ -45,16 +47,18 @@ class Prm1z8:
         probe: Turned,
         zero_deg: float,
         play_deg: float,
+        sense: int,
         fault: Callable[[str], Fault | None],
         rng: np.random.Generator,
     ) -> None:
-        start_deg = probe.angle_deg + zero_deg
+        start_deg = sense * probe.angle_deg + zero_deg
         self.motor = Motor(angle_deg=start_deg, target_deg=start_deg)
         self.lowest_deg = self.highest_deg = probe.angle_deg
         self.offset = 0
         self._probe = probe
         self._zero_deg = zero_deg
         self._play_deg = play_deg
+        self._sense = sense
         self._fault = fault
         self._slipped_deg = 0.0
         self._jumped = False
@@ -72,7 +76,7 @@ class Prm1z8:
 
     def motor_angle_of(self, probe_deg: float) -> float:
         """Angle of the motor at which it pushes the probe to that angle, in degrees."""
-        return probe_deg + self._zero_deg
+        return self._sense * probe_deg + self._zero_deg
 
     def advance(self, duration_s: float) -> bool:
         """Turn for that long; whether something stopped the motor that was not its target."""
@@ -114,7 +118,7 @@ class Prm1z8:
         if slip is not None:
             pushed_deg += slip.amount
         play_deg = self._play_deg if play is None else play.amount
-        angle_deg = min(max(self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
+        angle_deg = self._sense * min(max(self._sense * self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
         self._probe.angle_deg = angle_deg
         self.lowest_deg = min(self.lowest_deg, angle_deg)
         self.highest_deg = max(self.highest_deg, angle_deg)

@@ -68,6 +68,7 @@ class Kdc101Emulator:
             probe=probe,
             zero_deg=self._settings.zero_deg + 360.0 * self._settings.turns,
             play_deg=self._settings.play_deg,
+            sense=-1 if self._settings.mirrored else 1,
             fault=self._fault,
             rng=rng,
         )

@@ -17,6 +17,7 @@ from markerseek.rigs.rig import fingerprint
 SAME = (
     "stage.driver",
     "stage.zero_deg",
+    "stage.direction",
     "stage.approach_from",
     "laser.pulses",
     "receiver.driver",
