@@ -67,7 +67,8 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
         search = rig.limits.search
         if source_deg not in search or -source_deg not in search:
             raise ConfigError(
-                f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; place the source nearer to 0"
+                f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
+                "place the source nearer to 0"
             )
         method = method_named("posterior")
         policy = build(method.name, limits=search, start_deg=start_deg)
