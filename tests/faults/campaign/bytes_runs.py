@@ -128,18 +128,22 @@ class ByteRun:
     def _write_down(self) -> None:
         """Keep what was really heard, and where, beside the emulated files."""
         daq: Any = self.bench.daq
-        take_up, pulses = daq._take_up, daq._pulses
-        place: list[float] = []
-
-        def taking(world: Any, flash: Any, count: int) -> None:
-            place[:] = [world.angle_deg]
-            take_up(world, flash, count)
+        pulses, acquisition = daq._pulses, daq._acquisition
+        averages: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
         def keeping(averaged: Int16[np.ndarray, "channels samples"], count: int) -> Any:
-            self.heard.append((averaged, place[0]))
+            averages.append((averaged, count))
             return pulses(averaged, count)
 
-        daq._take_up, daq._pulses = taking, keeping
+        def taking(parts: Any) -> Any:
+            averages.clear()
+            files = acquisition(parts)
+            triggers = sum(count for _, count in averages)
+            whole = sum(averaged.astype(np.float64) * count for averaged, count in averages) / triggers
+            self.heard.append((np.rint(whole).astype(np.int16), parts[-1].world.angle_deg))
+            return files
+
+        daq._pulses, daq._acquisition = keeping, taking
 
     def rig(self) -> Rig:
         """The real drivers on the emulated devices, armed."""
