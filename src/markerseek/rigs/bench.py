@@ -25,7 +25,6 @@ from markerseek.wire import apt
 from markerseek.wire import laserbox as laserbox_wire
 from markerseek.wire.port import Port
 
-
 DARK_ALARM = 1e-6
 """Probability with which the noise of one dark frame is taken for a source: 7.3 standard deviations for an image."""
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from markerseek.core import Estimate, Found, Reading, Sample, Unsure
 
 SHARE = 0.8
-"""Least share of the strongest sample's intensity. At a marker found to 0.25° it is heard as strongly as beside it: on
-all simulated materials at 20 to 40 dB the share was 0.9 or more. The peak that a posterior predicts is less
-sharp (0.7)."""
+"""Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
+posterior; after other methods it was less than this, and the noise, only where the angle was wrong. Of the peak that a
+posterior predicts, which would be the other measure, it was 0.73 or more."""
 
 STRONG_SHARE = 0.5
 """Least share of the strongest sample's intensity of those whose place the confirmation is compared with."""

@@ -24,6 +24,7 @@ from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
+from markerseek.rigs.bench import DARK_ALARM
 from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.scene import image_reader
@@ -153,9 +154,10 @@ class ByteRun:
             port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, rate_hz=100.0, dark_triggers=PULSES
         )
         receiver = SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=self.folder / "daq", timeout_s=3.0, dark_triggers=PULSES), clock=clock
+            settings=SonixDaqSettings(folder=self.folder / "daq", timeout_s=3.0, readout_s=0.4, dark_triggers=PULSES),
+            clock=clock,
         )
-        guard = Guard(limits=self.settings.limits, firing=FiringLimits(), admission=Admission())
+        guard = Guard(limits=self.settings.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         guard.arm(by="the campaign")
         imaging = image_reader(self.settings.probe.array, sampling_hz=self.settings.receiver.sampling_hz)
         scanner = Scanner(
@@ -173,6 +175,7 @@ class ByteRun:
             face_radius_m=None,
             truth_deg=self.marker_deg,
             configuration="",
+            closing_dark=True,
         )
 
     def perform(self) -> tuple[Verdict, int, float]:
