@@ -13,12 +13,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+from unittest import mock
 
 import msgspec
 import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, Event, Finished, Found, MarkerseekError, Measured, Permit, Refused
+from markerseek.drivers import sonixdaq
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
@@ -35,8 +37,11 @@ PULSES = 16
 DARK_FRAMES = 3
 OFF_DEG = 0.5
 
-READOUT_S = 2.0
-"""Longest time from a trigger to the last file, a fifth of a real one: the driver polls, and a run takes a fifth."""
+READOUT_S = 10.0
+"""Longest time from a trigger to the last file, in seconds."""
+
+POLL_S = 0.25
+"""Time between two looks at the folder: five times the driver's, which would spend the campaign on them."""
 
 DeathName = Literal["Ctrl-C", "kill"]
 DaqName = Literal["late files", "counting triggers", "counting triggers, box loses power"]
@@ -126,7 +131,7 @@ class Restart:
         self._rng, self._death, self._bare = rng, death, bare
         self.marker_deg = float(rng.uniform(-30, 30))
         self._counting = daq != "late files"
-        readout_s = READOUT_S if self._counting else float(rng.uniform(0.05, 0.4))
+        readout_s = READOUT_S if self._counting else float(rng.uniform(0.2, 2.0))
         self._settings = SimulatedSettings(
             marker=MarkerSettings(angle_deg=self.marker_deg),
             receiver=ReceiverSettings(readout_s=readout_s),
@@ -139,13 +144,13 @@ class Restart:
         self._daq._counts = PULSES if self._counting else None
         if not self._counting:
             # nothing is seen of the acquisition for seconds; then it is there all at once
-            self._daq.faults.delay_s = float(rng.uniform(0.6, READOUT_S - readout_s))
+            self._daq.faults.delay_s = float(rng.uniform(3.0, READOUT_S - readout_s))
         self._folder = folder
         self._method, self._acquisitions = (("posterior", 12), ("weighted-average", 29))[int(rng.random() < 0.25)]
         self._dies_at = int(rng.integers(1, 11))
         self._within_s = 0.01 * PULSES if self._counting else 0.01 * PULSES + self._daq.faults.delay_s + readout_s
         self._completes = daq == "counting triggers"
-        self.clock = BenchClock(tick_s=0.02)
+        self.clock = BenchClock(tick_s=0.05)
         self.clock.lead(self._bench.stage.advance, self._daq.advance)
         self._trains = 0
         self._written: list[Written] = []
@@ -187,6 +192,10 @@ class Restart:
 
     def perform(self) -> Outcome:
         """Let the first search die, wait until a person has begun again, and judge the second."""
+        with mock.patch.object(sonixdaq, "_POLL_S", POLL_S):
+            return self._perform()
+
+    def _perform(self) -> Outcome:
         outcome = Outcome()
         first = HostClock(self.clock, self._death)
         try:
@@ -202,7 +211,7 @@ class Restart:
         self._bench.laser_box.advance(self.clock.now_s())
         while self._bench.stage.moving:
             self.clock.wait(0.05)
-        self.clock.wait(float(self._rng.uniform(0.0, 0.5)))
+        self.clock.wait(float(self._rng.uniform(0.0, 3.0)))
         try:
             for event in self._search(HostClock(self.clock, None), share=None):
                 self._hear(event, outcome)
