@@ -7,6 +7,7 @@ which triggers each accepted frame holds, and where the marker is.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 from collections.abc import Iterator
@@ -40,8 +41,8 @@ OFF_DEG = 0.5
 READOUT_S = 10.0
 """Longest time from a trigger to the last file, in seconds."""
 
-POLL_S = 0.25
-"""Time between two looks at the folder: five times the driver's, which would spend the campaign on them."""
+POLL_S = 0.4
+"""Time between two looks at the folder: eight times the driver's, which would spend the campaign on them."""
 
 DeathName = Literal["Ctrl-C", "kill"]
 DaqName = Literal["late files", "counting triggers", "counting triggers, box loses power"]
@@ -144,9 +145,9 @@ class Restart:
         self._daq._counts = PULSES if self._counting else None
         if not self._counting:
             # nothing is seen of the acquisition for seconds; then it is there all at once
-            self._daq.faults.delay_s = float(rng.uniform(3.0, READOUT_S - readout_s))
+            self._daq.faults.delay_s = float(rng.uniform(5.0, READOUT_S - readout_s))
         self._folder = folder
-        self._method, self._acquisitions = (("posterior", 12), ("weighted-average", 29))[int(rng.random() < 0.25)]
+        self._method, self._acquisitions = (("posterior", 12), ("weighted-average", 29))[int(rng.integers(2))]
         self._dies_at = int(rng.integers(1, 11))
         self._within_s = 0.01 * PULSES if self._counting else 0.01 * PULSES + self._daq.faults.delay_s + readout_s
         self._completes = daq == "counting triggers"
@@ -192,7 +193,9 @@ class Restart:
 
     def perform(self) -> Outcome:
         """Let the first search die, wait until a person has begun again, and judge the second."""
-        with mock.patch.object(sonixdaq, "_POLL_S", POLL_S):
+        with mock.patch.object(sonixdaq, "_POLL_S", POLL_S), contextlib.ExitStack() as bare:
+            if self._bare:
+                bare.enter_context(mock.patch("markerseek.scan.loop.judged", lambda estimate, *_: estimate))
             return self._perform()
 
     def _perform(self) -> Outcome:
@@ -315,7 +318,8 @@ def restarts(
 ) -> Restarts:
     """So many restarts under one data acquisition and one kind of death.
 
-    ``bare`` leaves out what decision 20 brought: the settled folder, the watermark, the dark frames that are looked at.
+    ``bare`` leaves out what decision 20 brought: the settled folder, the watermark, the dark frames that are looked at, the
+    confirmation that counts.
     """
     counts = Restarts()
     number = first
