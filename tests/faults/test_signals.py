@@ -97,7 +97,7 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
     clock = SystemClock()
     over = threading.Event()
     journal = folder / "run.journal"
-    (folder / "rig.toml").write_text(_rig_toml(folder, settings))
+    (folder / "rig.toml").write_text(_rig_toml(folder, settings, pace=1.0).replace("triggered", "fixed"))
     with ExitStack() as opened:
         lines = [
             opened.enter_context(PtyLine(device=device, clock=ServingClock(clock), link=folder / name))
