@@ -37,10 +37,11 @@ def main() -> NoReturn:
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
-        # Who reads or writes a file says which; what names none is standard output: a closed pipe, a full disk.
+        # What names no file is standard output: a closed pipe, a full disk.
         if problem.filename is None:
             _end(f"the output cannot be written: {problem.strerror or problem}", kind="OSError", code=1)
-        _end_of_defect(problem)
+        # Already the question whether there is a file fails for a name that is too long, or a folder without leave.
+        _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
     except MemoryError as problem:
         said = str(problem) or "no more can be had"
         _end(f"not enough memory: {said}; close other programs, or ask for less", kind="MemoryError", code=1)

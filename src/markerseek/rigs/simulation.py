@@ -72,7 +72,7 @@ def simulated(
         settings = replace(settings, tissue=tissue)
     if marker_deg is not None:
         settings = replace(settings, marker=replace(settings.marker, angle_deg=marker_deg))
-    rng = np.random.default_rng(seed)
+    rng = _generator(seed)
     scene = draw_scene(settings, rng)
     step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
     if not step >= LEAST_NOISE_COUNTS:
@@ -136,7 +136,7 @@ def of_intensities(
         If a setting cannot be used; bursts of noise need frames.
     """
     settings = settings or SimulatedSettings()
-    rng = np.random.default_rng(seed)
+    rng = _generator(seed)
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng)
     return in_world(
         world,
@@ -148,6 +148,13 @@ def of_intensities(
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
         rng=rng,
     )
+
+
+def _generator(seed: int) -> np.random.Generator:
+    """Source of randomness of a seed; a journal and a bank keep seeds of 63 bits."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise ConfigError(f"seed is {seed!r}, it must be a whole number from 0 to 2**63 - 1")
+    return np.random.default_rng(int(seed))
 
 
 def in_world(
