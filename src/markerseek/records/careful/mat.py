@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Int16
 from markerseek.files import MIB, open_input
 from markerseek.records.careful.mat73 import HEAD_BYTES, is_mat73, mat73_arrays
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int16
 
 from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Float64, Int16
 from markerseek.files import open_input
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.careful.mat import mat_arrays

@@ -11,9 +11,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Int16
 from markerseek.files import MIB, open_input
 from markerseek.records.banks import HDF5_SUFFIXES
 from markerseek.records.careful.mat import MOST_FRAME_BYTES, load_mat
