@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64
 from markerseek.search.average import THRESHOLD, average_sigma_deg, weighted_average
 from markerseek.search.curve import check_acquisitions, check_sample, curve_of
 from markerseek.search.parabola import fit_top
@@ -23,6 +23,10 @@ from markerseek.search.parabola import fit_top
 def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, " acquisitions"]:
     """Return the angles of a sweep in degrees, rising, with both ends of the range and the step of eq. (5)."""
     return np.linspace(limits.low_deg, limits.high_deg, acquisitions)
+
+
+MOST_STEPS = 5000
+"""Most angles of one sweep: a bank's scan has more of them than a search may make acquisitions."""
 
 
 def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float = THRESHOLD) -> bool:
@@ -62,7 +66,7 @@ class Sweep:
     least = 2
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
-        check_acquisitions(acquisitions, least=self.least, method=self.method)
+        check_acquisitions(acquisitions, least=self.least, most=MOST_STEPS, method=self.method)
         if start_deg is not None and not math.isfinite(start_deg):
             raise ConfigError(f"{self.method}: start_deg is {start_deg} deg, it must be finite")
         angles = equal_steps(limits, acquisitions=acquisitions)

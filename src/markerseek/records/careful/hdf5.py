@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import MissingExtraError, RecordError
+from markerseek.core.shapes import Float64
 
 if TYPE_CHECKING:
     import h5py

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
+
+from markerseek.core.shapes import Float64
 
 
 def probe_pose(angle_deg: float, *, first_deg: float, face_radius_m: float) -> Float64[np.ndarray, " 6"]:

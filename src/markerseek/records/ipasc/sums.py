@@ -11,7 +11,8 @@ import struct
 import zlib
 
 import numpy as np
-from jaxtyping import Int16
+
+from markerseek.core.shapes import Int16
 
 
 def row_sum(*, angle_deg: float, intensity: float, pulses: int, started_s: float) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import platform
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 import scipy
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Interval
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, Interval
 
 _MOST_DARK_FRAMES = 100
 
@@ -63,11 +63,11 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     method: str
-    acquisitions: int | None
+    acquisitions: Annotated[int, msgspec.Meta(ge=1, le=MOST_ACQUISITIONS)] | None
     as_published: bool
     search: Interval
     start_deg: float
-    dark_frames: int
+    dark_frames: Annotated[int, msgspec.Meta(ge=0, le=MOST_ACQUISITIONS)]
     stay: bool
     closing_dark: bool = False
     rig: Literal["simulated", "replayed", "bench"]

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
 import numpy as np
-from jaxtyping import UInt32
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import UInt32
 from markerseek.records.journal.store import PAGE_BYTES
 
 _HEADER = struct.Struct(">8I")

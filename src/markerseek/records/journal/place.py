@@ -7,7 +7,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from markerseek.records.whole_files import sync_folder
+from markerseek.files.whole import sync_folder
 
 
 def data_folder() -> Path:

@@ -7,8 +7,8 @@ from contextlib import closing
 from pathlib import Path
 
 from markerseek.core import RecordError
+from markerseek.files.whole import sync_folder
 from markerseek.records.journal.store import log_of
-from markerseek.records.whole_files import sync_folder
 
 _MOST_COPIES = 100
 

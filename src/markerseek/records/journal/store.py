@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import sys
 import zlib
 from pathlib import Path
 
 import msgspec
 
 from markerseek.core import RecordError
+from markerseek.files import open_input, require_input
 from markerseek.records.journal.place import journals_folder
 
 APPLICATION = 0x4D53656B
@@ -32,6 +34,9 @@ _TABLES = (
 
 SCHEMAS = {1: _TABLES, 2: _TABLES}
 """Tables of each version."""
+
+_MOST_BYTES = 1 << 36
+"""Largest journal that is opened: 100,000 frames of half a megabyte."""
 
 _HEADER_BYTES = 100
 """Length of SQLite's header; our mark lies at its byte 68."""
@@ -96,7 +101,7 @@ def followed(path: Path) -> Path:
 
 
 def is_journal(path: Path) -> bool:
-    """Whether an ordinary file begins as journals do; the rest of it is not looked at.
+    """Whether a regular file begins as journals do; the rest of it is not looked at.
 
     Raises
     ------
@@ -104,7 +109,7 @@ def is_journal(path: Path) -> bool:
         If it cannot be read.
     """
     path = followed(path)
-    with path.open("rb") as file:
+    with open_input(path, most_bytes=sys.maxsize) as file:
         header = file.read(_HEADER_BYTES)
     if not header.startswith(b"SQLite format 3\0"):
         return False
@@ -113,12 +118,13 @@ def is_journal(path: Path) -> bool:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what is no ordinary file, or is empty, before SQLite is asked to open it.
+    """Refuse what is no regular file, is empty or far too large, before SQLite is asked to open it.
 
     Raises
     ------
     RecordError
-        If there is nothing, or a folder, a pipe, a device, an empty file, or a file of more than one name.
+        If there is nothing, or a folder, a pipe, a device, an empty file, one that no journal grows to, or a file of
+        more than one name.
     """
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
@@ -127,14 +133,13 @@ def require_file(path: Path) -> None:
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
             f"searches that named none, in {journals_folder()})"
         )
-    if not path.is_file():
-        raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
+    size = require_input(path, most_bytes=_MOST_BYTES)
     if (names := path.stat().st_nlink) > 1:
         raise RecordError(
             f"{path}: the file has {names} names (hard links), and its log lies beside one of them only; "
             "remove the other names, or copy file and log together to a new place"
         )
-    if path.stat().st_size == 0:
+    if size == 0:
         # SQLite removes the log that lies beside an empty file.
         raise RecordError(
             f"{path}: it is empty: no journal of a run (or its run was never begun); check the name" + _log_beside(path)

@@ -12,6 +12,7 @@ from typing import Self
 import msgspec
 
 from markerseek.core import Failed, Finished, RecordError
+from markerseek.files.whole import sync_folder
 from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.connection import WRITTEN, connect, speaking_of
@@ -22,7 +23,6 @@ from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.rows import to_row
 from markerseek.records.journal.store import VERSION, Row, log_of, row_checksum, taken, version_of
 from markerseek.records.journal.tables import encoded, last_row, lay_out, transact
-from markerseek.records.whole_files import sync_folder
 
 
 class Journal:
