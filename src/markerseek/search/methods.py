@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
-from markerseek.search.curve import PublishedPolicy, check_acquisitions
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import TURNS, ScriptedManual
+from markerseek.search.policy import PublishedPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 
