@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
 from markerseek.acoustics.absorber import Absorber
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior._grid import LEAST, _exponential
+from markerseek.search.posterior._grid import LEAST, exponential
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.asymmetry import asymmetry_probability, shifted_density
@@ -268,7 +268,7 @@ def test_the_shift_of_an_asymmetric_marker():
 def test_the_exponential_of_the_weights_is_numpys():
     log = np.linspace(-25.0, 0.0, 5001).astype(np.float32)
     series, out = np.empty_like(log), np.empty_like(log)
-    _exponential(log, series, out.view(np.int32), out)
+    exponential(log, series, out.view(np.int32), out)
     counted = log > LEAST
     np.testing.assert_allclose(out[counted], np.exp(log[counted], dtype=np.float64), rtol=1e-5)
     assert not out[~counted].any()

@@ -32,7 +32,8 @@ def fill_tables(
     """Fill in (3) at y = 1: ln(f_R(1|μ)·below + largest·Φ((1 − μ)/σ) + outlier), σ² = noise² + (εμ)².
 
     The Rician density f_R is exp(−(1 − μ)²/2σ²)/σ²·exp(−x)·I₀(x), x = μ/σ²: by its series for small x and the first
-    terms of its expansion for large ones (Abramowitz and Stegun 9.6.12, 9.7.1), to 1e-4.
+    terms of its expansion for large ones (Abramowitz and Stegun 9.6.12, 9.7.1), to 1e-4. 3 to 10 times as fast as
+    SciPy's i0e and ndtr on the whole table (`benchmarks.kernels`), of which most densities are 0.
     """
     for row in range(errors.size):
         for k in range(mu.size):
@@ -133,7 +134,7 @@ def _survey(
 
 
 @compiled
-def _exponential(
+def exponential(
     log: Float32[np.ndarray, " cells"],
     series: Float32[np.ndarray, " cells"],
     bits: Int32[np.ndarray, " cells"],
@@ -141,8 +142,9 @@ def _exponential(
 ) -> None:
     """Exp(log), and 0 from `LEAST` down, in vector registers: to 1e-5.
 
-    ``bits`` are those of ``out``: 2 to a whole power is written as one, and Taylor's series of the rest, which lies
-    within ln 2 / 2 of 0, is multiplied on.
+    2 to a whole power is written as the bits of ``out``, and Taylor's series of the rest, within ln 2 / 2 of 0, is
+    multiplied on. 4 to 6 times as fast as Numba's np.exp, which is scalar in single precision, and as fast as NumPy's,
+    which a kernel cannot call (`benchmarks.kernels`).
     """
     for a in range(log.size):
         value = max(log[a], LEAST)
@@ -192,7 +194,7 @@ def weigh(
             else:
                 weight[k, j] = 0
         size = count * amplitudes
-        _exponential(log.reshape(-1)[:size], series[:size], bits[:size], share.reshape(-1)[:size])
+        exponential(log.reshape(-1)[:size], series[:size], bits[:size], share.reshape(-1)[:size])
         for c in range(count):
             row, known = weight[k, counted[c]], share[c]
             total = np.float32(0)

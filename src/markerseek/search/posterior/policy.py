@@ -123,6 +123,7 @@ class Posterior(SearchPolicy):
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
         self._inference = Inference(limits=limits, shapes=_family(), cues=chosen)
+        self._cached_noise: Noise | None = None
         self._cached: _State | None = None
 
     def tell(self, sample: Sample) -> None:
@@ -134,7 +135,7 @@ class Posterior(SearchPolicy):
             If the sample is not usable (`check_sample`), or the laser was on and the search is over.
         """
         super().tell(sample)
-        self._cached = None
+        self._cached_noise = self._cached = None
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
@@ -173,9 +174,14 @@ class Posterior(SearchPolicy):
             floor=floor,
         )
 
+    def _noise(self) -> Noise:
+        if self._cached_noise is None:
+            self._cached_noise = noise_of(self._lit, dark=self._dark)
+        return self._cached_noise
+
     def _state(self) -> _State:
         if self._cached is None:
-            noise = noise_of(self._lit, dark=self._dark)
+            noise = self._noise()
             missing = missing_evidence(self._lit, dark=self._dark, noise=noise)
             particles = PARTICLES if self._detected() else UNDETECTED_PARTICLES
             posterior = self._inference.posterior(self._lit, noise, particles=particles)
@@ -214,7 +220,7 @@ class Posterior(SearchPolicy):
     def _detection_deg(self) -> float:
         """Next angle while nothing is detected, in degrees."""
         measured_deg = self._measured_deg()
-        noise = noise_of(self._lit, dark=self._dark)
+        noise = self._noise()
         if len(measured_deg) < PLANNED_ANGLES or noise.floor.level is None or not noise.sigma:
             return planned_deg(measured_deg, limits=self._limits, descending=self._descending)
         level = noise.floor.level / noise.sigma
@@ -235,7 +241,7 @@ class Posterior(SearchPolicy):
     def _detected(self) -> bool:
         """Whether a sample exceeds the noise floor; where that is unknown, whether one stands out."""
         intensities = [sample.reading.intensity for sample in self._lit]
-        level = noise_of(self._lit, dark=self._dark).floor.level
+        level = self._noise().floor.level
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
         return max(intensities) > level
