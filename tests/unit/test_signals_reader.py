@@ -261,5 +261,3 @@ def test_presets_refuse_what_cannot_be(arguments):
 def test_grids_refuse_what_cannot_be():
     with pytest.raises(ConfigError):
         image_grid(BPL, samples=2080, depth_m=np.array([0.02, 0.01]))
-    with pytest.raises(ConfigError):
-        image_grid(BPL, samples=2080, depth_m=np.array([0.01, 0.02]), columns_per_pitch=3)

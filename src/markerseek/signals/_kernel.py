@@ -118,14 +118,12 @@ def delay_and_sum(
     first: Int32[np.ndarray, "distances depths"],
     weight: Float32[np.ndarray, "distances depths"],
     scale: Float32[np.ndarray, "depths columns"],
-    right: int,
-    left: int,
     out: Float32[np.ndarray, "depths columns"],
 ) -> None:
     """Write the sum of the delayed signals of every column, times ``scale``, into ``out``, shape (depths, columns).
 
-    Row m of the tables belongs to the elements ``right + m`` and ``left - m`` columns away. ``first`` is the sample
-    before the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
+    Row m of the tables belongs to the elements m columns to the right and to the left. ``first`` is the sample before
+    the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
     all are contiguous.
     """
@@ -136,10 +134,9 @@ def delay_and_sum(
         stop = min(depths, start + _TILE)
         out[start:stop] = np.float32(0)
         for m in range(0, first.shape[0], 4):
-            span_right = (columns - right - m + 31) // 32 * 32
-            span_left = (columns + left - m + 31) // 32 * 32
-            from_right = PAD + right + m
-            from_left = PAD + left - m + columns - span_left
+            span = (columns - m + 31) // 32 * 32
+            from_right = PAD + m
+            from_left = PAD - m + columns - span
             for z in range(start, stop):
                 t0 = first[m, z]
                 if t0 < 0:
@@ -151,14 +148,14 @@ def delay_and_sum(
                 r0, r1, r2, r3 = t0 * wide, t1 * wide, t2 * wide, t3 * wide
                 s = from_right
                 starts = (r0 + s, r1 + s + 1, r2 + s + 2, r3 + s + 3)
-                _add_four(image, values, z * columns, span_right, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
-                if m == 0 and right == left:
+                _add_four(image, values, z * columns, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
+                if m == 0:
                     # The element straight above a column stands once in the sum.
                     u0, w0 = np.float32(0), np.float32(0)
                 s = from_left
                 starts = (r0 + s, r1 + s - 1, r2 + s - 2, r3 + s - 3)
-                to = (z + 1) * columns - span_left
-                _add_four(image, values, to, span_left, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
+                to = (z + 1) * columns - span
+                _add_four(image, values, to, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
         for z in range(start, stop):
             for c in range(columns):
                 out[z, c] *= scale[z, c]

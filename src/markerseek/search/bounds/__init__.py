@@ -1,7 +1,7 @@
 """What no search can do better: bounds on the error of the marker's angle. Pure."""
 
 from markerseek.search.bounds.best_angles import BestAngles, best_angles
-from markerseek.search.bounds.curves import SampledCurve, SlopedCurve, TailedCurve
+from markerseek.search.bounds.curves import SampledCurve, SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
@@ -22,7 +22,6 @@ __all__ = [
     "Prior",
     "SampledCurve",
     "SlopedCurve",
-    "TailedCurve",
     "angle_bound_deg",
     "best_angles",
     "sample_information",
