@@ -1,4 +1,4 @@
-"""Angle in, what would be heard out: probe, source, medium, band, forward model, noise and converter. Pure."""
+"""The forward model, from absorbers and an angle to channel data: source, medium, probe, band, noise. Pure."""
 
 from markerseek.acoustics.absorber import Absorber, Clutter
 from markerseek.acoustics.band import Band

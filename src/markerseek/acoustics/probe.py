@@ -1,4 +1,4 @@
-"""The probe: a row of elements of some height and width behind a lens, at some distance from the axis of rotation."""
+"""Geometry of the probe: a row of elements behind a lens, at some distance from the axis of rotation."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""What absorbs the light: far-field photoacoustic pulses in closed form.
+"""Absorbers: their far-field photoacoustic pulses in closed form.
 
-Light that comes at once leaves a pressure p0(x) behind. Far from an absorber of linear size much below the distance r,
+A short light pulse leaves an initial pressure p0(x). Far from an absorber of linear size much below the distance r,
 the pressure is (1/r)·q(s), s = c·t − r, with q(s) = (1/4π)·dA(s)/ds, where A(s) is the integral of p0 over the plane at
-distance s from the absorber's middle, perpendicular to the direction of hearing (G. J. Diebold, T. Sun and M. I. Khan,
-Phys. Rev. Lett. 67, 3384 (1991); Poisson's formula). For absorbers that are the same from all sides this holds at every
-distance outside of them. Each class gives the transform of q over time, Q(f) = (i k/4π c)·∫ A(s) exp(−i k s) ds with
-k = 2π f/c, for p0 = 1 in the middle. An absorber that is not small against the distance is a cloud of small ones.
+distance s from the absorber's centre, perpendicular to the direction of the receiver (G. J. Diebold, T. Sun and M. I.
+Khan, Phys. Rev. Lett. 67, 3384 (1991); Poisson's formula). For spherical absorbers this holds at every distance outside
+of them. `GaussianAbsorber.spectrum` is the transform of q over time, Q(f) = (i k/4π c)·∫ A(s) exp(−i k s) ds with
+k = 2π f/c, for p0 = 1 at the centre. An absorber that is not small against the distance is several small ones.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Spectrum: TypeAlias = Complex128[np.ndarray, " frequencies"]
 
 
 class Source(Protocol):
-    """Small absorber that can tell its pulse; two that are equal have equal hashes, as tables are kept by source."""
+    """Small absorber with a pulse; two that are equal have equal hashes, because tables are cached by source."""
 
     def __hash__(self) -> int:
         """Hash by value."""

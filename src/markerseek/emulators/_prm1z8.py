@@ -12,7 +12,7 @@ from markerseek.wire.apt import COUNTS_PER_DEG
 
 
 class Turned(Protocol):
-    """Where the probe truly points: `markerseek.sim.Surroundings` has it."""
+    """Where the probe truly points: `markerseek.sim.SimulatedWorld` has it."""
 
     angle_deg: float
 

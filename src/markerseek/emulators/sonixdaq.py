@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader
-from markerseek.sim import Flash, Surroundings
+from markerseek.sim import Flash, SimulatedWorld
 from markerseek.wire import sonixdaq as wire
 
 _SPREAD_COUNTS = 8
@@ -83,7 +83,7 @@ class EmulatedSonixDaq:
     def __init__(
         self,
         *,
-        world: Surroundings,
+        world: SimulatedWorld,
         folder: Path,
         rng: np.random.Generator,
         readout_s: float = 10.0,
@@ -105,7 +105,7 @@ class EmulatedSonixDaq:
         self._flashes = len(world.flashes)
         self._now_s = 0.0
         self._begins_s = 0.0
-        self._triggered: deque[tuple[Surroundings, Flash | None, int]] = deque()
+        self._triggered: deque[tuple[SimulatedWorld, Flash | None, int]] = deque()
         self._previous: list[bytes] = []
         self._queue: list[bytes] = []
         self._written = 0
@@ -145,7 +145,7 @@ class EmulatedSonixDaq:
         if self._written == wire.CHANNELS:
             self._queue = []
 
-    def _take_up(self, world: Surroundings, flash: Flash | None, count: int) -> None:
+    def _take_up(self, world: SimulatedWorld, flash: Flash | None, count: int) -> None:
         """Make the files of a trigger; they are written from now on."""
         fresh = self._acquisition(world, flash, count)
         files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
@@ -155,7 +155,7 @@ class EmulatedSonixDaq:
         self._written = 0
         self._begins_s = self._now_s + self.faults.delay_s
 
-    def _acquisition(self, world: Surroundings, flash: Flash | None, count: int) -> list[bytes]:
+    def _acquisition(self, world: SimulatedWorld, flash: Flash | None, count: int) -> list[bytes]:
         """Channel files of what is heard after a flash."""
         header = FrameHeader(sequence=0, token="", pulses=count, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
         frame = world.frame(flash, header=header)

@@ -24,7 +24,7 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedStage,
     SimulatedState,
-    Surroundings,
+    SimulatedWorld,
     VirtualClock,
     World,
 )
@@ -151,7 +151,7 @@ def of_intensities(
 
 
 def in_world(
-    world: Surroundings,
+    world: SimulatedWorld,
     settings: SimulatedSettings,
     *,
     clock: VirtualClock,

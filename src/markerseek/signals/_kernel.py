@@ -1,4 +1,4 @@
-"""Compiled loops of the imaging chain, one thread each; samples first, channels contiguous.
+"""Compiled kernels of the imaging chain, one thread each; samples first, channels contiguous.
 
 With channels contiguous, the pixels of one depth that share a delay lie side by side, so that beamforming needs no
 gather: row ``t`` of the signals, shifted by some channels, is added to a row of the image.
@@ -30,6 +30,9 @@ def fir(
     ``taps[0]`` is the middle tap; ``padded`` holds len(taps) - 1 rows more than ``out`` on either side. The number of
     taps on one side is a multiple of four.
     """
+    # A symmetric filter: both samples of a pair are added before the product, which halves the products. Four taps at
+    # once, so that each result is loaded and stored once for four; channels side by side, so that the
+    # compiler uses vector instructions.
     rows, columns = out.shape[0], padded.shape[1]
     half = len(taps) - 1
     for t in range(rows):
@@ -83,7 +86,7 @@ def magnitude(
 
 @compiled
 def _samples(first: int, weight: np.float32, instead: int) -> tuple[int, np.float32, np.float32]:
-    """Sample before the delay and the shares of it and of the next; an unused element has no share of any sample."""
+    """Sample before the delay and its weight and that of the next; both weights of an unused element are 0."""
     if first < 0:
         return instead, np.float32(0), np.float32(0)
     return first, np.float32(1) - weight, weight
@@ -219,7 +222,7 @@ def beams(
             for e in range(low, min(high + 1, len(element_m))):
                 offset = element_m[e] - lateral_m[x]
                 place = np.sqrt(depth_m[z] * depth_m[z] + offset * offset) * per_metre + origin
-                # Conversion cuts towards 0, and is faster than the floor that it is where the sign is known.
+                # int() rounds towards 0: for positive numbers that is the floor, and faster.
                 t = int(place)
                 if place >= 0 and t < last:
                     w = np.float32(place - t)

@@ -1,7 +1,7 @@
 """The band-pass on channels: linear phase, its delay taken out, float32.
 
-The windowed sinc is written out: importing SciPy's filter design would cost more time than all frames of a search.
-The tests hold it against `scipy.signal.firwin`.
+The windowed sinc is written out, because importing SciPy's filter design takes longer than all frames of a search; the
+tests compare it with `scipy.signal.firwin`.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ def response(
 
 
 def padded_columns(channels: int) -> int:
-    """Columns that the kernels work on: the channels, filled up with silent ones to a multiple of 32."""
+    """Columns that the kernels work on: the channels, padded with zero columns to a multiple of 32."""
     return -(-channels // 32) * 32
 
 
 def band_pass(
     samples: Int16[np.ndarray, "channels samples"], taps: Float64[np.ndarray, " taps"], *, blanked: int
 ) -> Float32[np.ndarray, "samples columns"]:
-    """Filtered channels, transposed and between silent columns, as the beamformer wants them.
+    """Filtered channels, transposed and between zero columns, as the beamformer needs them.
 
-    Each channel's mean is taken off and the record fades in and out, because a step at either end, being the same in
-    all channels, would look like a sound from far away.
+    Each channel's mean is subtracted and the record fades in and out: a step at either end is the same in all channels,
+    and would be imaged as a distant source.
 
     Parameters
     ----------
