@@ -132,7 +132,9 @@ def test_the_laser_error_is_inferred_from_repeated_samples():
 
     def likeliest(differ):
         samples = [
-            observation(t, float(log_levels(10, 1.0)) + differ * k, noise=0.005) for t in (-1, 1) for k in (-1, 0, 1)
+            observation(t, float(log_levels(10, 1.0)) + differ * k, noise=0.005)
+            for t in (-1.0, 1.0)
+            for k in (-1, 0, 1)
         ]
         log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, np.array([0.0]))
         return float(hypotheses.sample_error[np.argmax(log_p[0])])

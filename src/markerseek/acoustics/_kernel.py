@@ -59,6 +59,7 @@ def _add_element(
         for v in range(along.size):
             path = math.sqrt(beside + along[v] * along[v])
             amplitude = strength * across_weight[u] * along_weight[v] / path
+            # Between two phases the pulse is interpolated: PHASES lines per sample keep that to 3e-4 (`pulse`).
             arrival = (path - lens[v]) * samples_per_metre + offset
             sample = math.floor(arrival)
             fraction = (arrival - sample) * (phases - 1)
@@ -71,6 +72,7 @@ def _add_element(
             count = np.uint64(high - low)
             to = np.uint64(start + low)
             if ranges == 1:
+                # exp(−loss·d) to first order: the paths of one face differ by little (`MIXED_BELOW_NP`).
                 amplitude *= 1.0 - loss * (path - middle)
                 a, b = np.float32(amplitude * (1.0 - late)), np.float32(amplitude * late)
                 early = np.uint64(phase * length + low)
@@ -132,6 +134,8 @@ def add_absorbers(
     the face, the element has one table for all of its nodes: half the reading of memory.
     """
     most = nodes.shape[0] - 1
+    # As many nodes as the phase needs and no more: near the plane the sound arrives almost at once over the face, and a
+    # few nodes are exact; off the plane several dozens are needed.
     mixed = np.empty((1, lines.shape[1], lines.shape[2]), dtype=np.float32)
     for n in range(data.shape[0]):
         row = data[n]

@@ -136,6 +136,7 @@ class AcousticModel:
                 places.setdefault(absorber.source, []).append(
                     (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
                 )
+        # Absorbers of one kind share a table of pulses and one call of the kernel.
         for source, rows in places.items():
             self._add(data, np.array(rows), self.pulse(source))
         return data

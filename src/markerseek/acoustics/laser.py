@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from markerseek.acoustics._checks import positive
 from markerseek.acoustics.source import Frequencies, Spectrum
 
 
+@runtime_checkable
 class LaserPulse(Protocol):
     """Light in time; two pulses that are equal have equal hashes, because tables are cached by pulse."""
 

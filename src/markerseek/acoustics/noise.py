@@ -53,6 +53,7 @@ class Bursts:
         channels
             Number of channels.
         """
+        # Sizes are drawn for all channels, so that the random state does not depend on which were hit.
         hit = rng.random(channels) < self.channel_probability
         size = np.where(hit, self._sizes(rng, channels), 1.0)
         if rng.random() < self.frame_probability:

@@ -102,6 +102,7 @@ def pulse_table(
             f"{source} under {laser} leaves nothing in the band {band}; take a smaller absorber or a shorter pulse"
         )
     product = product / _envelope_peak(product / magnitude.max()) / magnitude.max()
+    # The step of the paths is set by the attenuation over it, at the upper end of the pulse's band.
     attenuation = medium.attenuation_np_m(frequency_hz)
     strongest = float(attenuation[magnitude > 0.05 * magnitude.max()].max())
     step_m = max(_STEP_NP / strongest, longest_m / _MOST_RANGES) if strongest > 0 else math.inf
@@ -119,6 +120,7 @@ def pulse_table(
 
 def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
     """Peak of the envelope of the pulse with this spectrum (frequencies up to half the sampling frequency)."""
+    # Eight times oversampled: between two samples the envelope may be higher than at them.
     analytic = scipy.fft.ifft(2 * spectrum, _WINDOW * 8, norm="forward")
     return float(np.abs(analytic).max())
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -26,6 +26,7 @@ Spectrum: TypeAlias = Complex128[np.ndarray, " frequencies"]
 """Transform of a pulse over time, of the sign convention exp(−i 2π f t)."""
 
 
+@runtime_checkable
 class Source(Protocol):
     """Small absorber with a pulse; two that are equal have equal hashes, because tables are cached by source."""
 

@@ -187,6 +187,7 @@ def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -
     power = np.abs(hilbert(wave)) ** 2
     strong = np.where(power > _SIGNIFICANT * power.max(), power, 0.0)
     middle = float(strong @ time_us / strong.sum())
+    # Finely sampled once by a spline, so that the fit may interpolate linearly.
     fine_us = np.linspace(time_us[0], time_us[-1], 16 * window)
     return (fine_us - middle, np.asarray(CubicSpline(time_us, wave)(fine_us))), middle
 
@@ -252,6 +253,7 @@ def _residual(
     time_us = waves.arrival_s[:, None] * 1e6 + (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
     shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
     wave = waves.wave / height[:, None]
+    # The amplitude of each wave is fitted in closed form: its directivity is no part of this model.
     gain = np.einsum("fw,fw->f", shape, wave) / np.maximum(np.einsum("fw,fw->f", shape, shape), 1e-12)
     left = wave - gain[:, None] * shape
     if not weighted:

@@ -136,6 +136,7 @@ def _alone(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.nd
         path = np.hypot(element_mm - place, distance) - distance
         return np.asarray((path / speed + late - arrival_us) / (1e6 * _OUTLIER_S))
 
+    # Millimetres and microseconds: all four parameters are of the order of 1 to 100.
     start = np.array([1.54, 1.54 * arrival_us[first], element_mm[first], arrival_us[first]])
     fit = least_squares(residual, start, loss="soft_l1", x_scale=np.maximum(np.abs(start), 1.0))
     jacobian = np.asarray(fit.jac)

@@ -88,6 +88,7 @@ class BracketSearch(SearchPolicy):
         if acquisitions is None:
             if width_deg is None:
                 raise ConfigError("bracket search: give acquisitions or width_deg, or it would never end")
+            # Enough for the width even if the stage misses an angle; the width ends the search before.
             acquisitions = _acquisitions_for(limits.width_deg / width_deg, ratio=ratio, reuse=reuse)
         check_acquisitions(acquisitions, least=2, method=self.name)
         self._ratio = ratio
@@ -119,6 +120,7 @@ class BracketSearch(SearchPolicy):
         if self._kept is None:
             self._kept = (sample, True)
             return
+        # By the angles reached: a stage may have swapped two angles that lie close together.
         left, right = sorted((self._kept[0], sample), key=lambda point: point.angle_deg)
         self._kept = self._cut(left, right)
 

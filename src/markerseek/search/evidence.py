@@ -60,6 +60,7 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
     """Whether most of the other strong samples come from another place in the image."""
+    # Only strong samples: the position of a weak one is pulled by noise.
     least = max(level, strongest.reading.intensity / 2)
     others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
     for name, tolerance_m in (("lateral_m", LATERAL_M), ("depth_m", DEPTH_M)):

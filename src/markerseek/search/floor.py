@@ -106,6 +106,7 @@ def _from_dark(dark: Sequence[Sample], *, frames: int) -> Noise:
 
 def _from_frames(lit: Sequence[Sample]) -> Noise:
     sigmas = [sample.reading.noise_sigma or 0.0 for sample in lit]
+    # A burst raises the noise of its own frame: the strongest frame's σ counts if it is larger.
     strongest = max(range(len(lit)), key=lambda index: lit[index].reading.intensity)
     sigma = max(float(np.median(sigmas)), sigmas[strongest])
     level = sigma * noise_factor(cells=_cells(lit, otherwise=MOST_CELLS), frames=len(lit))
@@ -132,6 +133,7 @@ def _roughness(curve: Curve) -> float:
     low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
+    # The line through both neighbours removes slope; a peak still bends, but the median ignores it.
     line = (1 - share) * curve.intensity[:-2][spaced] + share * curve.intensity[2:][spaced]
     scatter = float(np.median(np.abs(curve.intensity[1:-1][spaced] - line)))
     return 3.4 * 1.4826 * scatter / math.sqrt(1.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from markerseek.core import ConfigError, Found, SearchError
 from markerseek.core.reading import Sample
@@ -56,6 +56,7 @@ class SearchPolicy(ABC):
         """Change the state of the search by a sample with the laser on, which is the last one kept."""
 
 
+@runtime_checkable
 class PublishedPolicy(Protocol):
     """A policy that always answers `Found`, as the methods of the paper do."""
 

@@ -63,6 +63,7 @@ def magnitude(
     Tap k stands at the odd offset 2 k + 1; ``padded`` holds 2 len(taps) rows more than ``out`` on either side, and the
     number of taps is a multiple of four.
     """
+    # Antisymmetric, and every second tap of a Hilbert transformer is 0: a quarter of the products of a plain filter.
     rows, columns = out.shape
     half = 2 * len(taps)
     for t in range(rows):
@@ -130,6 +131,8 @@ def delay_and_sum(
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
     all are contiguous.
     """
+    # Columns that stand on the elements share one table of delays, because a delay depends on the depth and the lateral
+    # distance alone. So the sum runs over distances, and adds whole rows of the signals to whole rows of the image.
     depths, columns = out.shape
     wide = signals.shape[1]
     image, values = out.ravel(), signals.ravel()
@@ -137,6 +140,7 @@ def delay_and_sum(
         stop = min(depths, start + _TILE)
         out[start:stop] = np.float32(0)
         for m in range(0, first.shape[0], 4):
+            # Only columns that have an element m to the right, filled up to whole vectors by zero columns.
             span = (columns - m + 31) // 32 * 32
             from_right = PAD + m
             from_left = PAD - m + columns - span

@@ -155,6 +155,7 @@ def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " 
     # Four more rows at most: the kernel takes four distances at a time.
     distance = np.arange(-(-min(rows, array.elements) // 4) * 4) * array.pitch_m
     place = np.hypot(distance[:, None], depth_m) * per_metre + origin
+    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
     first = np.floor(place)
     usable = (distance[:, None] <= half) & (first >= 0) & (first < samples - 1)
     usable &= (np.arange(len(distance)) < array.elements)[:, None]

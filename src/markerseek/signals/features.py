@@ -51,6 +51,7 @@ def noise_profile(envelope: Float32[np.ndarray, "depth lateral"]) -> Float64[np.
     """
     rows = envelope[: envelope.shape[0] // BLOCK_ROWS * BLOCK_ROWS] if envelope.shape[0] >= BLOCK_ROWS else envelope
     blocks = max(1, rows.shape[0] // BLOCK_ROWS)
+    # The median, because the arcs of a source fill less than half of most blocks and hardly move it.
     pixels = np.ascontiguousarray(rows[::2, ::3]).reshape(blocks, -1)
     middle = pixels.shape[1] // 2
     return np.asarray(np.partition(pixels, middle, axis=1)[:, middle].astype(np.float64) / _RAYLEIGH_MEDIAN)
@@ -87,6 +88,7 @@ def coherent_energy(
     Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
     is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
     """
+    # Both quadratures must be in the window for the exponential law of chance coherence.
     step = preset.sound_speed_m_s / preset.sampling_hz
     half = max(1, window_samples(preset) // 2)
     depth = np.maximum(depth_m + step * np.arange(-half, half + 1), step)

@@ -36,6 +36,7 @@ def band_pass_taps(*, low_hz: float, high_hz: float, sampling_hz: float) -> Floa
         )
     k = np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
     low, high = 2 * low_hz / sampling_hz, 2 * high_hz / sampling_hz
+    # The difference of two low-passes, scaled to gain 1 at the centre of the band.
     taps = (high * np.sinc(high * k) - low * np.sinc(low * k)) * np.hamming(len(k))
     return np.asarray(taps / np.sum(taps * np.cos(np.pi * (low + high) / 2 * k)))
 
@@ -87,6 +88,7 @@ def band_pass(
     rows = padded[half : half + count, :channels]
     np.subtract(samples.T, mean, out=rows)
     rows *= _taper(count, blanked)[:, None]
+    # Zero columns on both sides: the beamformer's rows may reach beyond the array without a test.
     filtered = np.zeros((count, padded.shape[1] + 2 * PAD), np.float32)
     fir(padded, taps[half:].astype(np.float32), filtered, PAD)
     return filtered

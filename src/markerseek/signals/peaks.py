@@ -52,6 +52,7 @@ def refine_peak(
     i, j = int(best[0]) + low, int(best[1])
     down, height = _top(patch[:, j], i)
     side, across = _top(patch[i], j)
+    # The two parabolas share their middle value, which is counted once.
     return (
         float(lateral[j] + side * (fine[1] - fine[0])),
         float(depth[i] + down * preset.depth_step_m),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from markerseek.core import ConfigError
 
 
+@runtime_checkable
 class SlopedCurve(Protocol):
     """Noise-free intensity over the angle t off the marker, 1 at t = 0."""
 

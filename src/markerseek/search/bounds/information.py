@@ -117,6 +117,7 @@ def sample_information(
     off_deg = angle_deg - marker_deg
     snr = noise.snr
     height, slope = curve.value(off_deg), curve.slope(off_deg)
+    # S·ln S tends to 0 with S.
     with np.errstate(divide="ignore", invalid="ignore"):
         tail = np.where(height > 0, height * np.log(height), 0.0)
     mean_change = np.stack(
@@ -125,6 +126,7 @@ def sample_information(
     mean = snr * height
     variance = 1 + (noise.jitter * mean) ** 2
     variance_change = 2 * noise.jitter**2 * mean[..., None] * mean_change
+    # Fisher information of a normal sample whose mean and variance both depend on the parameters.
     return np.asarray(
         np.einsum("...i,...j,...->...ij", mean_change, mean_change, 1 / variance)
         + np.einsum("...i,...j,...->...ij", variance_change, variance_change, 1 / (2 * variance**2))

@@ -52,6 +52,7 @@ def fill_tables(
                         total += term
                     bessel = total * math.exp(-x)
                 density = math.exp(-away) / variance * bessel
+            # F_R of (3): the marker's own envelope stays below a noise peak of height 1.
             reached = 0.5 * math.erfc((mu[k] - 1) / math.sqrt(2 * variance))
             out[row, k] = math.log(density * below + largest * reached + outlier)
 
@@ -112,6 +113,7 @@ def _survey(
 ) -> float:
     """Fill in the largest of each row, and drop the rows far below it; return the largest of all."""
     angles, shapes, amplitudes = cube.shape
+    # The prior of the angle is part of what is compared with `LEAST` in `weigh`, not of what drops a row.
     tops[:] = -math.inf
     largest, best = -math.inf, -math.inf
     for k in range(angles):
@@ -214,6 +216,7 @@ def draw(
     cell: Int64[np.ndarray, "particles 3"],
 ) -> int:
     """Draw cells by systematic resampling, at equal steps of the cumulative weight; return how many were drawn."""
+    # Without random numbers: the same samples always give the same particles, and so the same next angle.
     angles, shapes, amplitudes = weight.shape
     total = 0.0
     for k in range(angles):

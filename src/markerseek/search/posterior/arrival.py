@@ -176,6 +176,7 @@ def _fill_in(
     spread_scale: Float64[np.ndarray, "angles samples"],
 ) -> None:
     """Fill in design, value and scale of the linear models (5), in units of δ, and (6), in units of b·0.3²."""
+    # A trigger offset of some µs changes the depth by some mm, and D of (4) by little: τ₀ and k absorb it.
     depth_m = max(SOUND_SPEED_M_S * reference_s, 5e-3)
     height_m2, height_sd_m2 = HEIGHT_M2
     unit = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
@@ -273,6 +274,7 @@ def student_log_likelihood(
                         matrix[m, n] += share * design[k, i, m] * design[k, i, n]
             half_log_det = solve(matrix, beta)
             _residuals(design[k], value[k], scale[k], beta, residual)
+        # Laplace: ln p at the mode less half of ln det of the precision there; constants in the angle are left out.
         log = -half_log_det
         for m in range(terms):
             log -= 0.5 * precision[m] * beta[m] ** 2

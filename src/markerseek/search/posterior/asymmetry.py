@@ -76,6 +76,7 @@ def asymmetry_probability(lit: Sequence[Sample], *, sigma: float, marker_m: floa
                 # Noise takes its share of the channels' energy: so many channels are in the sum.
                 noise = 2 * _CHANNELS / snr**2
                 coherences.append((reading.coherence * (1 + noise), _COHERENCE + noise / 2))
+    # Bayes' rule in log-odds: the prior, and the Bayes factors of position, coherence and its level.
     log_odds = math.log(PRIOR / (1 - PRIOR)) + _log_scatter(places) + _log_scatter(coherences)
     if coherences:
         weight = [1 / sigma**2 for _, sigma in coherences]
@@ -121,6 +122,7 @@ def shifted_density(
         Standard deviation of the shift if it is, in degrees.
     """
     step_deg = float(angle_deg[1] - angle_deg[0])
+    # The convolution of (10) is a sum over the grid of centres, a few hundred by some dozens.
     same = np.interp(markers_deg, angle_deg, share / step_deg, left=0.0, right=0.0)
     away = (markers_deg[:, None] - angle_deg) / sigma_deg
     shifted = np.exp(-(away**2) / 2) @ share / (sigma_deg * math.sqrt(2 * math.pi))

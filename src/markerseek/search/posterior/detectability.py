@@ -60,6 +60,7 @@ def undetected_deg(
     """
     inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
     gaps = [((high - low) / 2, (low + high) / 2) for low, high in pairwise(inside)]
+    # Inside, a gap is covered from both sides; at an end from one.
     gaps += [(inside[0] - limits.low_deg, limits.low_deg), (limits.high_deg - inside[-1], limits.high_deg)]
     far_deg, where_deg = max(gaps)
     strong = STRONGER * peak

@@ -110,6 +110,7 @@ class Grid:
         self.log_amplitude = lowest + phases * TABLE_STEP * np.arange(amplitudes)
         self._shapes = shapes
         self._phases = phases
+        # The curve changes between two cells: that too is an error of the model, added as squares.
         self._errors = tuple(np.hypot(ERRORS, blur).tolist())
         # Single precision halves the memory that each sample passes through; ln p stays exact to 1e-5.
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
@@ -168,6 +169,7 @@ def _tables(
     entries = tables.shape[1] // phases
     rows = tables[:, : entries * phases].reshape(len(errors), entries, phases).transpose(0, 2, 1)
     wide = np.empty((len(errors), phases, entries + 2 * amplitudes), np.float32)
+    # Repeated ends: beyond the table ln p is that of its last entry.
     wide[..., :amplitudes] = rows[..., :1]
     wide[..., amplitudes:-amplitudes] = rows
     wide[..., -amplitudes:] = rows[..., -1:]
@@ -196,6 +198,7 @@ def finer(
     likely = np.argsort(-known.shape, kind="stable")[:MOST_SHAPES]
     members = np.sort(coarse.members[likely[known.shape[likely] > LEAST_SHARE * known.shape.max()]])
     centre = float(known.amplitude @ coarse.log_amplitude)
+    # A coarse grid does not resolve less than about half of its step, which is added.
     sigma = math.sqrt(float(known.amplitude @ (coarse.log_amplitude - centre) ** 2)) + coarse.step_amplitude / 2
     # The amplitudes span 8 standard deviations, in steps of 1 to 8 entries of the table.
     phases = max(1, min(8, math.ceil(8 * sigma / (AMPLITUDES - 1) / TABLE_STEP)))

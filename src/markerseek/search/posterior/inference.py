@@ -104,6 +104,7 @@ class Inference:
         inside = (self._coarse_deg >= limits.low_deg - step_deg / 2) & (
             self._coarse_deg <= limits.high_deg + step_deg / 2
         )
+        # Uniform inside, and a little beyond: without it a marker beyond an end would seem certain to be at that end.
         self._log_prior = np.where(inside, 0.0, math.log(BEYOND_SHARE))
         self._grid: Grid | None = None
         self._scale = Scale(unit=0.0, sigma=1.0, marker_m=None, cells=1)
@@ -233,9 +234,11 @@ def refine(
     grid, best = coarse, known
     strong = strong_observations(observations)
     symmetric = len(strong) >= LEAST_STRONG
+    # One refinement is enough before the symmetric likelihood, which has its own angles.
     for _ in range(1 if symmetric else 2):
         half_deg = _half_width_deg(grid.angles_deg, best.angle)
         step_deg = float(grid.angles_deg[1] - grid.angles_deg[0])
+        # A posterior that fills the grid, or is resolved already, gains nothing from a finer one.
         if not observations or half_deg >= 0.4 * (grid.angles_deg[-1] - grid.angles_deg[0]) / 2:
             break
         if grid is not coarse and step_deg <= 0.25 * half_deg / HALF_WIDTH_SIGMAS:
@@ -247,6 +250,7 @@ def refine(
         return Centre(
             angles_deg=grid.angles_deg, share=best.angle, particles=best.particles, fwhm_deg=fwhm_deg, strong=[]
         )
+    # The template's error is g now: few shapes are enough, the Gaussian process makes up for the others.
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
     remaining = hypotheses_of(shapes, members)
     angles_deg, share = grid.angles_deg, best.angle
@@ -259,6 +263,7 @@ def refine(
         weight = np.exp(log_p - log_p.max())
         share = weight.sum(axis=1) / weight.sum()
         by_hypothesis = weight.sum(axis=0)
+        # The second, finer pass costs in proportion to the hypotheses that are left.
         remaining = hypotheses.kept(np.flatnonzero(by_hypothesis > LEAST_SHARE * by_hypothesis.max()))
     row, column = _drawn(weight, particles)
     drawn = Particles(

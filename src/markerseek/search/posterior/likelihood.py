@@ -133,7 +133,9 @@ def scale_of(lit: Sequence[Sample], noise: Noise) -> Scale:
     largest = strongest.reading.intensity
     smallest = min(sample.reading.intensity for sample in lit)
     unit = largest if largest > 0 else 1.0
+    # Never 0, for intensities are divided by it.
     sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
+    # A peak below this may be noise, whose lateral position says nothing.
     clear = largest > max(CLEAR_SNR * sigma, noise.floor.level or 0.0)
     most = math.log(MOST_CELLS)
     return Scale(
@@ -181,6 +183,7 @@ def log_tables(
     # exp(−y²/2σ²) underflows beyond 700, and log1p needs a value above −1.
     rayleigh = math.exp(-min(1 / (2 * noise**2), 700.0))
     below = math.exp(cells * math.log1p(-min(rayleigh, 1 - 1e-12)))
+    # f_E of (3) at y = 1, the derivative of F_E = ``below``; both in units of 1/y.
     largest = cells * rayleigh / noise**2 * below / max(1 - rayleigh, 1e-12)
     good = 1 - OUTLIER_SHARE
     tables = np.empty((len(errors), TABLE_SIZE))

@@ -68,6 +68,7 @@ def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: 
     inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
     low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
+    # Nothing lies beyond an end, so that its gap is covered from one side only.
     gaps += [(2 * low_gap, limits.low_deg), (2 * high_gap, limits.high_deg)]
     return max(gaps, key=lambda gap: gap[0])[1]
 
@@ -101,6 +102,7 @@ def most_detectable_deg(
     height = np.exp(np.minimum(posterior.log_snr + shapes.log_curve[posterior.member, place], 50.0))
     # A marker's envelope is normal about its height once that is clear of the noise.
     detected = ndtr(height - level).mean(axis=1)
+    # A farther candidate must be better by the factor 1 + travel/300°.
     travel = np.abs(candidates - measured_deg[-1])
     return float(candidates[np.argmax(detected / (1 + travel / DETECTION_TRAVEL_DEG))])
 
@@ -155,6 +157,7 @@ def _candidates(
     posterior: AnglePosterior, measured_deg: Sequence[float], *, limits: Interval
 ) -> Float64[np.ndarray, " candidates"]:
     """Angles about the mean of the posterior, and over all of it; none that was measured, unless all were."""
+    # 1.6 widths to either side hold both flanks, where the curve is steepest.
     near = posterior.mean_deg + posterior.fwhm_deg * np.linspace(-1.6, 1.6, 19)
     if posterior.strong_deg.size:
         # Mirror images of the strong samples: the template's error is the same there (7), and cancels.
@@ -166,6 +169,7 @@ def _candidates(
     angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
     # A second sample next to the first shares its template error and adds little.
     apart = np.abs(angles[:, None] - np.array(measured_deg)).min(axis=1)
+    # In a small range the least distance shrinks with it, so that there are candidates left.
     least = min(max(0.25, 0.06 * posterior.fwhm_deg), limits.width_deg / 100)
     new = angles[apart >= least]
     return new if new.size else angles[[int(np.argmax(apart))]]

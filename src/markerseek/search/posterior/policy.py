@@ -152,6 +152,7 @@ class Posterior(SearchPolicy):
             return AtBound(mean_deg=mean_deg, side=side, floor=floor)
         modes = modes_deg(posterior, limits=self._limits)
         rival = rival_deg(self._lit, level=floor.level or 0.0, marker_m=posterior.marker_m)
+        # A rival has its own angle: the posterior, of one marker, knows only the stronger one.
         if rival is not None:
             modes = (mean_deg, rival)
         if len(modes) > 1:
@@ -211,6 +212,7 @@ class Posterior(SearchPolicy):
         state = self._state()
         if count >= LEAST_ACQUISITIONS and self._knows_enough(state.posterior):
             return None
+        # Clutter found first must not end the search beside a stronger marker.
         if state.undetected_deg is not None:
             return state.undetected_deg
         return most_informative_deg(

@@ -106,6 +106,7 @@ def log_humps(
     fresnel_number
         Fresnel number n at the centre of the band.
     """
+    # Fine where the humps are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
     power = np.zeros_like(across)
     # 13 frequencies within 1.5 standard deviations of the band, weighed by its Gaussian power.
@@ -114,6 +115,7 @@ def log_humps(
         sine, cosine = np.add(fresnel(scale * (1 + across)), fresnel(scale * (1 - across)))
         power += math.exp(-(away**2) / 2) * (sine**2 + cosine**2)
     log = np.log(power / power[0]) / 2
+    # The outermost crossing of half maximum: between the humps the curve may fall below it, too.
     last = int(np.flatnonzero(log >= -math.log(2))[-1])
     half = np.interp(math.log(2), -log[last : last + 2], across[last : last + 2])
     return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
@@ -126,6 +128,7 @@ def family() -> Shapes:
     deviation of 0.6, and a fifth of the prior is uniform over all widths of `WIDTHS_DEG`.
     """
     distance_deg = np.arange(0.0, REACH_DEG + STEP_DEG, STEP_DEG)
+    # The uniform part keeps widths possible that the physics table does not hold.
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
     curves, widths, priors = [], [], []
