@@ -33,7 +33,7 @@ def c_kernel(signals: np.ndarray, grid: ImageGrid) -> Work:
         Grid with columns on the elements.
     """
     library = _library()
-    (table,) = grid.tables
+    table = grid.table
     distances, depths = table.first.shape
     columns = table.scale.shape[1]
     image = np.empty((depths, columns), np.float32)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import pkgutil
+import importlib.util
 import signal
+from pathlib import Path
 
 import hypothesis
-from jaxtyping import install_import_hook
+
+from markerseek.core.shapes import install_import_hook
 
 PURE = ("core", "search", "signals", "acoustics", "calibration")
 
@@ -21,17 +23,18 @@ hypothesis.settings.load_profile("untimed")
 
 
 def _pure_modules() -> list[str]:
-    """Modules of the pure packages but for compiled kernels, which Numba must see undecorated."""
-    import markerseek
+    """Modules of the pure packages but for compiled kernels, which Numba must see undecorated.
 
+    They are listed from their files, for the hook does not reach a module that is imported already.
+    """
+    (root,) = importlib.util.find_spec("markerseek").submodule_search_locations
     return [
-        module.name
-        for module in pkgutil.walk_packages(markerseek.__path__, "markerseek.")
-        if module.name.split(".")[1] in PURE
-        and not module.ispkg
-        and not module.name.rsplit(".", 1)[1].startswith("_")
-        and not module.name.endswith("compiled")
+        ".".join(file.relative_to(Path(root).parent).with_suffix("").parts)
+        for package in PURE
+        for file in sorted((Path(root) / package).rglob("*.py"))
+        if file.stem != "__init__" and "@compiled" not in file.read_text(encoding="utf-8")
     ]
 
 
-install_import_hook(_pure_modules(), "beartype.beartype")
+# An int is a float, as for mypy (PEP 484).
+install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")

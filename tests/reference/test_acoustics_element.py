@@ -17,7 +17,6 @@ from markerseek.acoustics import (
     Medium,
     Probe,
     RectanglePulse,
-    Sphere,
 )
 from markerseek.core import LinearArray
 
@@ -70,14 +69,14 @@ CASES = {
     "near": (AcousticModel(), Absorber(radius_m=15e-3), 0.0),
     "near, off plane": (AcousticModel(), Absorber(radius_m=16e-3), 20.0),
     "short laser pulse": (AcousticModel(laser=GaussianPulse(fwhm_s=5e-9)), Absorber(radius_m=60e-3), 10.0),
-    "small sphere, end": (
+    "small absorber, end": (
         AcousticModel(laser=GaussianPulse(fwhm_s=5e-9)),
-        Absorber(radius_m=60e-3, source=Sphere(radius_m=0.05e-3)),
+        Absorber(radius_m=60e-3, source=GaussianAbsorber(radius_m=0.05e-3)),
         35.0,
     ),
-    "small sphere, lateral": (
+    "small absorber, lateral": (
         AcousticModel(laser=GaussianPulse(fwhm_s=5e-9)),
-        Absorber(radius_m=60e-3, lateral_m=25e-3, source=Sphere(radius_m=0.05e-3)),
+        Absorber(radius_m=60e-3, lateral_m=25e-3, source=GaussianAbsorber(radius_m=0.05e-3)),
         0.0,
     ),
     "tissue": (
@@ -121,7 +120,7 @@ def test_agrees_with_brute_force_to_one_per_cent(case: tuple[AcousticModel, Abso
 
 LOSSLESS = Medium(attenuation_db_cm_mhz=0.0)
 SHORT = GaussianPulse(fwhm_s=5e-9)
-TINY = Sphere(radius_m=0.05e-3)
+TINY = GaussianAbsorber(radius_m=0.03e-3)
 
 
 def amplitude(channel: np.ndarray, frequency_hz: float, sampling_hz: float = 40e6) -> float:

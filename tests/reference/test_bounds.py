@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,19 +14,47 @@ from markerseek.core import ConfigError
 from markerseek.search.bounds import (
     NUISANCES,
     TABLE_PRIOR,
-    Listening,
+    ObservationNoise,
     Prior,
     SampledCurve,
     SlopedCurve,
-    TailedCurve,
     angle_bound_deg,
     best_angles,
     sample_information,
     ziv_zakai_deg,
 )
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TailedCurve:
+    """A curve in closed form: (1) of docs/explanation/posterior.md, Gaussian where the tail p is infinite."""
+
+    fwhm_deg: float
+    tail: float = math.inf
+    knee: float = 2.0
+
+    def value(self, off_deg: np.ndarray) -> np.ndarray:
+        """S(t)."""
+        scaled = 2 * np.abs(off_deg) / self.fwhm_deg
+        if math.isinf(self.tail):
+            return np.asarray(np.exp2(-(scaled**2)))
+        return np.asarray((1 + (2 ** (self.knee / self.tail) - 1) * scaled**self.knee) ** (-self.tail / self.knee))
+
+    def slope(self, off_deg: np.ndarray) -> np.ndarray:
+        """dS/dt in 1/degree."""
+        scaled = 2 * np.abs(off_deg) / self.fwhm_deg
+        inner = np.sign(off_deg) * 2 / self.fwhm_deg
+        if math.isinf(self.tail):
+            return np.asarray(-2 * math.log(2) * scaled * inner * np.exp2(-(scaled**2)))
+        strength = 2 ** (self.knee / self.tail) - 1
+        base = 1 + strength * scaled**self.knee
+        return np.asarray(
+            -self.tail * strength * scaled ** (self.knee - 1) * inner * base ** (-self.tail / self.knee - 1)
+        )
+
+
 GAUSSIAN = TailedCurve(fwhm_deg=10.0)
-SPEED_TABLE = Listening(snr=1 / 0.03)
+SPEED_TABLE = ObservationNoise(snr=1 / 0.03)
 """Curve and noise of the table in the speed notes: full width 10 degrees, noise 3 % of the peak."""
 
 MEAN_OF_ROOT = math.sqrt(2 / math.pi)
@@ -70,7 +99,7 @@ def test_information_is_the_bend_of_the_divergence(curve: SlopedCurve, jitter: f
         return mean, 1 + (jitter * mean) ** 2
 
     information = sample_information(
-        curve, angles, marker_deg=marker_deg, listening=Listening(snr=snr, jitter=jitter)
+        curve, angles, marker_deg=marker_deg, noise=ObservationNoise(snr=snr, jitter=jitter)
     ).sum(axis=0)
     rng = np.random.default_rng(3)
     mean, variance = distribution(np.zeros(5))
@@ -87,7 +116,7 @@ def test_information_is_the_bend_of_the_divergence(curve: SlopedCurve, jitter: f
 def test_best_places_of_a_gaussian_of_known_shape(acquisitions: int, published: float) -> None:
     """All on the flanks at ±σ of the curve: σ_θ = (σ/A)·s·e^(1/2)/√N; and the speed notes' means."""
     best = best_angles(
-        GAUSSIAN, marker_deg=3.0, listening=SPEED_TABLE, acquisitions=acquisitions, unknown=(), step_deg=0.05
+        GAUSSIAN, marker_deg=3.0, noise=SPEED_TABLE, acquisitions=acquisitions, unknown=(), step_deg=0.05
     )
     width = 10 / (2 * math.sqrt(2 * math.log(2)))
     closed = 0.03 * width * math.exp(0.5) / math.sqrt(acquisitions)
@@ -102,7 +131,7 @@ def test_equal_steps_with_all_unknown(acquisitions: int, published: float) -> No
     angles = np.linspace(-35, 35, acquisitions)
     bounds = [
         angle_bound_deg(
-            sample_information(GAUSSIAN, angles, marker_deg=marker_deg, listening=SPEED_TABLE).sum(axis=0),
+            sample_information(GAUSSIAN, angles, marker_deg=marker_deg, noise=SPEED_TABLE).sum(axis=0),
             unknown=("amplitude", "width"),
         )
         for marker_deg in np.linspace(-35, 35, 141)
@@ -113,7 +142,7 @@ def test_equal_steps_with_all_unknown(acquisitions: int, published: float) -> No
 def test_fewer_equal_steps_settle_a_gaussian_only_with_a_prior() -> None:
     """Six samples 14 degrees apart leave width, amplitude and angle of most markers open."""
     angles = np.linspace(-35, 35, 6)
-    information = sample_information(GAUSSIAN, angles, marker_deg=3.0, listening=SPEED_TABLE).sum(axis=0)
+    information = sample_information(GAUSSIAN, angles, marker_deg=3.0, noise=SPEED_TABLE).sum(axis=0)
     alone = angle_bound_deg(information, unknown=("amplitude", "width"))
     helped = angle_bound_deg(information, unknown=("amplitude", "width"), prior=TABLE_PRIOR)
     assert alone > 3 * helped
@@ -123,7 +152,7 @@ def test_fewer_equal_steps_settle_a_gaussian_only_with_a_prior() -> None:
 def test_what_is_unknown_costs_and_what_is_known_helps() -> None:
     angles = np.array([-6.0, -3.0, 0.5, 2.0, 7.0, 20.0])
     information = sample_information(
-        CURVES["heavy tails"], angles, marker_deg=0.3, listening=Listening(snr=100.0, jitter=0.01)
+        CURVES["heavy tails"], angles, marker_deg=0.3, noise=ObservationNoise(snr=100.0, jitter=0.01)
     ).sum(axis=0)
     bounds = [angle_bound_deg(information, unknown=NUISANCES[:count]) for count in range(5)]
     assert all(fewer <= more * (1 + 1e-9) for fewer, more in pairwise(bounds))
@@ -133,13 +162,13 @@ def test_what_is_unknown_costs_and_what_is_known_helps() -> None:
 
 
 def test_no_other_angles_do_better_than_the_best() -> None:
-    curve, listening = CURVES["heavy tails"], Listening(snr=100.0, jitter=0.008)
-    best = best_angles(curve, marker_deg=-31.0, listening=listening, acquisitions=6, prior=TABLE_PRIOR)
+    curve, noise = CURVES["heavy tails"], ObservationNoise(snr=100.0, jitter=0.008)
+    best = best_angles(curve, marker_deg=-31.0, noise=noise, acquisitions=6, prior=TABLE_PRIOR)
     assert all(-35 <= angle <= 35 for angle in best.angles_deg)
     rng = np.random.default_rng(1)
     for _ in range(300):
         angles = np.clip(-31.0 + 4 * rng.standard_normal(6), -35, 35)
-        other = sample_information(curve, angles, marker_deg=-31.0, listening=listening).sum(axis=0)
+        other = sample_information(curve, angles, marker_deg=-31.0, noise=noise).sum(axis=0)
         assert angle_bound_deg(other, prior=TABLE_PRIOR) >= best.bound_deg * (1 - 1e-3)
 
 
@@ -147,7 +176,7 @@ def test_maximum_likelihood_attains_the_bound() -> None:
     """Least squares over angle, amplitude, width and floor, 400 times: its scatter is the bound's, within 10 %."""
     curve, snr, angles = GAUSSIAN, 100.0, np.linspace(-14, 14, 15)
     unknown = ("amplitude", "width", "floor")
-    information = sample_information(curve, angles, marker_deg=1.0, listening=Listening(snr=snr)).sum(axis=0)
+    information = sample_information(curve, angles, marker_deg=1.0, noise=ObservationNoise(snr=snr)).sum(axis=0)
     bound = float(angle_bound_deg(information, unknown=unknown))
     rng = np.random.default_rng(5)
 
@@ -166,7 +195,7 @@ def test_ziv_zakai_between_the_prior_and_cramer_and_rao() -> None:
     assert ziv_zakai_deg(GAUSSIAN, angles, snr=0.0) == pytest.approx(70 / math.sqrt(12), rel=1e-3)
     asymptotic = [
         angle_bound_deg(
-            sample_information(GAUSSIAN, angles, marker_deg=marker_deg, listening=Listening(snr=300.0)).sum(axis=0),
+            sample_information(GAUSSIAN, angles, marker_deg=marker_deg, noise=ObservationNoise(snr=300.0)).sum(axis=0),
             unknown=(),
         )
         for marker_deg in np.linspace(-35, 35, 281)
@@ -197,14 +226,12 @@ def test_the_best_possible_estimator_is_not_below_ziv_zakai(count: int, snr: flo
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Listening(snr=math.nan),
-        lambda: Listening(snr=10.0, jitter=1.5),
-        lambda: TailedCurve(fwhm_deg=0.0),
-        lambda: TailedCurve(fwhm_deg=5.0, tail=1.0, knee=1.0),
+        lambda: ObservationNoise(snr=math.nan),
+        lambda: ObservationNoise(snr=10.0, jitter=1.5),
         lambda: Prior(tail=0.0),
         lambda: SampledCurve(np.array([0.0, 1.0, 1.0]), np.ones(3)),
         lambda: SampledCurve(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.5])),
-        lambda: best_angles(GAUSSIAN, marker_deg=0.0, listening=SPEED_TABLE, acquisitions=0),
+        lambda: best_angles(GAUSSIAN, marker_deg=0.0, noise=SPEED_TABLE, acquisitions=0),
         lambda: ziv_zakai_deg(GAUSSIAN, np.zeros(2), snr=math.nan),
     ],
 )

@@ -120,10 +120,10 @@ PEAK = [30.0, 60.0, 200.0, 600.0, 1500.0, 700.0, 250.0, 80.0, 40.0]
         (heard(PEAK[2:]), r"7 angles are too few .* at least 8 .*; scan one small source"),
         (heard([500.0] * 9), r"the intensity is 500 at every one of 9 angles"),
         (heard([each / 15 for each in PEAK]), r"at -4 deg, is 5 times the noise, more than 8 are needed; check laser"),
-        (heard([each / 30 for each in PEAK]), r"no angle hears a source"),
-        (heard(sorted(PEAK)), r"loudest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
-        (heard(sorted(PEAK, reverse=True)), r"loudest at -8 deg, at an end of the scan from -8 to 0 deg"),
-        (heard([*PEAK[3:], 20.0, 20.0]), r"loudest at -7 deg, at an end"),
+        (heard([each / 30 for each in PEAK]), r"no source at any angle"),
+        (heard(sorted(PEAK)), r"strongest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
+        (heard(sorted(PEAK, reverse=True)), r"strongest at -8 deg, at an end of the scan from -8 to 0 deg"),
+        (heard([*PEAK[3:], 20.0, 20.0]), r"strongest at -7 deg, at an end"),
         (heard(PEAK, saturated=0.3), r"30% of the channels are saturated at -4 deg, at most 5% may be.*; reduce the"),
     ],
 )
@@ -141,7 +141,7 @@ def test_noise_alone_calibrates_nothing() -> None:
     reader = ImageReader(PRESET)
     noise = [np.rint(20 * rng.standard_normal((128, 2080))).astype(np.int16) for _ in range(9)]
     frames = [ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6) for counts in noise]
-    with pytest.raises(SearchError, match="no angle hears a source"):
+    with pytest.raises(SearchError, match="no source at any angle"):
         calibrate([Sample(angle_deg=float(k), reading=reader.read(f), frame=f) for k, f in enumerate(frames)], PRESET)
 
 

@@ -14,13 +14,20 @@ from scipy.stats import t as student
 from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
 from markerseek.acoustics.absorber import Absorber
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior._kernel import LEAST, _exponential
-from markerseek.search.posterior._student import student_evidence
-from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane
+from markerseek.search.posterior._grid import LEAST, exponential
+from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.grid import Grid, Heard
-from markerseek.search.posterior.heard import HIGH, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables
-from markerseek.search.posterior.middle import offset, uneven_share
+from markerseek.search.posterior.asymmetry import asymmetry_probability, shifted_density
+from markerseek.search.posterior.grid import Grid
+from markerseek.search.posterior.likelihood import (
+    OUTLIER_RANGE,
+    OUTLIER_SHARE,
+    TABLE_HIGH,
+    TABLE_LOW,
+    TABLE_STEP,
+    Observation,
+    log_tables,
+)
 from markerseek.search.posterior.shapes import (
     FRESNEL_NUMBERS,
     KNEES,
@@ -37,9 +44,9 @@ from markerseek.search.posterior.shapes import (
 @pytest.mark.parametrize("error", [0.0, 0.2])
 def test_rician_density(noise, error):
     """Where no noise competes, the table is SciPy's Rice, its variance widened by the model's."""
-    mu = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
+    mu = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
     spread = np.hypot(noise, error * mu)
-    expected = (1 - SPOILT) * rice.pdf(1.0, mu / spread, scale=spread) + SPOILT / SPOILT_RANGE
+    expected = (1 - OUTLIER_SHARE) * rice.pdf(1.0, mu / spread, scale=spread) + OUTLIER_SHARE / OUTLIER_RANGE
     table = np.exp(log_tables(noise=noise, cells=0, errors=(error,))[0])
     np.testing.assert_allclose(table, expected, rtol=1e-3)
 
@@ -47,12 +54,12 @@ def test_rician_density(noise, error):
 @pytest.mark.parametrize(("noise", "cells"), [(0.01, 12_800), (0.1, 12_800), (0.2, 12_800), (0.24, 1000)])
 def test_largest_of_the_marker_and_of_the_noise(noise, cells):
     """p(y|μ) of max(Rice, largest of M Rayleigh cells), by SciPy's distributions; to 5 % of the likeliest."""
-    mu = np.exp(np.arange(LOW, HIGH + STEP / 2, STEP))
+    mu = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
     rayleigh = rice(0.0, scale=noise)
     below = rayleigh.cdf(1.0) ** cells
     largest = cells * rayleigh.pdf(1.0) * rayleigh.cdf(1.0) ** (cells - 1)
     expected = rice.pdf(1.0, mu / noise, scale=noise) * below + largest * rice.cdf(1.0, mu / noise, scale=noise)
-    expected = (1 - SPOILT) * expected + SPOILT / SPOILT_RANGE
+    expected = (1 - OUTLIER_SHARE) * expected + OUTLIER_SHARE / OUTLIER_RANGE
     table = np.exp(log_tables(noise=noise, cells=cells, errors=(0.0,))[0])
     np.testing.assert_allclose(table, expected, atol=0.05 * expected.max())
 
@@ -74,13 +81,13 @@ def test_humps_against_quadrature(fresnel_number):
     away = np.linspace(-1.5, 1.5, 13)
     numbers = fresnel_number * (1 + 0.2 * away)
 
-    def heard(across):
+    def envelope(across):
         field = quad_vec(lambda place: np.exp(1j * np.pi * numbers * (place - across) ** 2), -1.0, 1.0)[0]
         return float(np.sqrt(np.exp(-(away**2) / 2) @ (numbers * np.abs(field) ** 2)))
 
     log = log_humps(np.array([0.0, 2.0, 3.0, 5.0, 7.0, 10.0]), fwhm_deg=10.0, fresnel_number=fresnel_number)
-    half = brentq(lambda across: heard(across) - heard(0.0) / 2, 0.8, 2.0)
-    expected = [heard(half * share) / heard(0.0) for share in (0.0, 0.4, 0.6, 1.0, 1.4, 2.0)]
+    half = brentq(lambda across: envelope(across) - envelope(0.0) / 2, 0.8, 2.0)
+    expected = [envelope(half * share) / envelope(0.0) for share in (0.0, 0.4, 0.6, 1.0, 1.4, 2.0)]
     np.testing.assert_allclose(np.exp(log), expected, rtol=2e-3)
 
 
@@ -98,8 +105,8 @@ def test_the_family_holds_the_acoustic_models_curves(height_m, focus_m, radius_m
     model = AcousticModel(probe=Probe(element_height_m=height_m, elevation_focus_m=focus_m))
     spot = [Absorber(radius_m=radius_m, source=GaussianAbsorber(radius_m=grain_m))]
     distance_deg = np.concatenate([np.arange(0, 4, 0.5), np.arange(4, 25, 2.0)])
-    heard = [float(np.abs(model.channel_data(spot, angle_deg=float(angle))[64]).max()) for angle in distance_deg]
-    curve = np.log(np.array(heard) / heard[0])
+    height = [float(np.abs(model.channel_data(spot, angle_deg=float(angle))[64]).max()) for angle in distance_deg]
+    curve = np.log(np.array(height) / height[0])
     shapes = family()
     members = shapes.log_curve[:, np.rint(distance_deg / STEP_DEG).astype(int)]
     allowed = np.where(curve > math.log(0.5), 0.08, 0.25)
@@ -126,9 +133,10 @@ def one_shape(angles_deg, *, samples, lowest, phases=1, amplitudes=300, member=4
 def test_marginal_likelihood_against_brute_force():
     """The marginal over ln amplitude of three samples, each angle integrated by SciPy with SciPy's Rice."""
     shapes, member, sigma, cells = family(), 40, 0.02, 12_800
-    heard = [(-4.0, 0.30), (1.0, 0.9), (4.5, 0.33)]
+    measured = [(-4.0, 0.30), (1.0, 0.9), (4.5, 0.33)]
     samples = [
-        Heard(angle_deg=angle, log_intensity=math.log(y), noise=sigma / y, cells=cells, ratio=1.0) for angle, y in heard
+        Observation(angle_deg=angle, log_intensity=math.log(y), noise=sigma / y, cells=cells, lateral_ratio=1.0)
+        for angle, y in measured
     ]
     angles_deg = np.linspace(-2, 2, 9)  # heights are rounded to the table's 2 %, hence the tolerance
     shares = one_shape(angles_deg, samples=samples, lowest=-2.0).marginals(np.zeros(9), particles=8).angle
@@ -137,13 +145,15 @@ def test_marginal_likelihood_against_brute_force():
 
     def density(log_amplitude, theta):
         product = 1.0
-        for angle, y in heard:
+        for angle, y in measured:
             level = np.interp(abs(angle - theta), distances, shapes.log_curve[member])
             error = next(error for least, error in MODEL_ERROR if math.exp(level) >= least)
             mu = math.exp(log_amplitude + level)
             spread = math.hypot(sigma, error * mu)
             below = (1 - math.exp(-(y**2) / (2 * sigma**2))) ** cells
-            product *= (1 - SPOILT) * rice.pdf(y, mu / spread, scale=spread) * below * y + SPOILT / SPOILT_RANGE
+            product *= (1 - OUTLIER_SHARE) * rice.pdf(
+                y, mu / spread, scale=spread
+            ) * below * y + OUTLIER_SHARE / OUTLIER_RANGE
         return product
 
     brute = np.array(
@@ -160,7 +170,7 @@ def test_standard_deviation_against_cramer_rao():
     level = np.interp(np.abs(places), distances, shapes.log_curve[member])
     noise = 0.01
     samples = [
-        Heard(angle_deg=float(t), log_intensity=float(s), noise=noise / math.exp(s), cells=100, ratio=1.0)
+        Observation(angle_deg=float(t), log_intensity=float(s), noise=noise / math.exp(s), cells=100, lateral_ratio=1.0)
         for t, s in zip(places, level, strict=True)
     ]
     angles_deg = np.linspace(-1, 1, 401)
@@ -186,19 +196,19 @@ def test_range_is_linear_in_cosine_and_sine():
     assert math.degrees(math.atan2(s, c)) == pytest.approx(theta, abs=1e-6)
 
 
-def moments_of(theta, heard_deg, *, height_m=5e-3, radius_m=11e-3):
-    late_s, sine = off_plane(heard_deg - theta, face_radius_m=radius_m, depth_m=50e-3)
+def moments_of(theta, measured_deg, *, height_m=5e-3, radius_m=11e-3):
+    late_s, sine = off_plane(measured_deg - theta, face_radius_m=radius_m, depth_m=50e-3)
     spread_s = np.hypot(0.2e-6, height_m * sine / (2 * SOUND_SPEED_M_S))
     return np.column_stack([33e-6 + 0.7e-6 + late_s, spread_s])
 
 
 def test_exact_moments_point_at_the_marker():
-    """With a frame whose arrival is spoilt among them, and offset, face radius and element height that nobody knows."""
-    theta, heard_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
-    moments_s = moments_of(theta, heard_deg)
+    """With one outlier among the arrivals, and offset, face radius and element height that nobody knows."""
+    theta, measured_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
+    moments_s = moments_of(theta, measured_deg)
     moments_s[4, 0] += 9e-6
     angles_deg = np.arange(-35.0, 36.0)
-    log = log_moments(angles_deg, heard_deg, moments_s, np.array([20.0, 30.0, 100.0, 30.0, 20.0, 10.0]))
+    log = log_moments(angles_deg, measured_deg, moments_s, np.array([20.0, 30.0, 100.0, 30.0, 20.0, 10.0]))
     assert abs(angles_deg[np.argmax(log)] - theta) <= 1
     assert log.max() - log[angles_deg == 25.0] > 5
 
@@ -206,8 +216,8 @@ def test_exact_moments_point_at_the_marker():
 def test_two_moments_tell_which_side():
     """One frame nearer than the other: the marker lies on the side of the earlier and shorter one."""
     angles_deg = np.arange(-35.0, 36.0)
-    heard_deg = np.array([-10.0, 10.0])
-    log = log_moments(angles_deg, heard_deg, moments_of(5.0, heard_deg), np.array([15.0, 60.0]))
+    measured_deg = np.array([-10.0, 10.0])
+    log = log_moments(angles_deg, measured_deg, moments_of(5.0, measured_deg), np.array([15.0, 60.0]))
     share = np.exp(log - log.max())
     assert share[angles_deg > 0].sum() > 0.9 * share.sum()
 
@@ -218,39 +228,39 @@ def test_moments_against_brute_force():
     value = np.array([[0.1, 0.9, 2.2], [1.4, 0.45, 0.05]])
     scale = np.full((2, 3), 0.15)
     precision = np.array([1 / 4, 1.0])
-    log = student_evidence(design, value, scale, precision, 4.0, 8)
+    log = student_log_likelihood(design, value, scale, precision, 4.0, 8)
     a, b = np.meshgrid(np.linspace(-4, 4, 801), np.linspace(-4, 4, 801), indexing="ij")
     brute = []
     for rows, values in zip(design, value, strict=True):
         density = norm.pdf(a, scale=2) * norm.pdf(b)
-        for row, heard in zip(rows, values, strict=True):
-            density = density * student.pdf((heard - row[0] * a - row[1] * b) / 0.15, 4)
+        for row, each in zip(rows, values, strict=True):
+            density = density * student.pdf((each - row[0] * a - row[1] * b) / 0.15, 4)
         brute.append(math.log(density.sum()))
     assert log[0] - log[1] == pytest.approx(brute[0] - brute[1], abs=0.1)
 
 
-def test_a_spot_is_told_from_a_point():
-    """Same place and coherence at all angles: a point. Another absorber at each: uneven."""
+def test_a_spot_is_distinguished_from_a_point():
+    """Same place and coherence at all angles: a point. Another absorber at each: asymmetric."""
 
-    def heard(lateral_mm, coherences):
+    def samples(lateral_mm, coherences):
         readings = [
             Reading(intensity=60.0, lateral_m=place * 1e-3, coherence=coherence)
             for place, coherence in zip(lateral_mm, coherences, strict=True)
         ]
         return [Sample(angle_deg=float(index), reading=reading) for index, reading in enumerate(readings)]
 
-    point = uneven_share(heard([5, 5.01, 4.99, 5.0], [0.97, 0.96, 0.97, 0.97]), sigma=1.0, marker_m=5e-3)
-    unfocused = uneven_share(heard([5, 5.01, 4.99, 5.0], [0.6, 0.61, 0.6, 0.58]), sigma=1.0, marker_m=5e-3)
-    spot = uneven_share(heard([5, 5.4, 4.9, 5.2], [0.7, 0.5, 0.8, 0.6]), sigma=1.0, marker_m=5e-3)
+    point = asymmetry_probability(samples([5, 5.01, 4.99, 5.0], [0.97, 0.96, 0.97, 0.97]), sigma=1.0, marker_m=5e-3)
+    unfocused = asymmetry_probability(samples([5, 5.01, 4.99, 5.0], [0.6, 0.61, 0.6, 0.58]), sigma=1.0, marker_m=5e-3)
+    spot = asymmetry_probability(samples([5, 5.4, 4.9, 5.2], [0.7, 0.5, 0.8, 0.6]), sigma=1.0, marker_m=5e-3)
     assert point < 0.1 < unfocused < 0.5 < 0.95 < spot
 
 
-def test_the_middle_of_an_uneven_curve():
-    """The density is the mixture of the curve's own and of it with the offset's normal distribution, by SciPy."""
+def test_the_shift_of_an_asymmetric_marker():
+    """A mixture of the density of the centre and of its convolution with a normal distribution, by SciPy."""
     angle_deg = np.arange(-1, 1.0001, 0.01)
     share = norm.pdf(angle_deg, scale=0.1) * 0.01
     wanted = np.linspace(-1.5, 1.5, 31)
-    density = offset(angle_deg, share, wanted, uneven=0.3, sigma_deg=0.3)
+    density = shifted_density(angle_deg, share, wanted, probability=0.3, sigma_deg=0.3)
     expected = 0.7 * norm.pdf(wanted, scale=0.1) + 0.3 * norm.pdf(wanted, scale=math.hypot(0.1, 0.3))
     np.testing.assert_allclose(density, expected, atol=2e-3)
 
@@ -258,7 +268,7 @@ def test_the_middle_of_an_uneven_curve():
 def test_the_exponential_of_the_weights_is_numpys():
     log = np.linspace(-25.0, 0.0, 5001).astype(np.float32)
     series, out = np.empty_like(log), np.empty_like(log)
-    _exponential(log, series, out.view(np.int32), out)
+    exponential(log, series, out.view(np.int32), out)
     counted = log > LEAST
     np.testing.assert_allclose(out[counted], np.exp(log[counted], dtype=np.float64), rtol=1e-5)
     assert not out[~counted].any()

@@ -12,8 +12,8 @@ import pytest
 
 from markerseek.core import Ambiguous, AtBound, Found, Interval, NotFound, Reading, Sample, Unsure
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.modes import rival_deg
-from markerseek.search.posterior.reach import acquisitions_needed, hiding_deg
+from markerseek.search.posterior.angle_posterior import rival_deg
+from markerseek.search.posterior.detectability import acquisitions_needed, undetected_deg
 from markerseek.search.posterior.shapes import log_curve
 
 CELLS = 12_800
@@ -23,30 +23,30 @@ def shape(distance_deg, fwhm_deg, tail):
     return (1 + (2 ** (2 / tail) - 1) * (2 * distance_deg / fwhm_deg) ** 2) ** (-tail / 2)
 
 
-def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, spoilt=None):
-    """Answer of a search, and the number of acquisitions; frame number ``spoilt`` holds a burst."""
+def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None):
+    """Answer of a search, and the number of acquisitions; frame number ``outlier`` holds a burst."""
 
     def reading(signal, lateral_m):
         largest = sigma * math.sqrt(-2 * math.log(-math.expm1(math.log(rng.random()) / CELLS)))
-        heard = abs(signal + sigma * complex(*rng.standard_normal(2)))
-        if heard < largest:
-            heard, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))
-        return Reading(intensity=heard, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m)
+        envelope = abs(signal + sigma * complex(*rng.standard_normal(2)))
+        if envelope < largest:
+            envelope, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))
+        return Reading(intensity=envelope, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m)
 
     for _ in range(3):
         policy.tell(Sample(angle_deg=0.0, reading=reading(0.0, 0.0), dark=True))
     count = 0
     while (angle_deg := policy.ask()) is not None:
         signal = max((shape(angle_deg - marker, fwhm_deg, tail) for marker in markers), default=0.0)
-        heard = reading(signal, 5e-3 + 0.01e-3 * rng.standard_normal())
-        if count == spoilt:
-            heard = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3)
-        policy.tell(Sample(angle_deg=angle_deg, reading=heard))
+        measured = reading(signal, 5e-3 + 0.01e-3 * rng.standard_normal())
+        if count == outlier:
+            measured = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3)
+        policy.tell(Sample(angle_deg=angle_deg, reading=measured))
         count += 1
     return policy.estimate(), count
 
 
-def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, spoilt=None):
+def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, outlier=None):
     rng = np.random.default_rng(seed)
     found = []
     for index in range(searches):
@@ -59,7 +59,7 @@ def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, spoil
             markers=[marker_deg],
             fwhm_deg=(3.0, 5.0, 10.0, 17.0)[index % 4],
             tail=rng.uniform(1, 2.5),
-            spoilt=spoilt,
+            outlier=outlier,
         )
         found.append((marker_deg, answer, count))
     return found
@@ -73,9 +73,9 @@ def test_eight_acquisitions_at_40_db():
     assert np.mean([truth in answer.interval95_deg for truth, answer in sure]) > 0.88
 
 
-@pytest.mark.parametrize("spoilt", [None, 1, 4])
-def test_found_is_right_with_a_spoilt_frame_and_without(spoilt):
-    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, spoilt=spoilt)
+@pytest.mark.parametrize("outlier", [None, 1, 4])
+def test_found_is_right_with_a_outlier_frame_and_without(outlier):
+    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier)
     found = [(truth, answer) for truth, answer, _ in answers if isinstance(answer, Found)]
     assert len(found) > 5
     assert not [answer for truth, answer in found if abs(answer.mean_deg - truth) > 1]
@@ -123,7 +123,7 @@ def test_two_markers_are_never_one():
 
 
 def test_two_markers_at_two_places_along_the_array():
-    """15 deg and 20 mm apart, both heard often: ambiguous, both named. A burst of one frame is none."""
+    """15 deg and 20 mm apart, both measured often: ambiguous, both named. A burst of one frame is none."""
     policy = Posterior(acquisitions=12, target_sigma_deg=0.0)
 
     def reading(angle_deg, markers):
@@ -148,13 +148,13 @@ def test_the_number_that_would_do(peak):
     needed = acquisitions_needed(limits, level=level, peak=peak, fwhm_deg=3.0)
     markers_deg = np.linspace(-35, 35, 1401)
 
-    def heard(count):
+    def detected(count):
         angles_deg = limits.low_deg + limits.width_deg * (np.arange(count) + 0.5) / count
         near_deg = np.abs(markers_deg[:, None] - angles_deg).min(axis=1)
         return peak * np.exp(log_curve(near_deg, fwhm_deg=3.0, tail=1.2, knee=2.4)) >= level * (1 - 1e-9)
 
-    assert heard(needed).all()
-    assert not heard(needed - 2).all()
+    assert detected(needed).all()
+    assert not detected(needed - 2).all()
 
 
 def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
@@ -169,7 +169,7 @@ def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
 
 
 def test_clutter_is_not_taken_for_the_marker():
-    """A faint source is heard first, a marker eight times as loud lies unheard: found, or nothing is claimed."""
+    """A weak source is detected first, a marker eight times as strong is missed: found, or nothing is claimed."""
     rng = np.random.default_rng(9)
     for _ in range(6):
         clutter_deg = rng.uniform(-30, -20)
@@ -187,10 +187,10 @@ def test_clutter_is_not_taken_for_the_marker():
         assert not isinstance(answer, Found) or abs(answer.mean_deg - 11) < 1
 
 
-def test_where_a_louder_marker_may_hide():
+def test_where_a_stronger_marker_may_be_missed():
     limits = Interval(low_deg=-35.0, high_deg=35.0)
-    heard = {"level": 6.4, "fwhm_deg": 3.0}
-    assert hiding_deg([-23.0, 0.0, 23.0], limits, peak=40.0, **heard) is None
-    assert hiding_deg([-23.0, -22.0, 0.0], limits, peak=40.0, **heard) == 35.0
-    assert hiding_deg([-22.0, 0.0, 23.0], limits, peak=7.0, **heard) == -35.0
-    assert hiding_deg(np.arange(-34.0, 35.0, 2.0).tolist(), limits, peak=7.0, **heard) is None
+    noise = {"level": 6.4, "fwhm_deg": 3.0}
+    assert undetected_deg([-23.0, 0.0, 23.0], limits, peak=40.0, **noise) is None
+    assert undetected_deg([-23.0, -22.0, 0.0], limits, peak=40.0, **noise) == 35.0
+    assert undetected_deg([-22.0, 0.0, 23.0], limits, peak=7.0, **noise) == -35.0
+    assert undetected_deg(np.arange(-34.0, 35.0, 2.0).tolist(), limits, peak=7.0, **noise) is None

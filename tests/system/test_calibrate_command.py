@@ -101,8 +101,8 @@ def journal(_scan: Path, to: Path) -> Path:
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (ends_early, "the source is loudest at 1 deg, at an end of the scan from -12 to 1 deg; scan further"),
-        (short, "3 angles are too few to calibrate with, at least 8 must hear the source; scan one"),
+        (ends_early, "the source is strongest at 1 deg, at an end of the scan from -12 to 1 deg; scan further"),
+        (short, "3 angles are too few to calibrate with, at least 8 must receive the source; scan one"),
         (one_frame_everywhere, "at every one of 10 angles, so that nothing turned or nothing was recorded; scan one"),
         (another_probe, "at 0 deg: frame of 64 channels: probe BPL9-5/55 has 128; choose the probe"),
         (intensities, "it holds intensities only, and calibration needs the channel data of each angle; name a folder"),

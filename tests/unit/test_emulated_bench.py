@@ -164,7 +164,7 @@ def test_what_is_made_ready_changes_nothing_that_is_heard(tmp_path: Path) -> Non
             bench.daq.warm_up()
         bench.world.flash(pulses=16, at_s=0.0)
         assert len(bench.world.flashes) == 1
-        heard.append(bench.world.listen(bench.world.flashes[0]))
+        heard.append(bench.world.counts(bench.world.flashes[0]))
     assert np.array_equal(*heard)
 
 

@@ -157,7 +157,7 @@ def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Pa
     with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
         for _ in range(16):
             next(events)
-    rig.scanner.clock.put_back(5.0)  # type: ignore[attr-defined]
+    rig.scanner.clock.set(5.0)  # type: ignore[attr-defined]
     heard = go_on(path, rig=rig)
     held = read_journal(path)
     times = [at_s for _, at_s in times_and_events(held)]

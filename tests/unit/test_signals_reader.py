@@ -130,18 +130,18 @@ def test_a_strong_source_without_its_coherence_is_none():
     assert "in phase" in findings.reason
 
 
-def test_noise_says_what_chance_reaches():
+def test_the_reason_names_what_noise_reaches():
     findings = READER.findings(frame_of(np.rint(np.random.default_rng(6).normal(0, 5, (128, 2080))).astype(np.int16)))
     assert not findings.found
     assert findings.others == ()
-    assert "chance" in findings.reason
+    assert "noise alone reaches" in findings.reason
 
 
 def test_a_silent_frame_is_read_and_holds_nothing():
     frame = frame_of(np.full((128, 2080), 7, np.int16))
     findings = READER.findings(frame)
     assert not findings.found
-    assert findings.reason == "the frame is silent"
+    assert findings.reason == "the frame is zero"
     assert findings.strongest.peak_snr_db is None
     assert findings.dead_channels == tuple(range(128))
     assert READER.read(frame).intensity == 0
@@ -261,5 +261,3 @@ def test_presets_refuse_what_cannot_be(arguments):
 def test_grids_refuse_what_cannot_be():
     with pytest.raises(ConfigError):
         image_grid(BPL, samples=2080, depth_m=np.array([0.02, 0.01]))
-    with pytest.raises(ConfigError):
-        image_grid(BPL, samples=2080, depth_m=np.array([0.01, 0.02]), columns_per_pitch=3)

@@ -1,15 +1,15 @@
-"""Angle in, what would be heard out: probe, source, medium, band, forward model, noise and converter. Pure."""
+"""The forward model, from absorbers and an angle to channel data: source, medium, probe, band, noise. Pure."""
 
 from markerseek.acoustics.absorber import Absorber, Clutter
 from markerseek.acoustics.band import Band
 from markerseek.acoustics.digitise import Digitiser
-from markerseek.acoustics.echoes import Reflector, Reverberation
+from markerseek.acoustics.echoes import Reverberation
 from markerseek.acoustics.forward import AcousticModel
 from markerseek.acoustics.laser import GaussianPulse, LaserPulse, RectanglePulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.noise import Bursts, Noise
 from markerseek.acoustics.probe import Probe
-from markerseek.acoustics.source import Disc, GaussianAbsorber, Source, Sphere
+from markerseek.acoustics.source import GaussianAbsorber, Source
 
 __all__ = [
     "Absorber",
@@ -18,7 +18,6 @@ __all__ = [
     "Bursts",
     "Clutter",
     "Digitiser",
-    "Disc",
     "GaussianAbsorber",
     "GaussianPulse",
     "LaserPulse",
@@ -26,8 +25,6 @@ __all__ = [
     "Noise",
     "Probe",
     "RectanglePulse",
-    "Reflector",
     "Reverberation",
     "Source",
-    "Sphere",
 ]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from markerseek.core.compiled import compiled
+from markerseek._compiled import compiled
 from markerseek.core.shapes import Float32, Float64
 
 MIXED_BELOW_NP = 0.02
@@ -22,7 +22,7 @@ def nodes_needed(phase: float, steepness: float) -> int:
 
     An n-point rule integrates exp(i k x) over [−1, 1] once 2n exceeds k by a margin that grows as k^(1/3) (the decay
     of Bessel functions of order 2n above their argument k). ``steepness`` is half the extent over the distance, which
-    tells how near the singularity of 1/r is.
+    measures how near the singularity of 1/r is.
     """
     return int(0.5 * phase + 1.0 * phase ** (1 / 3) + 1.5 + 3.0 * steepness)
 
@@ -44,7 +44,7 @@ def _add_element(
     samples_per_metre: float,
     offset: float,
 ) -> None:
-    """Add what one element hears of one absorber, whose offsets from the nodes are ``across`` and ``along``.
+    """Add the response of one element to one absorber, whose offsets from the nodes are ``across`` and ``along``.
 
     With one table, it is that of the path ``middle``, from which others differ by ``loss`` (Np/m) times the difference.
     """
@@ -59,6 +59,7 @@ def _add_element(
         for v in range(along.size):
             path = math.sqrt(beside + along[v] * along[v])
             amplitude = strength * across_weight[u] * along_weight[v] / path
+            # Between two phases the pulse is interpolated: PHASES lines per sample keep that to 3e-4 (`pulse`).
             arrival = (path - lens[v]) * samples_per_metre + offset
             sample = math.floor(arrival)
             fraction = (arrival - sample) * (phases - 1)
@@ -71,6 +72,7 @@ def _add_element(
             count = np.uint64(high - low)
             to = np.uint64(start + low)
             if ranges == 1:
+                # exp(−loss·d) to first order: the paths of one face differ by little (`MIXED_BELOW_NP`).
                 amplitude *= 1.0 - loss * (path - middle)
                 a, b = np.float32(amplitude * (1.0 - late)), np.float32(amplitude * late)
                 early = np.uint64(phase * length + low)
@@ -97,7 +99,7 @@ def _add_element(
 def _mix_tables(
     mixed: Float32[np.ndarray, "1 phases length"], lines: Float32[np.ndarray, "ranges phases length"], steps: float
 ) -> None:
-    """Write the table of a path, told in steps of path length, between those of its neighbours."""
+    """Write the table of a path, given in steps of path length, interpolated between its neighbours."""
     k = min(int(steps), lines.shape[0] - 2)
     near, far = np.float32(1.0 - (steps - k)), np.float32(steps - k)
     for p in range(lines.shape[1]):
@@ -107,7 +109,7 @@ def _mix_tables(
 
 @compiled
 def add_absorbers(
-    heard: Float32[np.ndarray, "elements samples"],
+    data: Float32[np.ndarray, "elements samples"],
     positions: Float64[np.ndarray, "absorbers 3"],
     strengths: Float64[np.ndarray, " absorbers"],
     element_m: Float64[np.ndarray, " elements"],
@@ -123,7 +125,7 @@ def add_absorbers(
     samples_per_metre: float,
     offset: float,
 ) -> None:
-    """Add to every channel what it hears of every absorber.
+    """Add the response of every channel to every absorber.
 
     The response is the mean over the element's face of strength · g(t − (path − lens)/c) / path, by a product of
     Gauss–Legendre rules (``nodes[n]``, ``weights[n]``: n points on [−1, 1], weights summing to 1) whose numbers of
@@ -132,9 +134,11 @@ def add_absorbers(
     the face, the element has one table for all of its nodes: half the reading of memory.
     """
     most = nodes.shape[0] - 1
+    # As many nodes as the phase needs and no more: near the plane the sound arrives almost at once over the face, and a
+    # few nodes are exact; off the plane several dozens are needed.
     mixed = np.empty((1, lines.shape[1], lines.shape[2]), dtype=np.float32)
-    for n in range(heard.shape[0]):
-        row = heard[n]
+    for n in range(data.shape[0]):
+        row = data[n]
         for s in range(strengths.size):
             beside = positions[s, 0] - element_m[n]
             off = positions[s, 1]

@@ -1,4 +1,4 @@
-"""Absorbers in the patient: where they are, how strong, and weak ones scattered at random (clutter)."""
+"""Absorbers in the patient: their position and strength, and weak ones scattered at random (clutter)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from markerseek.core import ConfigError, Interval
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Absorber:
-    """Something that sounds under light, at a place in the TRUS frame.
+    """A photoacoustic source at a position in the TRUS frame.
 
     Attributes
     ----------
@@ -23,10 +23,10 @@ class Absorber:
     angle_deg
         Angle θp about that axis, in degrees.
     lateral_m
-        Place y along that axis, from the middle of the array, in metres.
+        Position y along that axis, from the middle of the array, in metres.
     strength
-        Peak of the envelope that a point receiver hears at `REFERENCE_RANGE_M` without attenuation, in the unit of the
-        channel data; negative turns the pulse over, 0 is silent.
+        Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
+        data; negative inverts the pulse, 0 gives none.
     source
         Size and shape.
     """
@@ -50,7 +50,7 @@ class Absorber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clutter:
-    """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, light gone astray.
+    """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, scattered light.
 
     Attributes
     ----------
@@ -102,6 +102,6 @@ class Clutter:
         strength = rng.exponential(self.strength, self.count) * rng.choice((-1.0, 1.0), self.count)
         places = zip(radius_m.tolist(), angle_deg.tolist(), lateral_m.tolist(), strength.tolist(), strict=True)
         return tuple(
-            Absorber(radius_m=radius, angle_deg=angle, lateral_m=lateral, strength=loud, source=self.source)
-            for radius, angle, lateral, loud in places
+            Absorber(radius_m=radius, angle_deg=angle, lateral_m=lateral, strength=each, source=self.source)
+            for radius, angle, lateral, each in places
         )

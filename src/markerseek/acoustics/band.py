@@ -1,4 +1,4 @@
-"""The frequencies that an element and its receiver let through."""
+"""Receive band of an element and its receiver."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from markerseek.core.shapes import Float64
 class Band:
     """Receive band with one peak and a Gaussian skirt on each side, of zero phase.
 
-    Zero phase means that the band moves no arrival: what is heard is centred on the moment at which the sound
+    Zero phase means that the band moves no arrival: the received pulse is centred on the moment at which the sound
     reaches the element. A real receiver delays by a constant, which is part of the trigger offset.
     The peak need not lie midway between the two ends (the defaults are those of a 5–9 MHz probe centred on 6.5 MHz).
-    Each skirt has its own width, and the one goes over into the other smoothly, so that the pulse has no long tails.
+    Each skirt has its own width, with a smooth transition, so that the pulse has no long tails.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The converter: rounds to whole counts and stops at full scale."""
+"""The analogue-to-digital converter: rounds to whole counts and saturates at full scale."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Digitiser:
         Parameters
         ----------
         data
-            Channel data in the unit of which ``counts_per_unit`` is told; infinite values saturate.
+            Channel data in the unit of ``counts_per_unit``; infinite values saturate.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class Digitiser:
         """
         counts = data * np.float32(self.counts_per_unit)
         if np.isnan(counts).any():
-            raise ConfigError("digitiser: data holds NaN, for which a converter has no code; mend what made it")
+            raise ConfigError("digitiser: data holds NaN, for which a converter has no code; correct its source")
         np.rint(counts, out=counts)
         np.clip(counts, self.least, self.largest, out=counts)
         return counts.astype(np.int16)

@@ -1,8 +1,8 @@
-"""The forward model: absorbers and an angle of the probe in, channel data out, without noise.
+"""The forward model: channel data of absorbers at an angle of the probe, without noise.
 
-Each channel is the mean of the pressure over one element's face (rigid baffle: the face weighs all directions alike),
-taken by quadrature over its height, less the lens delay, and over its width. Absorbers are heard in a straight line
-through a uniform medium. What is not here: noise and the converter, which come after, and any imaging.
+Each channel is the mean of the pressure over one element's face (rigid baffle: no weight by direction),
+taken by quadrature over its height, less the lens delay, and over its width. Sound travels in a straight line
+through a uniform medium. Noise and converter are in `noise` and `digitise`; imaging is in `signals`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from markerseek.core import ConfigError
 from markerseek.core.shapes import Float32, Float64
 
 NEAREST_M = 1e-3
-"""Distance in front of the face's plane within which, as behind it, nothing is heard, in metres."""
+"""Distance in front of the face's plane within which, as behind it, an absorber gives no signal, in metres."""
 
 
 _rule = lru_cache(maxsize=512)(roots_legendre)
@@ -46,12 +46,11 @@ def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.n
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcousticModel:
-    """Hears absorbers with a probe.
+    """Forward model of one probe.
 
-    The unit of the data: an absorber of strength 1 that is 50 mm (`REFERENCE_RANGE_M`) in a lossless medium from a
-    point of an element gives it a pulse whose envelope peaks at 1; over a whole element it is less. Tables are made at
-    the first call for each kind of source and then kept, also for other models that share laser, band, medium and
-    sampling.
+    Unit of the data: an absorber of strength 1 at 50 mm (`REFERENCE_RANGE_M`) from a point of an element, in a lossless
+    medium, gives that point a pulse whose envelope peaks at 1; the mean over a whole element is less. The table of a
+    source is computed at its first call and cached, also for other models of the same laser, band, medium and sampling.
 
     Attributes
     ----------
@@ -112,13 +111,13 @@ class AcousticModel:
     ) -> Float32[np.ndarray, "elements samples"]:
         """Channel data without noise, shape (elements, samples); see the class for the unit.
 
-        An absorber that stands, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it is
-        silent: the probe's body hides it. What arrives after the record is cut off.
+        An absorber that stands, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
+        gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
 
         Parameters
         ----------
         absorbers
-            What sounds; none gives zeros.
+            The sources; none gives zeros.
         angle_deg
             Angle of the image plane about the axis of rotation, in degrees.
 
@@ -129,7 +128,7 @@ class AcousticModel:
         """
         if not math.isfinite(angle_deg):
             raise ConfigError(f"acoustic model: angle_deg is {angle_deg} deg, it must be a finite number")
-        heard = np.zeros((self.probe.array.elements, self.samples), dtype=np.float32)
+        data = np.zeros((self.probe.array.elements, self.samples), dtype=np.float32)
         places: dict[Source, list[tuple[float, float, float, float]]] = {}
         for absorber in absorbers:
             elevation, axial = self._place(absorber, angle_deg)
@@ -137,9 +136,10 @@ class AcousticModel:
                 places.setdefault(absorber.source, []).append(
                     (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
                 )
+        # Absorbers of one kind share a table of pulses and one call of the kernel.
         for source, rows in places.items():
-            self._add(heard, np.array(rows), self.pulse(source))
-        return heard
+            self._add(data, np.array(rows), self.pulse(source))
+        return data
 
     def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
         """Elevation and axial distance of an absorber, in metres."""
@@ -153,7 +153,7 @@ class AcousticModel:
 
     def _add(
         self,
-        heard: Float32[np.ndarray, "elements samples"],
+        data: Float32[np.ndarray, "elements samples"],
         rows: Float64[np.ndarray, "absorbers 4"],
         pulse: PulseTable,
     ) -> None:
@@ -169,7 +169,7 @@ class AcousticModel:
             repeats, gain, delay_s = self.reverberation.repeats, self.reverberation.gain, self.reverberation.delay_s
         for repeat in range(repeats + 1):
             add_absorbers(
-                heard,
+                data,
                 rows[:, :3],
                 rows[:, 3] * gain**repeat,
                 probe.array.lateral_m,

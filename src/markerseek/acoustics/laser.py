@@ -1,15 +1,15 @@
-"""How the laser's light comes in time: the shape with which an absorber's pulse is convolved.
+"""Laser pulses over time, with which an absorber's pulse is convolved.
 
-The middle of the pulse is time zero, so that the length of the pulse moves no arrival. A laser whose trigger marks the
-first light has half of its pulse's length in the trigger offset. The energy is 1: what a source says per joule is the
-caller's number.
+The middle of the pulse is time zero, so that its length moves no arrival. A laser whose trigger marks the
+first light has half of its pulse's length in the trigger offset. The energy is 1: the strength of a source is the
+caller's.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from markerseek.acoustics._checks import positive
 from markerseek.acoustics.source import Frequencies, Spectrum
 
 
+@runtime_checkable
 class LaserPulse(Protocol):
-    """Light in time; two pulses that are equal have equal hashes, as tables are kept by pulse."""
+    """Light in time; two pulses that are equal have equal hashes, because tables are cached by pulse."""
 
     def __hash__(self) -> int:
         """Hash by value."""

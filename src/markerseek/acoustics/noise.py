@@ -1,4 +1,4 @@
-"""Noise of the receiver: white, coloured by the receive band, and bursts with heavy tails. Made anew at every call."""
+"""Noise of the receiver: white, coloured by the receive band, and heavy-tailed bursts; independent at every call."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class Bursts:
         channels
             Number of channels.
         """
+        # Sizes are drawn for all channels, so that the random state does not depend on which were hit.
         hit = rng.random(channels) < self.channel_probability
         size = np.where(hit, self._sizes(rng, channels), 1.0)
         if rng.random() < self.frame_probability:
@@ -144,8 +145,8 @@ class Noise:
         # flat: a real bin holds half the variance of a complex one
         flat = np.where(share == 1.0, 2.0, 1.0)
         power += self.white_sigma**2 * flat / (share @ flat)
-        heard = np.flatnonzero(power > 1e-8 * power.max())
-        low, high = int(heard[0]), int(heard[-1]) + 1
+        bins = np.flatnonzero(power > 1e-8 * power.max())
+        low, high = int(bins[0]), int(bins[-1]) + 1
         spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
         drawn = rng.random((channels, 2 * (high - low)), dtype=np.float32)
         drawn -= np.float32(0.5)

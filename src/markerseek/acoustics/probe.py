@@ -1,15 +1,12 @@
-"""The probe: a row of elements of some height and width behind a lens, at some distance from the axis of rotation."""
+"""Geometry of the probe: a row of elements behind a lens, at some distance from the axis of rotation."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from markerseek.acoustics._checks import positive
 from markerseek.core import ConfigError, LinearArray
-from markerseek.core.shapes import Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,21 +49,6 @@ class Probe:
                 unit="m",
                 cure="20 to 40 mm are usual, None is a probe without a lens",
             )
-
-    def lens_delay_m(self, elevation_m: Float64[np.ndarray, " points"]) -> Float64[np.ndarray, " points"]:
-        """Path by which the lens shortens the way to a point of an element, in metres.
-
-        It is sqrt(F² + η²) − F, so that sound from the focus reaches the whole height at once; 0 without a lens.
-
-        Parameters
-        ----------
-        elevation_m
-            Points η over the height, measured from its middle, in metres.
-        """
-        if self.elevation_focus_m is None:
-            return np.zeros_like(elevation_m)
-        shortened: Float64[np.ndarray, " points"] = np.hypot(self.elevation_focus_m, elevation_m)
-        return shortened - self.elevation_focus_m
 
     def in_probe_frame(self, *, radius_m: float, off_plane_deg: float) -> tuple[float, float]:
         """Where a point lies as seen from the face: offset in elevation and distance from the face's plane, in metres.

@@ -1,8 +1,8 @@
-"""What a point of an element hears of a source, sampled finely: table of shifted and attenuated pulses.
+"""Table of a source's pulse at a point of an element, by attenuating path and by fraction of a sample.
 
-The spectra of source, laser and band are multiplied, the attenuation over each of a row of path lengths is put in, and
-the inverse transform is laid out by phase: one line for each fraction of a sample, so that a pulse at any moment is a
-mix of two neighbouring lines and is added to the channel without looking up single samples.
+The spectra of source, laser and band are multiplied, by the attenuation over each of several path lengths too, and the
+inverse transform is arranged by phase: one line for each fraction of a sample, so that a pulse at any moment is an
+interpolation of two neighbouring lines and is added to the channel without a lookup for each sample.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MOST_RANGES = 512
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PulseTable:
-    """Pulse of one source as a point of an element hears it.
+    """Pulse of one source at a point of an element.
 
     Attributes
     ----------
@@ -93,32 +93,34 @@ def pulse_table(
             f"sampling_hz is {sampling_hz} Hz, half of which is inside the band up to {band.high_hz} Hz; "
             "sample faster or narrow the band"
         )
-    heard = source.spectrum(frequency_hz, sound_speed_m_s=medium.sound_speed_m_s)
-    heard = heard * laser.spectrum(frequency_hz) * band.gain(frequency_hz)
-    loud = np.abs(heard)
+    product = source.spectrum(frequency_hz, sound_speed_m_s=medium.sound_speed_m_s)
+    product = product * laser.spectrum(frequency_hz) * band.gain(frequency_hz)
+    magnitude = np.abs(product)
     # the closed forms are exact down to very small numbers; below this they are no sound but an underflow
-    if not 1e-200 < loud.max() < math.inf:
+    if not 1e-200 < magnitude.max() < math.inf:
         raise ConfigError(
             f"{source} under {laser} leaves nothing in the band {band}; take a smaller absorber or a shorter pulse"
         )
-    heard = heard / _envelope_peak(heard / loud.max()) / loud.max()
+    product = product / _envelope_peak(product / magnitude.max()) / magnitude.max()
+    # The step of the paths is set by the attenuation over it, at the upper end of the pulse's band.
     attenuation = medium.attenuation_np_m(frequency_hz)
-    strongest = float(attenuation[loud > 0.05 * loud.max()].max())
+    strongest = float(attenuation[magnitude > 0.05 * magnitude.max()].max())
     step_m = max(_STEP_NP / strongest, longest_m / _MOST_RANGES) if strongest > 0 else math.inf
     path_m = np.arange(math.ceil(longest_m / step_m) + 1) * step_m if strongest > 0 else np.zeros(1)
-    spectra = heard * np.exp(-path_m[:, np.newaxis] * attenuation)
+    spectra = product * np.exp(-path_m[:, np.newaxis] * attenuation)
     first, lines = _lines(spectra, source)
     return PulseTable(
         lines=lines,
         first=first,
         step_m=step_m,
-        loss_np_m=float(loud**2 @ attenuation / (loud**2).sum()),
-        top_hz=float(frequency_hz[loud > 1e-3 * loud.max()][-1]),
+        loss_np_m=float(magnitude**2 @ attenuation / (magnitude**2).sum()),
+        top_hz=float(frequency_hz[magnitude > 1e-3 * magnitude.max()][-1]),
     )
 
 
 def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
     """Peak of the envelope of the pulse with this spectrum (frequencies up to half the sampling frequency)."""
+    # Eight times oversampled: between two samples the envelope may be higher than at them.
     analytic = scipy.fft.ifft(2 * spectrum, _WINDOW * 8, norm="forward")
     return float(np.abs(analytic).max())
 

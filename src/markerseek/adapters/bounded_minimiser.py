@@ -1,7 +1,7 @@
 """SciPy's bounded minimiser (Brent's method between two bounds) as a policy.
 
 `scipy.optimize.minimize_scalar` owns its loop and calls the function. Here it is run again from its beginning for each
-acquisition, on a function that answers from what was heard and stops it at the first value that was not: the method
+acquisition, on a function that returns the measured values and stops it at the first angle that has none: the method
 draws nothing at random, so it asks for the same angles again, and a run costs microseconds beside an acquisition.
 """
 
@@ -27,7 +27,7 @@ class _Wanted(Exception):  # noqa: N818 - a message, no error
 class BoundedMinimiser(OptimiserPolicy):
     """`scipy.optimize.minimize_scalar(method="bounded")` on the intensity, turned over.
 
-    Where the stage stops elsewhere than asked, the minimiser is told the value as that of the angle that it asked for.
+    Where the stage stops beside the requested angle, the minimiser receives the value as that of the requested one.
 
     Parameters
     ----------

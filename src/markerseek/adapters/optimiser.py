@@ -1,21 +1,20 @@
-"""What all adapters share: samples are told, the strongest is the answer, and the next angle is somebody else's."""
+"""What all adapters share: the strongest sample is the answer, and another package chooses the next angle."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 
-from markerseek.core import PAPER_RANGE, Found, Interval, SearchError
-from markerseek.core.reading import Sample
-from markerseek.search.curve import check_acquisitions, check_sample
+from markerseek.core import PAPER_RANGE, Found, Interval
+from markerseek.search.policy import SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""
 
 
-class OptimiserPolicy(ABC):
-    """A maximiser of one variable as a policy that always answers: at the strongest sample that it heard.
+class OptimiserPolicy(SearchPolicy):
+    """A maximiser of one variable as a policy that always answers: at its strongest sample.
 
     The interval reaches to the nearest samples on either side that are weaker, and clearly so where the noise is known:
     between them lies the maximum of a curve with one peak. It is a bracket and no probability.
@@ -28,18 +27,15 @@ class OptimiserPolicy(ABC):
         Most acquisitions.
     """
 
-    name: str = "optimiser"
-    """What messages call it."""
+    name = "optimiser"
 
     least: int = 2
     """Fewest acquisitions."""
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
+        super().__init__()
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
         self._limits = limits
-        self._told: list[Sample] = []
-        self._asked: list[float] = []
-        self._next: tuple[float | None] | None = None
 
     @abstractmethod
     def _propose(self, asked_deg: Sequence[float], values: Sequence[float]) -> float | None:
@@ -48,28 +44,6 @@ class OptimiserPolicy(ABC):
         ``asked_deg`` are the angles reached, moved to the nearer end where they lie beyond it; ``values`` the
         intensities over the first one that was not 0.
         """
-
-    def ask(self) -> float | None:
-        """Next angle in degrees; None once the budget is spent or the optimiser has converged."""
-        if self._next is None:
-            self._next = (self._decide(),)
-        return self._next[0]
-
-    def tell(self, sample: Sample) -> None:
-        """Take in one sample; a dark one says nothing of the curve and is passed over.
-
-        Raises
-        ------
-        SearchError
-            If the sample is not usable (`check_sample`), or is lit and the search is over.
-        """
-        check_sample(sample)
-        if sample.dark:
-            return
-        if self.ask() is None:
-            raise SearchError(f"{self.name}: it is over after {len(self._told)} acquisitions; begin a new search")
-        self._told.append(sample)
-        self._next = None
 
     def estimate(self) -> Found:
         """Angle of the strongest sample; the middle of the range before the first."""
@@ -83,11 +57,11 @@ class OptimiserPolicy(ABC):
         noise_sigma
             Standard deviation of the intensity, in the intensity's unit; None: any weaker sample bounds it.
         """
-        if not self._told:
+        if not self._lit:
             return self._found(self._limits.centre_deg, self._limits)
-        best = max(self._told, key=lambda sample: sample.reading.intensity)
+        best = max(self._lit, key=lambda sample: sample.reading.intensity)
         level = best.reading.intensity - CLEARLY_WEAKER * (noise_sigma or 0.0)
-        weaker = [self._inside(sample.angle_deg) for sample in self._told if sample.reading.intensity < level]
+        weaker = [self._inside(sample.angle_deg) for sample in self._lit if sample.reading.intensity < level]
         mean_deg = self._inside(best.angle_deg)
         low_deg = max((angle_deg for angle_deg in weaker if angle_deg < mean_deg), default=self._limits.low_deg)
         high_deg = min((angle_deg for angle_deg in weaker if angle_deg > mean_deg), default=self._limits.high_deg)
@@ -101,13 +75,13 @@ class OptimiserPolicy(ABC):
             interval_kind="bracket",
         )
 
-    def _decide(self) -> float | None:
-        if len(self._told) >= self._budget:
+    def _next_deg(self) -> float | None:
+        if len(self._lit) >= self._budget:
             return None
-        unit = next((s.reading.intensity for s in self._told if s.reading.intensity > 0), 1.0)
+        unit = next((s.reading.intensity for s in self._lit if s.reading.intensity > 0), 1.0)
         angle_deg = self._propose(
-            [self._inside(sample.angle_deg) for sample in self._told],
-            [sample.reading.intensity / unit for sample in self._told],
+            [self._inside(sample.angle_deg) for sample in self._lit],
+            [sample.reading.intensity / unit for sample in self._lit],
         )
         return None if angle_deg is None else self._inside(angle_deg)
 

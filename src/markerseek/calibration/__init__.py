@@ -1,11 +1,11 @@
-"""What a rig must be told about itself, from one scan of a point source: angle, radius, speed, trigger. Pure."""
+"""Calibration from one scan of a point source: angle zero, face radius, speed of sound, trigger offset. Pure."""
 
 from markerseek.calibration.elevation import Geometry, Value, Waves, fit_geometry
 from markerseek.calibration.moveout import Moveout, apex_s, fit_moveout
-from markerseek.calibration.requirements import HEARD_RATIO, require_peak
+from markerseek.calibration.requirements import RECEIVED_RATIO, require_peak
 
 __all__ = [
-    "HEARD_RATIO",
+    "RECEIVED_RATIO",
     "Geometry",
     "Moveout",
     "Value",

@@ -1,8 +1,8 @@
 """Angle zero, face radius and trigger offset from the waves of one point source at many angles of the probe.
 
-Off the image plane an element hears the source later, and spread over its height: the wave there is the wave in the
-plane, delayed and smeared as the geometry says. All waves are fitted at once, with the element's height and lens left
-free, for the smear alone would be mistaken for a delay.
+Off the image plane sound arrives later, and at different times over the height of an element: the wave there is the
+wave in the plane, delayed and smeared by the geometry. All waves are fitted at once, the element's height and lens
+included: the smear alone would be mistaken for a delay.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from markerseek.core.shapes import Float64
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 _MODEL_SHARE = 0.03
-"""Error of the model over a wave's height: no wave counts for more than its fit can be good."""
+"""Error of the model over a wave's height; it limits the weight of waves with little noise."""
 
 _LEAST_ERROR = np.array([5e-4, 0.05])
-"""Error of the wave front's speed in mm/µs and range in mm that no number of frames takes away.
+"""Error of the wave front's speed in mm/µs and range in mm that more frames do not reduce.
 
-Oblique waves are smeared otherwise than straight ones; seen on simulated point sources with known truth.
+Oblique waves are smeared differently from straight ones; measured on simulated point sources with known truth.
 """
 
 _LEAST_FACE_MM = 0.1
@@ -39,7 +39,7 @@ _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fin
 """Times in µs and values of a finely sampled wave."""
 
 _NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_m", "speed_mm_us")
-_AUDIBLE = 0.02
+_SIGNIFICANT = 0.02
 """Power over the largest below which the wave in the plane counts as noise in finding its middle."""
 
 _FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
@@ -64,7 +64,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """Where the source stands and how the probe is built.
+    """Position of the source and geometry of the probe.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class Geometry:
     element_height_m
         Height of the elements, in metres.
     sound_speed_m_s
-        Speed of sound in m/s, as the wave fronts gave it, and as little moved as the waves ask for.
+        Speed of sound in m/s, with the wave fronts' value as prior.
     misfit
-        Root mean square of what the fit leaves, over the height of the waves.
+        Root mean square of the residual, over the height of the waves.
     """
 
     source_deg: Value
@@ -137,14 +137,14 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     best = int(np.argmax(height))
     if len(height) < LEAST_ANGLES:
         raise SearchError(
-            f"{len(height)} angles hear the source well, at least {LEAST_ANGLES} are needed; scan in finer steps, or "
-            "average more pulses"
+            f"{len(height)} angles receive the source well, at least {LEAST_ANGLES} are needed; scan in finer steps, "
+            "or average more pulses"
         )
     if not BESIDE <= best < len(height) - BESIDE:
         raise SearchError(
-            f"the source's wave is highest at {waves.angle_deg[best]:g} deg, at an end of the angles that hear it well "
-            f"({waves.angle_deg[0]:g} to {waves.angle_deg[-1]:g} deg); scan over one small source, 12 deg beyond it "
-            "on both sides"
+            f"the source's wave is highest at {waves.angle_deg[best]:g} deg, at an end of the angles that receive "
+            f"it well ({waves.angle_deg[0]:g} to {waves.angle_deg[-1]:g} deg); scan over one small source, 12 deg "
+            "beyond it on both sides"
         )
     plane, middle_us = _in_plane(waves, best, height)
     speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m
@@ -185,8 +185,9 @@ def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -
     time_us = (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
     wave = waves.wave[best] / height[best]
     power = np.abs(hilbert(wave)) ** 2
-    strong = np.where(power > _AUDIBLE * power.max(), power, 0.0)
+    strong = np.where(power > _SIGNIFICANT * power.max(), power, 0.0)
     middle = float(strong @ time_us / strong.sum())
+    # Finely sampled once by a spline, so that the fit may interpolate linearly.
     fine_us = np.linspace(time_us[0], time_us[-1], 16 * window)
     return (fine_us - middle, np.asarray(CubicSpline(time_us, wave)(fine_us))), middle
 
@@ -213,15 +214,16 @@ def _fit(
     start: list[float],
     moveout: Moveout,
 ) -> OptimizeResult:
+    # Whitened by the Cholesky factor of the inverse covariance, the wave fronts' result is two more residuals.
     unit = np.array([1e-3, 1e3])
-    believed = unit * [moveout.sound_speed_m_s, moveout.range_m]
+    prior = unit * [moveout.sound_speed_m_s, moveout.range_m]
     covariance = moveout.covariance * np.outer(unit, unit) + np.diag(_LEAST_ERROR**2)
     whiten = np.linalg.cholesky(np.linalg.inv(covariance)).T
 
     def residual(parameters: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
         left = _residual(parameters, waves, plane, height, weighted=True).ravel()
         front = np.array([parameters[6], parameters[1] - parameters[2]])
-        return np.concatenate([left, whiten @ (front - believed)])
+        return np.concatenate([left, whiten @ (front - prior)])
 
     return least_squares(
         residual, np.clip(start, _LOW, _HIGH), bounds=(_LOW, _HIGH), loss="soft_l1",
@@ -251,6 +253,7 @@ def _residual(
     time_us = waves.arrival_s[:, None] * 1e6 + (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
     shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
     wave = waves.wave / height[:, None]
+    # The amplitude of each wave is fitted in closed form: its directivity is no part of this model.
     gain = np.einsum("fw,fw->f", shape, wave) / np.maximum(np.einsum("fw,fw->f", shape, shape), 1e-12)
     left = wave - gain[:, None] * shape
     if not weighted:

@@ -1,7 +1,7 @@
-"""Speed of sound and range from the bend of the wave front: how much later the outer channels hear one point.
+"""Speed of sound and range from the moveout: how much later the sound of a point reaches the outer channels.
 
-The array itself is the ruler. Only differences between the channels of one frame count, so that neither the trigger's
-offset nor the shape of the wave enters.
+The pitch of the array is the measure of length. Only differences between the channels of one frame count, so that
+neither the trigger's offset nor the shape of the wave enters.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _OUTLIER_S = 5e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moveout:
-    """What the wave fronts of some frames tell.
+    """Result of the wave fronts of some frames.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def fit_moveout(
     Parameters
     ----------
     arrivals_s
-        Arrival at each channel, one array a frame, NaN where it is not heard; at least 3 frames.
+        Arrival at each channel, one array a frame, NaN where there is none; at least 3 frames.
     element_m
         Places of the elements along the array, in metres.
 
@@ -69,7 +69,7 @@ def fit_moveout(
     information = np.array([each.information for each in alone])
     total = np.linalg.inv(information.sum(axis=0))
     mean = total @ np.einsum("fij,fj->i", information, np.array([each.value for each in alone]))
-    # Errors of the channels of a frame go together: the scatter counts the frames, and not the channels.
+    # Errors of the channels of one frame are correlated: the scatter is that between frames, not channels.
     pull = np.einsum("ij,fjk,fk->fi", total, information, np.array([each.value for each in alone]) - mean)
     frames = len(alone)
     covariance = pull.T @ pull * frames / (frames - 1)
@@ -95,17 +95,16 @@ def apex_s(
     *,
     plane_s: float | None = None,
 ) -> float:
-    """When a frame's wave would reach an element right above the point, in seconds.
+    """Time at which a frame's wave would reach an element right above the point, in seconds.
 
     Parameters
     ----------
     arrival_s, element_m
         As in `fit_moveout`, for one frame.
     moveout
-        What frames near the plane told.
+        Result of the frames near the plane.
     plane_s
-        The same time of a frame in the plane, for a frame off it: what is later comes from further away. None: this
-        frame is in the plane.
+        The same time of a frame in the plane, for a frame off it: a delay is a longer range. None: this frame is in it.
     """
     used = np.isfinite(arrival_s)
     offset_m = element_m[used] - moveout.lateral_m
@@ -120,7 +119,7 @@ def apex_s(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Alone:
-    """What one frame tells: speed in mm/µs and range in mm, their information matrix, and where the point lies."""
+    """Result of one frame: speed in mm/µs and range in mm, their information matrix, and the point's position."""
 
     value: Float64[np.ndarray, " 2"]
     information: Float64[np.ndarray, "2 2"]
@@ -137,6 +136,7 @@ def _alone(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.nd
         path = np.hypot(element_mm - place, distance) - distance
         return np.asarray((path / speed + late - arrival_us) / (1e6 * _OUTLIER_S))
 
+    # Millimetres and microseconds: all four parameters are of the order of 1 to 100.
     start = np.array([1.54, 1.54 * arrival_us[first], element_mm[first], arrival_us[first]])
     fit = least_squares(residual, start, loss="soft_l1", x_scale=np.maximum(np.abs(start), 1.0))
     jacobian = np.asarray(fit.jac)

@@ -1,4 +1,4 @@
-"""What a scan must be before anything is fitted to it: long enough, and over one source that it passes and can hear."""
+"""Requirements on a calibration scan: enough angles, a source above the noise, its peak inside, no clipped waves."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from markerseek.core import Sample, SearchError
 
 LEAST_ANGLES = 8
-"""Angles that must hear the source well."""
+"""Fewest angles that receive the source well."""
 
 BESIDE = 2
 """Of these, angles on each side of the strongest."""
 
-HEARD_RATIO = 8.0
-"""Intensity over the noise from which a source counts as heard."""
+RECEIVED_RATIO = 8.0
+"""Intensity over the noise from which a source is received well."""
 
 _CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of at most 1 deg"
 
@@ -28,7 +28,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     samples
         One for each angle, in the order of the angles.
     saturated_limit
-        Largest share of saturated channels where the source is heard.
+        Largest share of saturated channels at the strongest angle.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     """
     if len(samples) < LEAST_ANGLES:
         raise SearchError(
-            f"{len(samples)} angles are too few to calibrate with, at least {LEAST_ANGLES} must hear the source; "
+            f"{len(samples)} angles are too few to calibrate with, at least {LEAST_ANGLES} must receive the source; "
             f"{_CURE}"
         )
     intensity = np.array([sample.reading.intensity for sample in samples])
@@ -49,14 +49,14 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     best = int(np.argmax(intensity))
     strongest = samples[best]
     noise = strongest.reading.noise_sigma
-    if noise is not None and not intensity[best] > HEARD_RATIO * noise:
+    if noise is not None and not intensity[best] > RECEIVED_RATIO * noise:
         raise SearchError(
-            f"no angle hears a source: the strongest, at {strongest.angle_deg:g} deg, is {intensity[best] / noise:.2g} "
-            f"times the noise, more than {HEARD_RATIO:g} are needed; check laser and gain, or average more pulses"
+            f"no source at any angle: the strongest, at {strongest.angle_deg:g} deg, is {intensity[best] / noise:.2g} "
+            f"times the noise, more than {RECEIVED_RATIO:g} are needed; check laser and gain, or average more pulses"
         )
     if not BESIDE <= best < len(samples) - BESIDE:
         raise SearchError(
-            f"the source is loudest at {strongest.angle_deg:g} deg, at an end of the scan from "
+            f"the source is strongest at {strongest.angle_deg:g} deg, at an end of the scan from "
             f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
         )
     clipped = strongest.reading.saturated_fraction

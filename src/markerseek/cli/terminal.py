@@ -161,7 +161,7 @@ def picture_folder(out: Path | None, *, plot: bool) -> Path:
 
 def announce_compilation() -> None:
     """Say that the first run of an installation compiles, before it does; once the code lies on disk, nothing."""
-    from markerseek.core.compiled import KERNELS
+    from markerseek._compiled import KERNELS
 
     folders = {Path(kernel.stats.cache_path) for kernel in KERNELS if kernel.stats.cache_path is not None}
     if folders and not any(index for folder in folders for index in folder.glob("*.nbi")):

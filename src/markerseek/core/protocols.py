@@ -6,7 +6,7 @@ Angles are in degrees, times in seconds. A part that cannot do what it is asked 
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from markerseek.core.estimate import Estimate
 from markerseek.core.frame import Frame
@@ -15,6 +15,7 @@ from markerseek.core.permit import Permit
 from markerseek.core.reading import Reading, Sample
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Decides where to look next. The caller owns the loop."""
 
@@ -28,6 +29,7 @@ class Policy(Protocol):
         """What is known now; at any time, also before the first sample."""
 
 
+@runtime_checkable
 class Clock(Protocol):
     """Time on a rig, real or virtual."""
 
@@ -38,6 +40,7 @@ class Clock(Protocol):
         """Return when that many seconds have gone by."""
 
 
+@runtime_checkable
 class Stage(Protocol):
     """Turns the probe."""
 
@@ -56,6 +59,7 @@ class Stage(Protocol):
         """Stop at once; allowed at any time, also twice."""
 
 
+@runtime_checkable
 class Laser(Protocol):
     """Makes sound. There is no "on"."""
 
@@ -66,6 +70,7 @@ class Laser(Protocol):
         """Give up any permit still held; allowed at any time, also twice."""
 
 
+@runtime_checkable
 class Receiver(Protocol):
     """Hears sound."""
 
@@ -79,6 +84,7 @@ class Receiver(Protocol):
         """Frame of the trigger that was given since `arm`."""
 
 
+@runtime_checkable
 class Reader(Protocol):
     """Turns a frame into what it says."""
 

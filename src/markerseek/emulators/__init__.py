@@ -1,7 +1,8 @@
-"""The devices of a rig at the level of bytes, without the devices: what drivers talk to on a laptop and in tests.
+"""Emulators of the devices of a rig at the level of bytes, for drivers on a laptop and in tests.
 
-Each emulator is a `ByteDevice`: bytes in, bytes out, time told to it. `PtyLine` puts one behind a pseudo-terminal for
-any program that opens a serial port; `DirectPort` hands one to a driver in the same process, in virtual time.
+Each emulator is a `ByteDevice`: bytes in, bytes out, and the time as an argument. `PtyLine` puts one behind a
+pseudo-terminal for any program that opens a serial port; `DirectPort` connects one to a driver in the same process, in
+virtual time.
 """
 
 from markerseek.emulators.byte_device import ByteDevice, DirectPort

@@ -1,4 +1,4 @@
-"""A motor that turns with a trapezoidal speed and can be sent elsewhere at any moment. Pure, and exact in time."""
+"""A motor with trapezoidal speed whose target may change during a move. Pure, and exact in time."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ _NO_TIME_S = 1e-12
 
 @dataclass(slots=True, kw_only=True)
 class Motor:
-    """Where a motor is, where it goes, and where it has been.
+    """State of a motor: angle, speed, target and the range that it has covered.
 
     Attributes
     ----------
     angle_deg, speed_deg_s
-        Where it is, and how fast it turns there, with its sign.
+        Angle, and speed with its sign.
     target_deg
-        Where it goes.
+        Target of the move.
     top_speed_deg_s, acceleration_deg_s2
-        How it gets there.
+        Largest speed, and acceleration.
     low_deg, high_deg
-        Where it stops dead: a soft limit, or an obstacle.
+        Angles at which it stops at once: a soft limit, or an obstacle.
     lowest_deg, highest_deg
-        How far it has been.
+        Smallest and largest angle that it has reached.
     """
 
     angle_deg: float
@@ -39,16 +39,16 @@ class Motor:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stands, and goes nowhere."""
+        """Whether it stands at its target."""
         return self.speed_deg_s == 0 and self.angle_deg == self.target_deg
 
     def halt(self) -> None:
-        """Stand still at once."""
+        """Stop at once, and stay."""
         self.speed_deg_s = 0.0
         self.target_deg = self.angle_deg
 
     def advance(self, duration_s: float) -> bool:
-        """Turn for that long; whether it ran against a limit and stands there."""
+        """Turn for that long; return whether it hit a limit and stands there."""
         left_s = duration_s
         self._note()
         for phase_s, acceleration in self._phases():

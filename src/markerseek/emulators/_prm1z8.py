@@ -1,4 +1,4 @@
-"""The mechanics of an emulated PRM1Z8: motor, encoder, play, and the probe that it turns."""
+"""Mechanics of an emulated PRM1Z8: motor, encoder, play, and the probe that it turns."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from markerseek.wire.apt import COUNTS_PER_DEG
 
 
 class Turned(Protocol):
-    """Where the probe truly points: `markerseek.sim.Surroundings` has it."""
+    """The true angle of the probe, as in `markerseek.sim.SimulatedWorld`."""
 
     angle_deg: float
 
 
 class Prm1z8:
-    """A motor with an encoder, and behind some play a probe.
+    """A motor with an encoder, and a probe that it turns with some play.
 
     Angles of the motor are the stage's own, counted from its home; the probe's are the world's.
 
@@ -36,7 +36,7 @@ class Prm1z8:
     sense
         1 if the probe turns as the motor does, -1 if it is mounted the other way round; the play is then mirrored too.
     fault
-        Gives the fault of that name if it holds now.
+        Returns the fault of that name if it holds now.
     rng
         Source of randomness, for faults that need it.
     """
@@ -67,11 +67,11 @@ class Prm1z8:
 
     @property
     def counts(self) -> int:
-        """What the position counter holds."""
+        """Value of the position counter."""
         return round(self.motor.angle_deg * COUNTS_PER_DEG) + self.offset
 
     def angle_of(self, counts: int) -> float:
-        """Angle of the motor at which the position counter holds so much, in degrees."""
+        """Angle of the motor at which the position counter has that value, in degrees."""
         return (counts - self.offset) / COUNTS_PER_DEG
 
     def motor_angle_of(self, probe_deg: float) -> float:
@@ -79,7 +79,7 @@ class Prm1z8:
         return self._sense * probe_deg + self._zero_deg
 
     def advance(self, duration_s: float) -> bool:
-        """Turn for that long; whether something stopped the motor that was not its target."""
+        """Turn for that long; return whether the motor stopped before its target."""
         motor = self.motor
         jump = self._fault("readback jump")
         if jump is not None and not self._jumped:
@@ -92,7 +92,7 @@ class Prm1z8:
         stopped = motor.advance(duration_s)
         if turning:
             self._jump_on_its_way(duration_s)
-        # How far the motor has been on the way matters to whoever checks the limits, also where it came back.
+        # The limits are checked against the whole path of the motor, also where it came back.
         for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:
             self._turn_probe(angle_deg)
         self._turn_probe(motor.angle_deg)

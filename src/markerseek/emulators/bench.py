@@ -1,7 +1,7 @@
-"""A whole rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
+"""An emulated rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
 
-In one process, `BenchClock` lets virtual time go by for all of them. Behind pseudo-terminals, `serve` runs them in real
-time; only the writing of files can be paced, for leases are kept, and a stage's speed is checked, in real time.
+In one process, `BenchClock` advances virtual time for all of them. Behind pseudo-terminals, `serve` runs them in real
+time; only the writing of files can be paced, because leases and the check of a stage's speed need real time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from markerseek.sim import SimulatedSettings, VirtualClock, World
 _TICK_S = 2e-3
 
 _HELD_UP_S = 0.02
-"""A longer time between two ticks is the computer's doing, and does not count as the devices' time, in seconds."""
+"""Longest time between two ticks that counts, in seconds: more is a pause of the computer, not of the devices."""
 
 
 class EmulatedBench:
@@ -36,13 +36,13 @@ class EmulatedBench:
     Parameters
     ----------
     settings
-        The world, and how fast its data acquisition is.
+        Settings of the world and of its data acquisition.
     rng
-        Source of all that is drawn.
+        Source of randomness.
     folder
-        Where the channel files go.
+        Folder of the channel files.
     stage
-        How the stage stands there; its play is that of the settings.
+        State of the stage at the start; None: its play is that of the settings.
     sdk
         Layout of the channel files.
     """
@@ -67,7 +67,7 @@ class EmulatedBench:
             start_deg=settings.start_deg,
             rng=rng,
         )
-        # children of the generator: what differs from pulse to pulse must not change what the world draws next
+        # Children of the generator: what differs from pulse to pulse must not change the next draws of the world.
         apart, noise = rng.spawn(2)
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise
@@ -79,7 +79,7 @@ class EmulatedBench:
 
 
 class BenchClock(VirtualClock):
-    """Virtual time that goes by for emulated devices too, tick by tick, while somebody waits.
+    """Virtual time that advances the emulated devices tick by tick during a wait.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class BenchClock(VirtualClock):
         self._followers: list[Callable[[float], object]] = []
 
     def lead(self, *followers: Callable[[float], object]) -> None:
-        """Tell these the time at each tick, in this order."""
+        """Call these with the time at each tick, in this order."""
         self._followers += followers
 
     def wait(self, duration_s: float) -> None:
-        """Jump ahead in ticks."""
+        """Advance the time in ticks."""
         if not 0 <= duration_s < math.inf:
             raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
         ends_s = self.now_s() + duration_s
@@ -108,7 +108,7 @@ class BenchClock(VirtualClock):
 
 
 class ServingClock:
-    """Real time as far as the serving process was running: what the computer held up is left out.
+    """Real time without the pauses of the serving process.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class ServingClock:
         self._now_s = 0.0
 
     def now_s(self) -> float:
-        """Seconds since the clock was made, without those that were held up."""
+        """Seconds since the clock was made, pauses left out."""
         now_s = self._clock.now_s()
         self._now_s += min(now_s - self._last_s, _HELD_UP_S)
         self._last_s = now_s
@@ -136,7 +136,7 @@ class ServingClock:
 def serve(
     *, lines: Sequence[PtyLine], clock: Clock, pace: float, daq: EmulatedSonixDaq | None, until: Callable[[], bool]
 ) -> None:
-    """Serve emulated devices until told to end.
+    """Serve emulated devices until ``until`` is true.
 
     Parameters
     ----------
@@ -145,12 +145,12 @@ def serve(
     clock
         Real time.
     pace
-        Seconds of real time for one of the acquisition's.
+        Seconds of real time for one second of the acquisition.
     daq
-        A folder that fills with files, in a thread of its own: neither a slow disk nor the imaging of what is heard
-        may hold up the lines.
+        Acquisition that writes files, in a thread of its own: neither a slow disk nor the forward model may delay the
+        lines.
     until
-        Asked at every tick.
+        Called at every tick.
     """
     ended = threading.Event()
 
@@ -173,7 +173,7 @@ def serve(
 
 
 def require_pace(pace: float) -> float:
-    """The pace, if it can be kept.
+    """Return the pace if it is possible.
 
     Raises
     ------

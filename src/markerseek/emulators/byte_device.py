@@ -1,4 +1,4 @@
-"""What an emulator is to the line that it hangs on, and the shortest such line."""
+"""Protocol of an emulated device, and a port that connects one to a driver in the same process."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from markerseek.core import Clock, NotConnectedError
 
 
 class ByteDevice(Protocol):
-    """An emulated device, which knows no line and no clock of its own."""
+    """An emulated device, without a line or a clock of its own."""
 
     def advance(self, now_s: float) -> bytes:
-        """Let time go by until that moment of the clock, and return what the device says by itself meanwhile."""
+        """Advance the device to that time of the clock, and return the bytes that it sends by itself until then."""
 
     def feed(self, data: bytes) -> bytes:
-        """Take in bytes, now, and return what the device answers at once."""
+        """Receive bytes now, and return the immediate answer."""
 
 
 class DirectPort:
@@ -27,9 +27,9 @@ class DirectPort:
     device
         The emulator.
     clock
-        Whose time both ends live in.
+        Clock of both ends.
     step_s
-        How often the device is looked at while a reader waits, in seconds.
+        Time between two polls of the device while a reader waits, in seconds.
     """
 
     def __init__(self, *, device: ByteDevice, clock: Clock, step_s: float = 1e-3) -> None:
@@ -40,18 +40,18 @@ class DirectPort:
         self._open = True
 
     def write(self, data: bytes) -> None:
-        """Hand bytes to the device.
+        """Send bytes to the device.
 
         Raises
         ------
         NotConnectedError
             If the port was closed.
         """
-        self._listen()
+        self._poll()
         self._inbox += self._device.feed(data)
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes; fewer, perhaps none, once the time has gone by.
+        """Up to that many bytes; fewer, perhaps none, after the timeout.
 
         Raises
         ------
@@ -59,19 +59,19 @@ class DirectPort:
             If the port was closed.
         """
         ends_s = self._clock.now_s() + timeout_s
-        self._listen()
+        self._poll()
         while len(self._inbox) < size and (left_s := ends_s - self._clock.now_s()) > 0:
             self._clock.wait(min(self._step_s, left_s))
-            self._listen()
+            self._poll()
         data = bytes(self._inbox[:size])
         del self._inbox[:size]
         return data
 
     def close(self) -> None:
-        """Let go of the device; allowed twice."""
+        """Close the port; allowed twice."""
         self._open = False
 
-    def _listen(self) -> None:
+    def _poll(self) -> None:
         if not self._open:
             raise NotConnectedError("the port was closed; open it again")
         self._inbox += self._device.advance(self._clock.now_s())

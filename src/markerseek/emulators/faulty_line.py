@@ -1,4 +1,4 @@
-"""A serial line that garbles, loses, delays or swallows bytes."""
+"""A serial line with faults: bits flipped, bytes lost, answers delayed, line cut."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from markerseek.sim.faults import Fault
 
 
 class FaultyLine:
-    """Bytes on their way to and from a device, as far as its faults let them through.
+    """Passes bytes to and from a device, changed by the faults that hold.
 
     Parameters
     ----------
     fault
-        Gives the fault of that name if it holds now.
+        Returns the fault of that name if it holds now.
     rng
         Source of randomness.
     """
@@ -27,13 +27,13 @@ class FaultyLine:
         self._late: deque[tuple[float, bytes]] = deque()
 
     def to_device(self, data: bytes, *, now_s: float) -> bytes:
-        """What the device hears of this."""
+        """Bytes that reach the device."""
         if self._cut(now_s):
             return b""
         return self._garbled(self._thinned(data), "garbled commands")
 
     def to_host(self, data: bytes, *, now_s: float) -> bytes:
-        """What comes out now when the device says this."""
+        """Bytes that reach the host now when the device sends these."""
         if self._cut(now_s):
             self._late.clear()
             return b""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from markerseek.core import ConfigError
-from markerseek.sim import Surroundings
+from markerseek.sim import SimulatedWorld
 from markerseek.wire import laserbox as wire
 
 IDENTITY = "emulator"
@@ -74,7 +74,7 @@ class EmulatedLaserBox:
     def __init__(
         self,
         *,
-        world: Surroundings,
+        world: SimulatedWorld,
         on_triggers: Callable[[int], None],
         lease_ms: int = wire.LEASE_MS,
         turn_us: int = 200,

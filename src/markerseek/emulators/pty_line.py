@@ -1,4 +1,4 @@
-"""A pseudo-terminal with an emulator behind it: to a driver it is a serial port like another."""
+"""A pseudo-terminal with an emulator behind it, which a driver opens like a serial port."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markerseek.core import Clock, ConfigError
 from markerseek.emulators.byte_device import ByteDevice
 
 _UNREAD_LIMIT = 65536
-"""Bytes kept for a reader who does not read; what comes after them is lost, as on a wire."""
+"""Most bytes kept for a driver that does not read; later ones are lost, as on a wire."""
 
 
 class PtyLine:
@@ -26,14 +26,14 @@ class PtyLine:
     device
         The emulator.
     clock
-        The time that it lives in; real time, where a person or another program is at the other end.
+        Its clock: real time, where another program is at the other end.
     link
-        Where to put a link to the pseudo-terminal, whose own name changes from start to start; None puts none.
+        Path of a link to the pseudo-terminal, whose own name changes from start to start; None: no link.
 
     Raises
     ------
     ConfigError
-        If something lies at the link's place already.
+        If the path of the link exists already.
     """
 
     def __init__(self, *, device: ByteDevice, clock: Clock, link: Path | None = None) -> None:
@@ -42,7 +42,7 @@ class PtyLine:
         self._outbox = bytearray()
         self._link: Path | None = None
         self._ours, self._theirs = os.openpty()
-        # Our copy of their end stays open: without it, reading fails whenever no driver has the port open.
+        # Our copy of the driver's end stays open: without it, reading fails whenever no driver has the port open.
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self._open = True
@@ -56,20 +56,20 @@ class PtyLine:
         return str(self._link or self._name)
 
     def serve(self, *, until: Callable[[], bool], tick_s: float = 2e-3) -> None:
-        """Carry bytes and time to the device, and its answers back, until told to end.
+        """Pass bytes and time to the device, and its answers back, until ``until`` is true.
 
         Parameters
         ----------
         until
-            Asked once a tick.
+            Called once a tick.
         tick_s
-            Longest time between two looks at the device, in seconds.
+            Longest time between two polls of the device, in seconds.
         """
         while not until():
             self.serve_once(wait_s=tick_s)
 
     def serve_once(self, *, wait_s: float) -> None:
-        """Wait for bytes at most so many seconds, then let the device act once."""
+        """Wait for bytes at most so many seconds, then advance the device once."""
         arrived, _, _ = select.select([self._ours], [], [], wait_s)
         self._outbox += self._device.advance(self._clock.now_s())
         if arrived:
@@ -82,7 +82,7 @@ class PtyLine:
                 return
 
     def close(self) -> None:
-        """Take the line away; a driver that has it open loses it. Allowed twice."""
+        """Close the line; a driver that has it open is disconnected. Allowed twice."""
         if not self._open:
             return
         self._open = False

@@ -19,7 +19,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader
 from markerseek.core.shapes import Int16
-from markerseek.sim import Flash, Surroundings
+from markerseek.sim import Flash, SimulatedWorld
 from markerseek.wire import sonixdaq as wire
 
 _SPREAD_COUNTS = 8
@@ -63,7 +63,7 @@ class SonixDaqFaults:
 class _Train:
     """Triggers in a row: the world as it stood, and the light that came with the first of them."""
 
-    world: Surroundings
+    world: SimulatedWorld
     flash: Flash | None
     triggers: int
 
@@ -116,7 +116,7 @@ class EmulatedSonixDaq:
     def __init__(
         self,
         *,
-        world: Surroundings,
+        world: SimulatedWorld,
         folder: Path,
         rng: np.random.Generator,
         readout_s: float = 10.0,

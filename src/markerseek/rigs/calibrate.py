@@ -7,7 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.calibration import HEARD_RATIO, Geometry, Value, Waves, apex_s, fit_geometry, fit_moveout, require_peak
+from markerseek.calibration import (
+    RECEIVED_RATIO,
+    Geometry,
+    Value,
+    Waves,
+    apex_s,
+    fit_geometry,
+    fit_moveout,
+    require_peak,
+)
 from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
 from markerseek.guard import Admission
 from markerseek.signals import ProbePreset
@@ -80,7 +89,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     heard = [
         (sample.angle_deg, wave)
         for sample, frame, sigma in zip(samples, frames, noise, strict=True)
-        if sample.reading.intensity > HEARD_RATIO * sigma
+        if sample.reading.intensity > RECEIVED_RATIO * sigma
         and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
     ]
     if not heard:

@@ -28,7 +28,7 @@ from markerseek.sim import (
     SimulatedSettings,
     SimulatedStage,
     SimulatedState,
-    Surroundings,
+    SimulatedWorld,
     VirtualClock,
     World,
 )
@@ -172,7 +172,7 @@ def _simulated_file(path: Path) -> SimulatedSettings:
 
 
 def in_world(
-    world: Surroundings,
+    world: SimulatedWorld,
     settings: SimulatedSettings,
     *,
     clock: VirtualClock,

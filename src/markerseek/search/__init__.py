@@ -1,7 +1,7 @@
-"""Where to look next: policies that are asked for an angle and told what was heard there. Pure.
+"""Search policies: asked for the next angle, and given the sample taken there (ask and tell). Pure.
 
-A method has two forms: as published, which always answers, and `Guarded`, which must prove what it answers. `build`
-makes either from a name.
+A method has two forms: as published, which always answers, and `Guarded`, whose answer must pass tests. `build` makes
+either from a name.
 """
 
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch

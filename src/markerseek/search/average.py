@@ -91,10 +91,12 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
     relative = curve.intensity / largest
 
     propagated = noise**2 * float(np.sum(distance_deg[kept] ** 2)) / total**2
+    # Part 2; part 1 is the line before.
     marginal = np.abs(relative - threshold) <= 2 / math.sqrt(math.pi) * noise
     in_or_out = float(np.sum((distance_deg * relative)[marginal] ** 2)) / total**2 / 4
     half_width_deg = np.count_nonzero(kept) * step_deg / 2
     between = threshold * half_width_deg / (total * math.sqrt(6))
+    # Part 3: the ends of the kept run, and the curve between the samples.
     coarse = 0.15 * step_deg / np.count_nonzero(relative >= 0.5) ** 2
     cut = _cut_variance(curve, weight, mean_deg=mean_deg, step_deg=step_deg, noise=noise) if kept[0] or kept[-1] else 0
     return math.sqrt(propagated + in_or_out + between**2 + coarse**2 + cut)

@@ -8,23 +8,24 @@ Two inner points are compared, and the part of the bracket beyond the weaker one
 with r = (√5 − 1)/2 for the golden section (2) and r = 2/3 for the ternary search. The paper prints r = 1/3 for the
 latter, which would swap the two inner points; the search that is meant keeps two thirds of the bracket.
 
-The paper measures both points afresh in every iteration, left one first. The textbook's golden section keeps the point
+The paper measures both points again in every iteration, left one first. The textbook's golden section keeps the point
 that lies in the new bracket and measures one.
 
-**Angles reached.** The stage does not stop exactly where it was sent. Points are put where the samples say they were:
+**Angles reached.** The stage does not stop exactly at the commanded angle. Points lie at the angles of the samples:
 of the two, the one at the lower angle is the left one, and the bracket is cut at the angle reached. On a unimodal curve
 S(a) ≥ S(b) with a < b leaves the maximum below b wherever a and b lie, so the cut holds for any pair. A cut that would
-leave nothing contradicts what was heard before, and is not made.
+leave nothing contradicts earlier samples, and is not made.
 """
 
 from __future__ import annotations
 
 import math
 
-from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
+from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval
 from markerseek.core.reading import Sample
-from markerseek.search.curve import Curve, check_acquisitions, check_sample, curve_of
+from markerseek.search.curve import Curve, curve_of
 from markerseek.search.peak import noise_limit_deg
+from markerseek.search.policy import SearchPolicy, check_acquisitions
 
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Ratio of the golden section, eq. (2)."""
@@ -33,7 +34,7 @@ TERNARY = 2 / 3
 """Ratio of the ternary search."""
 
 
-class BracketSearch:
+class BracketSearch(SearchPolicy):
     """Narrows a bracket round the maximum of a unimodal curve.
 
     Ties go left: where both points are equally strong, the right part is dropped (the paper's ≥). An odd number of
@@ -60,6 +61,8 @@ class BracketSearch:
         the kept point of a ratio other than the golden one is to be reused.
     """
 
+    name = "bracket search"
+
     def __init__(
         self,
         *,
@@ -69,6 +72,7 @@ class BracketSearch:
         width_deg: float | None = None,
         reuse: bool = False,
     ) -> None:
+        super().__init__()
         if not 0.5 < ratio < 1:
             raise ConfigError(
                 f"bracket search: ratio is {ratio:g}, it must lie above 1/2 and below 1 "
@@ -84,8 +88,9 @@ class BracketSearch:
         if acquisitions is None:
             if width_deg is None:
                 raise ConfigError("bracket search: give acquisitions or width_deg, or it would never end")
+            # Enough for the width even if the stage misses an angle; the width ends the search before.
             acquisitions = _acquisitions_for(limits.width_deg / width_deg, ratio=ratio, reuse=reuse)
-        check_acquisitions(acquisitions, least=2, method="bracket search")
+        check_acquisitions(acquisitions, least=2, method=self.name)
         self._ratio = ratio
         self._limits = limits
         self._low_deg, self._high_deg = limits.low_deg, limits.high_deg
@@ -93,18 +98,17 @@ class BracketSearch:
         self._width_deg = width_deg
         self._reuse = reuse
         self._kept: tuple[Sample, bool] | None = None
-        self._told: list[Sample] = []
 
     @property
     def bracket(self) -> Interval:
         """Part of the range that is left, [θl, θr]."""
         return Interval(low_deg=self._low_deg, high_deg=self._high_deg)
 
-    def ask(self) -> float | None:
-        """Next inner point in degrees, the left one of a fresh pair first; None at the end."""
+    def _next_deg(self) -> float | None:
+        """Next inner point in degrees, the left one of a new pair first; None at the end."""
         paired = self._kept is None or self._reuse
         narrow = self._width_deg is not None and self._high_deg - self._low_deg < self._width_deg
-        if len(self._told) >= self._budget or (narrow and paired):
+        if len(self._lit) >= self._budget or (narrow and paired):
             return None
         left = self._kept is None or not self._kept[1]
         share = self._ratio if left else 1 - self._ratio
@@ -112,30 +116,18 @@ class BracketSearch:
         # Rounding may carry the sum of two shares past an end by one unit in the last place.
         return min(max(angle_deg, self._low_deg), self._high_deg)
 
-    def tell(self, sample: Sample) -> None:
-        """Take in the sample of the angle last asked; a dark one says nothing of the curve and is passed over.
-
-        Raises
-        ------
-        SearchError
-            If the sample is not usable (`check_sample`), or the search is over.
-        """
-        check_sample(sample)
-        if sample.dark:
-            return
-        if self.ask() is None:
-            raise SearchError(f"bracket search: it is over after {len(self._told)} acquisitions; begin a new search")
-        self._told.append(sample)
+    def _update(self, sample: Sample) -> None:
         if self._kept is None:
             self._kept = (sample, True)
             return
+        # By the angles reached: a stage may have swapped two angles that lie close together.
         left, right = sorted((self._kept[0], sample), key=lambda point: point.angle_deg)
         self._kept = self._cut(left, right)
 
     def _cut(self, left: Sample, right: Sample) -> tuple[Sample, bool] | None:
         """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one.
 
-        Two samples at one angle (of a stage that cannot tell the two inner points apart) say nothing of either side.
+        Two samples at one angle (of a stage that cannot resolve the two inner points) say nothing of either side.
         """
         if left.angle_deg == right.angle_deg:
             return None
@@ -165,7 +157,7 @@ class BracketSearch:
         noise_sigma
             Standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
         """
-        return bracket_answer(self.bracket.centre_deg, self.bracket, curve_of(self._told), noise_sigma=noise_sigma)
+        return bracket_answer(self.bracket.centre_deg, self.bracket, curve_of(self._lit), noise_sigma=noise_sigma)
 
 
 def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_sigma: float | None) -> Found:
@@ -178,7 +170,7 @@ def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_si
     bracket
         What is left of the range.
     curve
-        What was heard.
+        The samples so far.
     noise_sigma
         Standard deviation of the intensity, in the intensity's unit; None: the bracket alone.
     """

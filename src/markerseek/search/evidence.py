@@ -1,6 +1,6 @@
-"""Whether what was heard can only be a marker, and where it contradicts an answer (decision 6 of the safety notes).
+"""Tests of the evidence for a marker, and of samples that contradict an answer (decision 6 of the safety notes).
 
-A reading may know little: each test uses what is there and passes over what is None.
+A reading may be incomplete: each test uses the features that are there and ignores those that are None.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ DEPTH_M = 4e-3
 """Largest distance in depth: off plane the slant range grows by 1.6 mm at 30° (physics notes)."""
 
 REPEATED = 2
-"""Samples above the noise floor from the strongest one's place, besides it, that no noise gives."""
+"""Other samples above the noise floor at the position of the strongest that noise does not produce."""
 
 CONTRADICTION_SHARE = 0.8
 """Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
 
 
 def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Noise) -> str | None:
-    """Return why the samples are no evidence of a marker, in words for a person; None where they are."""
+    """Return why the samples are no evidence of a marker, as a message; None if they are."""
     if not lit:
         return "nothing has been measured yet"
     intensities = [sample.reading.intensity for sample in lit]
@@ -54,12 +54,13 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
     elif not largest > level:
         return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"
     if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
-        return f"the intensity is the same at all angles heard, {smallest:g} to {largest:g}: there is no peak"
+        return f"the intensity is the same at all measured angles, {smallest:g} to {largest:g}: there is no peak"
     return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(lit, strongest, dark, level=level or 0.0)
 
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
     """Whether most of the other strong samples come from another place in the image."""
+    # Only strong samples: the position of a weak one is pulled by noise.
     least = max(level, strongest.reading.intensity / 2)
     others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
     for name, tolerance_m in (("lateral_m", LATERAL_M), ("depth_m", DEPTH_M)):
@@ -82,13 +83,13 @@ def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample]
     A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise, or
     a spike on a channel, does not come from one place again and again.
     """
-    heard = strongest.reading.coherence
+    coherence = strongest.reading.coherence
     noise = [sample.reading.coherence for sample in dark if sample.reading.coherence is not None]
-    if heard is None or not noise or heard > max(noise):
+    if coherence is None or not noise or coherence > max(noise):
         return None
     if sum(_one_place(sample, strongest) for sample in lit if sample.reading.intensity > level) > REPEATED:
         return None
-    return f"the strongest sample is no more coherent, {heard:.2g}, than the dark ones, {max(noise):.2g}"
+    return f"the strongest sample is no more coherent, {coherence:.2g}, than the dark ones, {max(noise):.2g}"
 
 
 def _one_place(sample: Sample, other: Sample) -> bool:

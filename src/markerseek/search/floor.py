@@ -1,4 +1,4 @@
-"""What noise alone can reach in a search, from the samples it heard (decision 6 of the safety notes).
+"""The noise floor of a search, from its samples: the largest intensity that noise alone reaches (decision 6 of safety).
 
 The largest of M independent envelope cells of Rayleigh noise exceeds x with probability 1 − (1 − exp(−x²/2σ²))^M, and
 N frames have M·N cells. The threshold for a share p of false finds is therefore
@@ -7,9 +7,9 @@ N frames have M·N cells. The threshold for a share p of false finds is therefor
 
 6.2 σ for 12,800 cells, 15 frames and p = 1e-3. The sources, best first:
 
-1. dark samples (laser off): the root mean square of their ``noise_sigma``. Samples without it show σ by their own size,
-   each being the largest of M cells: σ = (largest dark intensity)/sqrt(2·ln(1/(1 − 2^(−1/M)))), as if it were only the
-   median of such maxima, which the largest of few dark samples exceeds more often than not;
+1. dark samples (laser off): the root mean square of their ``noise_sigma``. Samples without it give σ by their
+   intensity, each being the largest of M cells: σ = (largest dark intensity)/sqrt(2·ln(1/(1 − 2^(−1/M)))), as if it
+   were the median of such maxima, which the largest of few dark samples usually exceeds;
 2. the lit frames' own ``noise_sigma``: its median, or that of the strongest frame where larger, so that a burst raises
    its own floor;
 3. the lower quartile of the intensities at 12 angles or more, each weighed by the part of the range that it stands for
@@ -36,7 +36,7 @@ FALSE_FOUND = 1e-3
 """Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
 MOST_CELLS = 128 * 2080
-"""Cells where a frame with known σ does not tell them: as many as a frame has samples, so that the floor is high."""
+"""Cells where a reading with known σ does not state them: as many as a frame has samples, so that the floor is high."""
 
 FEWEST_CELLS = 30
 """Cells where σ is read off the maxima themselves: fewer than any image has, because fewer cells leave more room above
@@ -106,6 +106,7 @@ def _from_dark(dark: Sequence[Sample], *, frames: int) -> Noise:
 
 def _from_frames(lit: Sequence[Sample]) -> Noise:
     sigmas = [sample.reading.noise_sigma or 0.0 for sample in lit]
+    # A burst raises the noise of its own frame: the strongest frame's σ counts if it is larger.
     strongest = max(range(len(lit)), key=lambda index: lit[index].reading.intensity)
     sigma = max(float(np.median(sigmas)), sigmas[strongest])
     level = sigma * noise_factor(cells=_cells(lit, otherwise=MOST_CELLS), frames=len(lit))
@@ -127,18 +128,19 @@ def _roughness(curve: Curve) -> float:
 
     The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample that
     stands above the noise by σ: the factor serves the former and is generous to the latter. The median of the scatter
-    passes over the peak, which bends by itself; 1.5 is the variance that two neighbours add.
+    ignores the peak, which is curved; 1.5 is the variance that two neighbours add.
     """
     low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
+    # The line through both neighbours removes slope; a peak still bends, but the median ignores it.
     line = (1 - share) * curve.intensity[:-2][spaced] + share * curve.intensity[2:][spaced]
     scatter = float(np.median(np.abs(curve.intensity[1:-1][spaced] - line)))
     return 3.4 * 1.4826 * scatter / math.sqrt(1.5)
 
 
 def _lower_quartile(curve: Curve) -> float:
-    """Intensity below which a quarter of the heard range lies, each sample standing for the angles nearest to it.
+    """Intensity below which a quarter of the measured range lies, each sample representing the angles nearest to it.
 
     A search that converges takes most of its samples at the maximum; a plain quartile of those would lie on the peak.
     """

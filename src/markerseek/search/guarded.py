@@ -1,6 +1,6 @@
-"""The form of a method that users get: it says "not found" unless what it heard can only be a marker.
+"""A published method that answers `Found` only where its samples prove a marker: the form that users get.
 
-A method as published always answers. Guarded, it also hears dark samples, and its answer passes four tests in turn:
+A method as published always answers. Guarded, it also takes dark samples, and its answer passes four tests in turn:
 
 1. evidence (`missing_evidence`): above the noise floor, not flat, from one place in the image → else `NotFound`;
 2. the intensity falls again before either end of the range (`rising_side`) → else `AtBound`;
@@ -16,19 +16,20 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, SearchError, Unsure
+from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, Unsure
 from markerseek.core.reading import Sample
-from markerseek.search.curve import PublishedPolicy, check_sample, curve_of
+from markerseek.search.curve import curve_of
 from markerseek.search.evidence import contradiction, missing_evidence, rising_side
 from markerseek.search.floor import noise_of
+from markerseek.search.policy import PublishedPolicy, SearchPolicy
 from markerseek.search.sweep import peak_passed
 
 SIGMA_LIMIT_DEG = 0.25
 """Largest standard deviation of an angle that is called found, in degrees (promise P10)."""
 
 
-class Guarded:
-    """A published policy that must prove what it answers.
+class Guarded(SearchPolicy):
+    """A published policy whose answer must pass the four tests.
 
     Parameters
     ----------
@@ -48,6 +49,8 @@ class Guarded:
         If ``sigma_limit_deg`` is not positive.
     """
 
+    name = "guarded search"
+
     def __init__(
         self,
         inner: PublishedPolicy,
@@ -56,39 +59,24 @@ class Guarded:
         early_threshold: float | None = None,
         sigma_limit_deg: float = SIGMA_LIMIT_DEG,
     ) -> None:
+        super().__init__()
         if not sigma_limit_deg > 0:
             raise ConfigError(f"guarded search: sigma_limit_deg is {sigma_limit_deg} deg, it must be positive")
         self._inner = inner
         self._limits = limits
         self._early_threshold = early_threshold
         self._sigma_limit_deg = sigma_limit_deg
-        self._lit: list[Sample] = []
-        self._dark: list[Sample] = []
 
-    def ask(self) -> float | None:
+    def _next_deg(self) -> float | None:
         """Next angle of the method in degrees; None at its end."""
         if self._early_threshold is not None:
-            heard = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
-            if peak_passed(heard, threshold=self._early_threshold) and self._missing_evidence() is None:
+            intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
+            if peak_passed(intensity, threshold=self._early_threshold) and self._missing_evidence() is None:
                 return None
         return self._inner.ask()
 
-    def tell(self, sample: Sample) -> None:
-        """Take in one sample: a dark one for the floor, at any time, a lit one for the method.
-
-        Raises
-        ------
-        SearchError
-            If the sample is not usable, or is lit and the search is over.
-        """
-        check_sample(sample)
-        if sample.dark:
-            self._dark.append(sample)
-            return
-        if self.ask() is None:
-            raise SearchError(f"guarded search: it is over after {len(self._lit)} acquisitions; begin a new search")
+    def _update(self, sample: Sample) -> None:
         self._inner.tell(sample)
-        self._lit.append(sample)
 
     def _missing_evidence(self) -> str | None:
         return missing_evidence(self._lit, dark=self._dark, noise=noise_of(self._lit, dark=self._dark))
@@ -127,7 +115,7 @@ class Guarded:
     def _rising_side(self) -> Literal["low", "high"] | None:
         """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends.
 
-        Where a bracket ends is asked of the bare answer: noise widens the interval, and does not move the bracket.
+        The bracket is that of the answer without noise, which widens the interval and does not move the bracket.
         """
         bare = self._inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > self._sigma_limit_deg:

@@ -1,17 +1,18 @@
-"""The assistant who turns the probe by hand, as a script: the baseline of the comparison.
+"""Manual search as a script, the baseline of the comparison: an assistant who turns the probe by hand.
 
-It is no model of a person. It makes the coarse turns and the going back and forth that the paper's introduction
-describes, without the person's time, tremor or judgement.
+It makes the coarse turns and the steps back and forth that the paper's introduction describes. It does not model a
+person: their time, tremor or judgement.
 """
 
 from __future__ import annotations
 
 import math
 
-from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
+from markerseek.core import PAPER_RANGE, Found, Interval
 from markerseek.core.reading import Sample
 from markerseek.search.bracket import bracket_answer
-from markerseek.search.curve import check_acquisitions, check_sample, curve_of
+from markerseek.search.curve import curve_of
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
 from markerseek.search.sweep import equal_steps
 
 TURNS = 8
@@ -21,7 +22,7 @@ FINEST_STEP_DEG = 0.1
 """The assistant stops when a step would be smaller than this, in degrees."""
 
 
-class ScriptedManual:
+class ScriptedManual(SearchPolicy):
     """Eight coarse turns over the range, then back and forth round the strongest angle with shrinking steps.
 
     From the strongest angle the script goes half a coarse turn to the low side, then to the high side; a stronger
@@ -37,7 +38,7 @@ class ScriptedManual:
     acquisitions
         Most acquisitions, at least 10.
     start_deg
-        Where the probe stands, in degrees: the coarse turns begin at the nearer end. None: at the low end.
+        Angle at which the probe stands, in degrees: the coarse turns begin at the nearer end. None: at the low end.
 
     Raises
     ------
@@ -45,49 +46,36 @@ class ScriptedManual:
         If there are fewer acquisitions, or ``start_deg`` is not finite.
     """
 
+    name = "manual"
+
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
-        check_acquisitions(acquisitions, least=TURNS + 2, method="manual")
-        if start_deg is not None and not math.isfinite(start_deg):
-            raise ConfigError(f"manual: start_deg is {start_deg} deg, it must be finite")
+        super().__init__()
+        check_acquisitions(acquisitions, least=TURNS + 2, method=self.name)
+        check_start(start_deg, method=self.name)
         turns = equal_steps(limits, acquisitions=TURNS)
         self._turns = turns[::-1] if start_deg is not None and start_deg > limits.centre_deg else turns
         self._limits = limits
         self._budget = acquisitions
-        self._told: list[Sample] = []
         self._best_deg, self._best_intensity = limits.centre_deg, -math.inf
         self._step_deg = limits.width_deg / (TURNS - 1) / 2
         self._sides: tuple[int, ...] = (-1, 1)
 
-    def ask(self) -> float | None:
+    def _next_deg(self) -> float | None:
         """Next angle in degrees: a coarse turn, then a step from the strongest; None at the end."""
-        if len(self._told) >= self._budget:
+        if len(self._lit) >= self._budget:
             return None
-        if len(self._told) < TURNS:
-            return float(self._turns[len(self._told)])
+        if len(self._lit) < TURNS:
+            return float(self._turns[len(self._lit)])
         if self._step_deg < FINEST_STEP_DEG:
             return None
         return self._candidate_deg()
 
-    def tell(self, sample: Sample) -> None:
-        """Take in the sample of the angle last asked; a dark one says nothing of the curve and is passed over.
-
-        Raises
-        ------
-        SearchError
-            If the sample is not usable (`check_sample`), or the search is over.
-        """
-        check_sample(sample)
-        if sample.dark:
-            return
-        if self.ask() is None:
-            raise SearchError(f"manual: it is over after {len(self._told)} acquisitions; begin a new search")
-        climbing = len(self._told) >= TURNS
-        self._told.append(sample)
+    def _update(self, sample: Sample) -> None:
         if sample.reading.intensity > self._best_intensity:
             self._best_deg, self._best_intensity = sample.angle_deg, sample.reading.intensity
-        elif climbing:
+        elif len(self._lit) > TURNS:
             self._turn_round()
-        if len(self._told) >= TURNS:
+        if len(self._lit) >= TURNS:
             # A side that lies outside the range counts as tried.
             while self._step_deg >= FINEST_STEP_DEG and self._candidate_deg() not in self._limits:
                 self._turn_round()
@@ -109,12 +97,12 @@ class ScriptedManual:
 
     def answer(self, *, noise_sigma: float | None) -> Found:
         """Strongest angle, uncertain by the distance of its neighbours and by what noise hides (`bracket_answer`)."""
-        if not self._told:
+        if not self._lit:
             return bracket_answer(self._limits.centre_deg, self._limits, curve_of(()), noise_sigma=None)
-        angles = [sample.angle_deg for sample in self._told]
+        angles = [sample.angle_deg for sample in self._lit]
         best_deg = min(max(self._best_deg, self._limits.low_deg), self._limits.high_deg)
         bracket = Interval(
             low_deg=max((angle for angle in angles if angle < best_deg), default=self._limits.low_deg),
             high_deg=min((angle for angle in angles if angle > best_deg), default=self._limits.high_deg),
         )
-        return bracket_answer(best_deg, bracket, curve_of(self._told), noise_sigma=noise_sigma)
+        return bracket_answer(best_deg, bracket, curve_of(self._lit), noise_sigma=noise_sigma)

@@ -1,4 +1,4 @@
-"""The methods by name: the one place where a search is made from a word and a number."""
+"""The search methods by name, and `build`, which makes a policy of one."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import SupportsFloat, SupportsIndex
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
-from markerseek.search.curve import PublishedPolicy, check_acquisitions
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import TURNS, ScriptedManual
+from markerseek.search.policy import PublishedPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
 
 
@@ -41,7 +41,7 @@ class Method:
 METHODS: tuple[Method, ...] = (
     Method(
         name="posterior",
-        summary="the next angle for what it will teach, from all that was heard, until the marker is known well enough",
+        summary="Bayesian: the next angle is the most informative one; ends once the angle is known well enough",
         acquisitions=16,
         least=2,
     ),
@@ -125,8 +125,8 @@ def build(
     as_published
         The bare method of the paper, which always answers `Found` and begins at the low end; else the guarded form.
     start_deg
-        Where the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end. None: at the
-        low end.
+        Angle at which the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end.
+        None: at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough; the other methods have no early end.
@@ -159,7 +159,7 @@ def _posterior(
             "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of the "
             "paper, for instance weighted-average"
         )
-    # SciPy and the compiled kernels are loaded for whoever wants them.
+    # Imported here: other methods need neither SciPy nor the compiled kernels.
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
 
     target_deg = TARGET_SIGMA_DEG if early_end else 0.0

@@ -67,6 +67,7 @@ def fit_top(curve: Curve, *, step_deg: float, noise_sigma: float) -> Top:
         return unresolved
     middle_deg = float(angle_deg[0]) + scale_deg
     t = (angle_deg - middle_deg) / scale_deg
+    # Centred and scaled to ±1, the normal equations are well conditioned.
     powers = np.stack([np.ones_like(t), t, t**2], axis=-1)
     height = curve.intensity[first:last] / largest
     coefficients, _, rank, _ = np.linalg.lstsq(powers, height, rcond=None)

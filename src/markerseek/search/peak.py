@@ -1,4 +1,4 @@
-"""Statistics of the peak of a curve: maximum, half-maximum width, centres; and how sharply noise lets it be seen."""
+"""Statistics of the peak of a curve: maximum, full width at half maximum, centres, and the limit set by noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Peak:
     Attributes
     ----------
     max_deg, max_intensity
-        Where the largest sample is, in degrees, and how large.
+        Angle of the largest sample in degrees, and its intensity.
     com_deg
         Centre of mass of all samples, Σ θS / ΣS, in degrees; the middle of the angles if all are zero.
     cen_deg
@@ -85,10 +85,11 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
     Parameters
     ----------
     curve
-        What was heard.
+        The samples so far.
     noise_sigma
         Standard deviation σ of the intensity, in the intensity's unit.
     """
+    # 4 ln 2·(t/F)²·A = σ solved for t.
     peak = peak_of(curve)
     width_deg = float(np.ptp(curve.angle_deg)) if peak.fwhm_deg is None else peak.fwhm_deg
     if peak.max_intensity <= noise_sigma:

@@ -1,4 +1,4 @@
-"""Equal steps over the whole range, and where the samples in it point (sections 2.2 and 2.4 of the paper).
+"""Sweeps in equal steps over the whole range: weighted average and fine scan (sections 2.2 and 2.4 of the paper).
 
     θd = (θmax − θmin)/(N − 1)                                                           (5)
 
@@ -12,16 +12,16 @@ import math
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
-from markerseek.core.reading import Sample
+from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval
 from markerseek.core.shapes import Float64
 from markerseek.search.average import THRESHOLD, average_sigma_deg, weighted_average
-from markerseek.search.curve import check_acquisitions, check_sample, curve_of
+from markerseek.search.curve import curve_of
 from markerseek.search.parabola import fit_top
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
 
 
 def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, " acquisitions"]:
-    """Return the angles of a sweep in degrees, rising, with both ends of the range and the step of eq. (5)."""
+    """Return the angles of a sweep in degrees, ascending, with both ends of the range and the step of eq. (5)."""
     return np.linspace(limits.low_deg, limits.high_deg, acquisitions)
 
 
@@ -33,7 +33,7 @@ def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float 
     """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
 
     True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. Of equally
-    large samples each counts. Where all are zero nothing is below the threshold, and the sweep goes on.
+    large samples each counts. If all are zero, none is below the threshold, and the sweep goes on.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float 
     return bool(intensity[-1] < level and intensity[-2] < level)
 
 
-class Sweep:
-    """Visits the angles of eq. (5) one after another and keeps what it heard.
+class Sweep(SearchPolicy):
+    """Visits the angles of eq. (5) one after another.
 
     Parameters
     ----------
@@ -58,46 +58,30 @@ class Sweep:
     acquisitions
         Number N of angles, at least 2.
     start_deg
-        Where the probe stands, in degrees: the sweep begins at the nearer end. None: at the low end, as in the paper;
-        the low end also where both are equally near.
+        Angle at which the probe stands, in degrees: the sweep begins at the nearer end, at the low one if both are
+        equally near. None: at the low end, as in the paper.
     """
 
-    method = "sweep"
+    name = "sweep"
     least = 2
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
-        check_acquisitions(acquisitions, least=self.least, most=MOST_STEPS, method=self.method)
-        if start_deg is not None and not math.isfinite(start_deg):
-            raise ConfigError(f"{self.method}: start_deg is {start_deg} deg, it must be finite")
+        super().__init__()
+        check_acquisitions(acquisitions, least=self.least, most=MOST_STEPS, method=self.name)
+        check_start(start_deg, method=self.name)
         angles = equal_steps(limits, acquisitions=acquisitions)
-        falling = start_deg is not None and start_deg > limits.centre_deg
-        self._angles = angles[::-1] if falling else angles
+        descending = start_deg is not None and start_deg > limits.centre_deg
+        self._angles = angles[::-1] if descending else angles
         self._limits = limits
-        self._told: list[Sample] = []
 
     @property
     def step_deg(self) -> float:
         """Step θd of eq. (5) in degrees."""
         return self._limits.width_deg / (self._angles.size - 1)
 
-    def ask(self) -> float | None:
+    def _next_deg(self) -> float | None:
         """Next angle of the sweep in degrees; None at the end."""
-        return float(self._angles[len(self._told)]) if len(self._told) < self._angles.size else None
-
-    def tell(self, sample: Sample) -> None:
-        """Take in the sample of the angle last asked; a dark one says nothing of the curve and is passed over.
-
-        Raises
-        ------
-        SearchError
-            If the sample is not usable (`check_sample`), or the sweep is over.
-        """
-        check_sample(sample)
-        if sample.dark:
-            return
-        if self.ask() is None:
-            raise SearchError(f"{self.method}: it is over after {len(self._told)} acquisitions; begin a new search")
-        self._told.append(sample)
+        return float(self._angles[len(self._lit)]) if len(self._lit) < self._angles.size else None
 
     def _found(self, mean_deg: float, sigma_deg: float) -> Found:
         """Answer with a normal interval, its middle moved into the range where the stage overshot it."""
@@ -111,8 +95,8 @@ class Sweep:
             interval_kind="propagated",
         )
 
-    def _unheard(self) -> Found:
-        """Answer before the first sample: anywhere in the range with equal right."""
+    def _unmeasured(self) -> Found:
+        """Answer before the first sample: uniform over the range."""
         return self._found(self._limits.centre_deg, self._limits.width_deg / math.sqrt(12))
 
 
@@ -138,7 +122,7 @@ class WeightedAverage(Sweep):
         If an argument is outside what is said above.
     """
 
-    method = "weighted-average"
+    name = "weighted-average"
 
     def __init__(
         self,
@@ -155,15 +139,15 @@ class WeightedAverage(Sweep):
         self._threshold = threshold
         self._early_end = early_end
 
-    def ask(self) -> float | None:
+    def _next_deg(self) -> float | None:
         """Next angle of the sweep in degrees; None at its end, or once the peak is passed."""
-        heard = np.array([sample.reading.intensity for sample in self._told], dtype=np.float64)
-        if self._early_end and peak_passed(heard, threshold=self._threshold):
+        intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
+        if self._early_end and peak_passed(intensity, threshold=self._threshold):
             return None
-        return super().ask()
+        return super()._next_deg()
 
     def estimate(self) -> Found:
-        """Weighted average of the angles heard so far; the range's middle before the first."""
+        """Weighted average of the angles measured so far; the range's middle before the first."""
         return self.answer(noise_sigma=None)
 
     def answer(self, *, noise_sigma: float | None) -> Found:
@@ -174,9 +158,9 @@ class WeightedAverage(Sweep):
         noise_sigma
             Standard deviation of the intensity; None: that of the samples left out, once there are four.
         """
-        if not self._told:
-            return self._unheard()
-        curve = curve_of(self._told)
+        if not self._lit:
+            return self._unmeasured()
+        curve = curve_of(self._lit)
         if noise_sigma is None:
             largest = float(curve.intensity.max())
             below = curve.intensity[curve.intensity < self._threshold * largest]
@@ -196,7 +180,7 @@ class Exhaustive(Sweep):
     angle.
     """
 
-    method = "exhaustive"
+    name = "exhaustive"
     least = 3
 
     def estimate(self) -> Found:
@@ -211,7 +195,7 @@ class Exhaustive(Sweep):
         noise_sigma
             Standard deviation of the intensity; the scatter about the parabola counts where it is larger.
         """
-        if not self._told:
-            return self._unheard()
-        top = fit_top(curve_of(self._told), step_deg=self.step_deg, noise_sigma=noise_sigma or 0.0)
+        if not self._lit:
+            return self._unmeasured()
+        top = fit_top(curve_of(self._lit), step_deg=self.step_deg, noise_sigma=noise_sigma or 0.0)
         return self._found(top.vertex_deg, top.sigma_deg)

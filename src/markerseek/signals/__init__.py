@@ -1,4 +1,4 @@
-"""From a frame to what it says: filter, one-way delay-and-sum, envelope, features. Pure."""
+"""The imaging chain, from a frame to a reading: filter, one-way delay-and-sum, envelope, features. Pure."""
 
 from markerseek.signals.findings import Arrival, FrameFindings
 from markerseek.signals.noise_gain import beamformed_sigma, envelope_cells

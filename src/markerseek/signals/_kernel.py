@@ -1,4 +1,4 @@
-"""Compiled loops of the imaging chain, one thread each; samples first, channels contiguous.
+"""Compiled kernels of the imaging chain, one thread each; samples first, channels contiguous.
 
 With channels contiguous, the pixels of one depth that share a delay lie side by side, so that beamforming needs no
 gather: row ``t`` of the signals, shifted by some channels, is added to a row of the image.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from markerseek.core.compiled import compiled
+from markerseek._compiled import compiled
 from markerseek.core.shapes import Float32, Float64, Int32, Int64
 
 PAD = 32
@@ -30,6 +30,9 @@ def fir(
     ``taps[0]`` is the middle tap; ``padded`` holds len(taps) - 1 rows more than ``out`` on either side. The number of
     taps on one side is a multiple of four.
     """
+    # A symmetric filter: both samples of a pair are added before the product, which halves the products. Four taps at
+    # once, so that each result is loaded and stored once for four; channels side by side, so that the
+    # compiler uses vector instructions.
     rows, columns = out.shape[0], padded.shape[1]
     half = len(taps) - 1
     for t in range(rows):
@@ -60,6 +63,7 @@ def magnitude(
     Tap k stands at the odd offset 2 k + 1; ``padded`` holds 2 len(taps) rows more than ``out`` on either side, and the
     number of taps is a multiple of four.
     """
+    # Antisymmetric, and every second tap of a Hilbert transformer is 0: a quarter of the products of a plain filter.
     rows, columns = out.shape
     half = 2 * len(taps)
     for t in range(rows):
@@ -83,7 +87,7 @@ def magnitude(
 
 @compiled
 def _samples(first: int, weight: np.float32, instead: int) -> tuple[int, np.float32, np.float32]:
-    """Sample before the delay and the shares of it and of the next; an unused element has no share of any sample."""
+    """Sample before the delay and its weight and that of the next; both weights of an unused element are 0."""
     if first < 0:
         return instead, np.float32(0), np.float32(0)
     return first, np.float32(1) - weight, weight
@@ -118,17 +122,17 @@ def delay_and_sum(
     first: Int32[np.ndarray, "distances depths"],
     weight: Float32[np.ndarray, "distances depths"],
     scale: Float32[np.ndarray, "depths columns"],
-    right: int,
-    left: int,
     out: Float32[np.ndarray, "depths columns"],
 ) -> None:
     """Write the sum of the delayed signals of every column, times ``scale``, into ``out``, shape (depths, columns).
 
-    Row m of the tables belongs to the elements ``right + m`` and ``left - m`` columns away. ``first`` is the sample
-    before the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
+    Row m of the tables belongs to the elements m columns to the right and to the left. ``first`` is the sample before
+    the delay, or -1 where the element is not used; ``weight`` is the share of the sample after it. ``out`` has
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
     all are contiguous.
     """
+    # Columns that stand on the elements share one table of delays, because a delay depends on the depth and the lateral
+    # distance alone. So the sum runs over distances, and adds whole rows of the signals to whole rows of the image.
     depths, columns = out.shape
     wide = signals.shape[1]
     image, values = out.ravel(), signals.ravel()
@@ -136,10 +140,10 @@ def delay_and_sum(
         stop = min(depths, start + _TILE)
         out[start:stop] = np.float32(0)
         for m in range(0, first.shape[0], 4):
-            span_right = (columns - right - m + 31) // 32 * 32
-            span_left = (columns + left - m + 31) // 32 * 32
-            from_right = PAD + right + m
-            from_left = PAD + left - m + columns - span_left
+            # Only columns that have an element m to the right, filled up to whole vectors by zero columns.
+            span = (columns - m + 31) // 32 * 32
+            from_right = PAD + m
+            from_left = PAD - m + columns - span
             for z in range(start, stop):
                 t0 = first[m, z]
                 if t0 < 0:
@@ -151,14 +155,14 @@ def delay_and_sum(
                 r0, r1, r2, r3 = t0 * wide, t1 * wide, t2 * wide, t3 * wide
                 s = from_right
                 starts = (r0 + s, r1 + s + 1, r2 + s + 2, r3 + s + 3)
-                _add_four(image, values, z * columns, span_right, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
-                if m == 0 and right == left:
+                _add_four(image, values, z * columns, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
+                if m == 0:
                     # The element straight above a column stands once in the sum.
                     u0, w0 = np.float32(0), np.float32(0)
                 s = from_left
                 starts = (r0 + s, r1 + s - 1, r2 + s - 2, r3 + s - 3)
-                to = (z + 1) * columns - span_left
-                _add_four(image, values, to, span_left, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
+                to = (z + 1) * columns - span
+                _add_four(image, values, to, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
         for z in range(start, stop):
             for c in range(columns):
                 out[z, c] *= scale[z, c]
@@ -222,7 +226,7 @@ def beams(
             for e in range(low, min(high + 1, len(element_m))):
                 offset = element_m[e] - lateral_m[x]
                 place = np.sqrt(depth_m[z] * depth_m[z] + offset * offset) * per_metre + origin
-                # Conversion cuts towards 0, and is faster than the floor that it is where the sign is known.
+                # int() rounds towards 0: for positive numbers that is the floor, and faster.
                 t = int(place)
                 if place >= 0 and t < last:
                     w = np.float32(place - t)

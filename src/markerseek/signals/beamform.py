@@ -1,4 +1,4 @@
-"""One-way delay-and-sum on columns that stand on the elements, or on and midway between them.
+"""One-way delay-and-sum on columns that stand on the elements, and on any others.
 
 There the delay depends on the depth and on the lateral distance alone, so that one small table serves every column.
 The sum is linear in the signals, with linear interpolation between samples, and is divided by the root of the number
@@ -20,12 +20,10 @@ from markerseek.signals.presets import ProbePreset
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DelayTable:
-    """Delays for columns that stand ``offset`` pitches beside the elements.
+    """Delays for columns that stand on the elements.
 
     Attributes
     ----------
-    offset
-        0 or 0.5.
     first
         Sample before the delay, shape (distances, depths); -1 where the element is not used.
     weight
@@ -34,7 +32,6 @@ class DelayTable:
         One over the root of the number of channels used, shape (depths, columns); 0 where there is none.
     """
 
-    offset: float
     first: Int32[np.ndarray, "distances depths"]
     weight: Float32[np.ndarray, "distances depths"]
     scale: Float32[np.ndarray, "depths columns"]
@@ -42,7 +39,7 @@ class DelayTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageGrid:
-    """Where the pixels are, and the tables that lead there.
+    """Positions of the pixels, and their table of delays.
 
     Attributes
     ----------
@@ -51,15 +48,15 @@ class ImageGrid:
     depth_m
         Rows, from the array's face, in metres.
     samples
-        Length of the records that the tables are made for.
-    tables
-        One for the columns on the elements, and one for those midway if there are any.
+        Length of the records that the table is made for.
+    table
+        Delays for these pixels.
     """
 
     lateral_m: Float64[np.ndarray, " lateral"]
     depth_m: Float64[np.ndarray, " depth"]
     samples: int
-    tables: tuple[DelayTable, ...]
+    table: DelayTable
 
 
 def path_delay(preset: ProbePreset) -> tuple[float, float]:
@@ -73,14 +70,12 @@ def half_aperture_m(
     """Half the width of the receiving aperture in metres, and no less than so many pitches."""
     if preset.f_number == 0:
         return np.full(len(depth_m), np.inf)
-    # A hair more, so that rounding does not decide about an element on the edge.
+    # Wider by 1e-9, so that rounding does not decide about an element on the edge.
     return np.maximum(depth_m / (2 * preset.f_number), at_least * preset.array.pitch_m) * (1 + 1e-9)
 
 
-def image_grid(
-    preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"], columns_per_pitch: int = 1
-) -> ImageGrid:
-    """Grid and tables for records of that length.
+def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> ImageGrid:
+    """Grid and table for records of that length, with a column on each element.
 
     Parameters
     ----------
@@ -89,36 +84,25 @@ def image_grid(
     samples
         Length of the records.
     depth_m
-        Rows in metres, positive and rising.
-    columns_per_pitch
-        1: columns on the elements; 2: also midway between them.
+        Rows in metres, positive and ascending.
     """
-    if columns_per_pitch not in (1, 2):
-        raise ConfigError(f"columns_per_pitch is {columns_per_pitch}; 1 and 2 are possible")
     if len(depth_m) == 0 or not (np.all(np.diff(depth_m) > 0) and depth_m[0] > 0 and depth_m[-1] < np.inf):
         raise ConfigError("depth_m must hold at least one depth, all positive, finite and rising")
     array = preset.array
-    tables = [_table(preset, samples=samples, depth_m=depth_m, offset=0.5 * half) for half in range(columns_per_pitch)]
-    lateral = array.lateral_m[0] + np.arange(columns_per_pitch * (array.elements - 1) + 1) * (
-        array.pitch_m / columns_per_pitch
+    lateral = array.lateral_m[0] + np.arange(array.elements) * array.pitch_m
+    return ImageGrid(
+        lateral_m=lateral, depth_m=depth_m, samples=samples, table=_table(preset, samples=samples, depth_m=depth_m)
     )
-    return ImageGrid(lateral_m=lateral, depth_m=depth_m, samples=samples, tables=tuple(tables))
 
 
 def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -> Float32[np.ndarray, "depth lateral"]:
     """Image of filtered channels (from `filtering.band_pass`), shape (depth, lateral), in the unit of the signals."""
     if signals.shape[0] != grid.samples:
-        raise ConfigError(f"beamform: records of {signals.shape[0]} samples, and tables for {grid.samples}")
-    image = np.empty((len(grid.depth_m), len(grid.lateral_m)), np.float32)
-    for number, table in enumerate(grid.tables):
-        right = 0 if table.offset == 0 else 1
-        sums = np.empty((len(grid.depth_m), signals.shape[1] - 2 * PAD), np.float32)
-        delay_and_sum(signals, table.first, table.weight, table.scale, right, 0, sums)
-        if len(grid.tables) == 1 and sums.shape[1] == len(grid.lateral_m):
-            return sums
-        part = image[:, number :: len(grid.tables)]
-        part[:] = sums[:, : part.shape[1]]
-    return image
+        raise ConfigError(f"beamform: records of {signals.shape[0]} samples, and a table for {grid.samples}")
+    table = grid.table
+    sums = np.empty((len(grid.depth_m), signals.shape[1] - 2 * PAD), np.float32)
+    delay_and_sum(signals, table.first, table.weight, table.scale, sums)
+    return np.ascontiguousarray(sums[:, : len(grid.lateral_m)])
 
 
 def beamform_at(
@@ -162,15 +146,16 @@ def aligned_signals(
     return out, used.astype(np.float64)
 
 
-def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"], offset: float) -> DelayTable:
+def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> DelayTable:
     array: LinearArray = preset.array
     per_metre, origin = path_delay(preset)
-    distance = (np.arange(array.elements) + offset) * array.pitch_m
+    distance = np.arange(array.elements) * array.pitch_m
     half = half_aperture_m(preset, depth_m)
     rows = int(np.searchsorted(distance, half.max(), side="right")) if np.isfinite(half.max()) else array.elements
     # Four more rows at most: the kernel takes four distances at a time.
-    distance = (np.arange(-(-min(rows, array.elements) // 4) * 4) + offset) * array.pitch_m
+    distance = np.arange(-(-min(rows, array.elements) // 4) * 4) * array.pitch_m
     place = np.hypot(distance[:, None], depth_m) * per_metre + origin
+    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
     first = np.floor(place)
     usable = (distance[:, None] <= half) & (first >= 0) & (first < samples - 1)
     usable &= (np.arange(len(distance)) < array.elements)[:, None]
@@ -179,13 +164,10 @@ def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " 
     usable &= np.cumsum(~usable, axis=0) == 0
     count = usable.sum(axis=0)[:, None]
     column = np.arange(padded_columns(array.elements))
-    if offset == 0:
-        used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
-    else:
-        used = np.minimum(column + 1, count) + np.minimum(array.elements - 1 - column, count)
+    # Elements to the left and to the right within the aperture, and the one on the column.
+    used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
     used = np.where((count > 0) & (column < array.elements), used, 0)
     return DelayTable(
-        offset=offset,
         first=np.where(usable, first, -1).astype(np.int32),
         weight=np.where(usable, place - first, 0).astype(np.float32),
         scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),

@@ -1,9 +1,9 @@
-"""What an image and its channels say: noise floor, coherence, saturation, dead channels.
+"""Features of an image and its channels: noise floor, coherence, energy in depth, saturation, dead channels.
 
-Whether a peak is a source is decided by two tests, which fail for different reasons. Its height over the noise floor
-rules out noise. Its coherence rules out sound that does not come from a point: with random signs on the channels, the
-energy of the sum over the energy of the channels exceeds t with a probability of about exp(-t), whatever the channels
-hold, if both quadratures are in the window. Both levels follow from a number of tests and a rate of false alarms.
+Two tests decide whether a peak is a source. Its height over the noise floor rules out noise. Its coherence rules out
+sound that does not come from a point: with random signs on the channels, the energy of the sum over the energy of the
+channels exceeds t with a probability of about exp(-t), whatever the channels hold, if both quadratures are in the
+window. Both levels follow from the number of tests and the accepted rate of false alarms.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ def noise_profile(envelope: Float32[np.ndarray, "depth lateral"]) -> Float64[np.
     """
     rows = envelope[: envelope.shape[0] // BLOCK_ROWS * BLOCK_ROWS] if envelope.shape[0] >= BLOCK_ROWS else envelope
     blocks = max(1, rows.shape[0] // BLOCK_ROWS)
+    # The median, because the arcs of a source fill less than half of most blocks and hardly move it.
     pixels = np.ascontiguousarray(rows[::2, ::3]).reshape(blocks, -1)
     middle = pixels.shape[1] // 2
     return np.asarray(np.partition(pixels, middle, axis=1)[:, middle].astype(np.float64) / _RAYLEIGH_MEDIAN)
@@ -73,8 +74,8 @@ def found_level(cells: int, *, false_found: float) -> float:
 def coherent_level(*, false_found: float) -> float:
     """Coherent energy (see `coherent_energy`) that none of the tested peaks exceeds by chance, ln(tests/p).
 
-    Noise is new in each frame, but what else disturbs comes back with every pulse: so the false alarms that one frame
-    of noise may have are here shared by all frames of a search.
+    Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that
+    are accepted for one frame of noise are shared here by all frames of a search.
     """
     return math.log(MOST_TESTED * _FRAMES / false_found)
 
@@ -87,6 +88,7 @@ def coherent_energy(
     Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
     is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
     """
+    # Both quadratures must be in the window for the exponential law of chance coherence.
     step = preset.sound_speed_m_s / preset.sampling_hz
     half = max(1, window_samples(preset) // 2)
     depth = np.maximum(depth_m + step * np.arange(-half, half + 1), step)
@@ -130,8 +132,9 @@ def energy_in_depth(
     line = envelope(beamform_at(signals, preset, lateral_m=np.array([lateral_m]), depth_m=rows))[:, 0].astype(
         np.float64
     )
-    loudest = float(line[np.abs(rows - depth_m) <= step].max())
-    energy = np.where(line >= min(ENERGY_SIGMAS * sigma, loudest), line**2, 0.0)
+    highest = float(line[np.abs(rows - depth_m) <= step].max())
+    energy = np.where(line >= min(ENERGY_SIGMAS * sigma, highest), line**2, 0.0)
+    # Twice: the window about the peak may cut one edge wave off, that about the centroid holds both.
     middle = depth_m
     for _ in range(2):
         near = np.abs(rows - middle) <= half
@@ -155,16 +158,17 @@ def saturated_channels(
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
     middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)
+    # Twice the shortest pulse on each side: a long laser pulse touches full scale for longer.
     half = 2 * window_samples(preset)
     used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
     window = np.clip(middle[used, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
     # As 32 bits, for the magnitude of -32768 does not fit in 16.
-    loudest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
-    return tuple(int(channel) for channel in used[loudest >= preset.full_scale]), len(used)
+    largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
+    return tuple(int(channel) for channel in used[largest >= preset.full_scale]), len(used)
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:
-    """Channels without any signal in the band (every fourth sample tells); all of them if the frame is silent."""
+    """Channels without any signal in the band (of every fourth sample); all of them if the frame is zero."""
     inside = signals[::4, PAD : PAD + channels]
     rms = np.sqrt(np.einsum("tc,tc->c", inside, inside) / max(1, len(inside)))
     return tuple(int(c) for c in np.flatnonzero(rms <= DEAD_SHARE * np.median(rms)))

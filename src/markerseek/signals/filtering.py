@@ -1,7 +1,7 @@
 """The band-pass on channels: linear phase, its delay taken out, float32.
 
-The windowed sinc is written out: importing SciPy's filter design would cost more time than all frames of a search.
-The tests hold it against `scipy.signal.firwin`.
+The windowed sinc is written out, because importing SciPy's filter design takes longer than all frames of a search; the
+tests compare it with `scipy.signal.firwin`.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ def band_pass_taps(*, low_hz: float, high_hz: float, sampling_hz: float) -> Floa
         )
     k = np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
     low, high = 2 * low_hz / sampling_hz, 2 * high_hz / sampling_hz
+    # The difference of two low-passes, scaled to gain 1 at the centre of the band.
     taps = (high * np.sinc(high * k) - low * np.sinc(low * k)) * np.hamming(len(k))
     return np.asarray(taps / np.sum(taps * np.cos(np.pi * (low + high) / 2 * k)))
 
@@ -51,17 +52,17 @@ def response(
 
 
 def padded_columns(channels: int) -> int:
-    """Columns that the kernels work on: the channels, filled up with silent ones to a multiple of 32."""
+    """Columns that the kernels work on: the channels, padded with zero columns to a multiple of 32."""
     return -(-channels // 32) * 32
 
 
 def band_pass(
     samples: Int16[np.ndarray, "channels samples"], taps: Float64[np.ndarray, " taps"], *, blanked: int
 ) -> Float32[np.ndarray, "samples columns"]:
-    """Filtered channels, transposed and between silent columns, as the beamformer wants them.
+    """Filtered channels, transposed and between zero columns, as the beamformer needs them.
 
-    Each channel's mean is taken off and the record fades in and out, because a step at either end, being the same in
-    all channels, would look like a sound from far away.
+    Each channel's mean is subtracted and the record fades in and out: a step at either end is the same in all channels,
+    and would be imaged as a distant source.
 
     Parameters
     ----------
@@ -87,6 +88,7 @@ def band_pass(
     rows = padded[half : half + count, :channels]
     np.subtract(samples.T, mean, out=rows)
     rows *= _taper(count, blanked)[:, None]
+    # Zero columns on both sides: the beamformer's rows may reach beyond the array without a test.
     filtered = np.zeros((count, padded.shape[1] + 2 * PAD), np.float32)
     fir(padded, taps[half:].astype(np.float32), filtered, PAD)
     return filtered

@@ -1,6 +1,6 @@
-"""What is said of one frame: the arrivals in it, and whether there is a source.
+"""Result of the analysis of one frame: its arrivals, and whether there is a source.
 
-Plain values; `reader.ImageReader` makes them, and `core.Reading` is the short form that a search uses.
+`reader.ImageReader` returns it; `core.Reading` is the short form that a search uses.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Arrival:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFindings:
-    """What one frame says of sources.
+    """Sources in one frame.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From the noise of a channel to the noise of the image, and to how often noise alone is mistaken for a source."""
+"""Noise of the image from the noise of a channel, and its number of independent cells, which sets false alarms."""
 
 from __future__ import annotations
 
@@ -74,6 +74,7 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
     lateral = np.sqrt(np.average(wave**2, weights=gain) * (1 - np.arctan(tangent) / tangent))
     step = float(depth_m[-1] - depth_m[0]) / max(1, len(depth_m) - 1)
     rate = float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
+    # M is wanted where M·exp(−u²/2) = p, and depends on u itself: the fixed point, by iteration.
     square: float = 36.0
     for _ in range(6):
         square = 2 * math.log(max(rate * (square - 1), 2.0) / false_found)

@@ -1,4 +1,4 @@
-"""Peaks of an image: which are highest, and where one is between the pixels."""
+"""Peaks of an image: the highest local maxima, and the position of a peak between the pixels."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def refine_peak(
     """Lateral position and depth in metres, and height, of the peak at a pixel (row, column) of the image.
 
     The pixel's surroundings are beamformed again on columns a quarter of a pitch apart: a beam is about as wide as the
-    pitch, so that a source midway between two columns looks up to 4 dB too weak in the image. They reach beyond midway,
-    for the number of channels changes from column to column, and the nearest column is not always the highest.
+    pitch, so that a source midway between two columns is up to 4 dB too weak in the image. The new columns reach beyond
+    midway: the number of channels changes from column to column, and the nearest column is not always the highest.
     """
     row, column = place
     first = max(0, row - ENVELOPE_MARGIN - 1)
@@ -52,6 +52,7 @@ def refine_peak(
     i, j = int(best[0]) + low, int(best[1])
     down, height = _top(patch[:, j], i)
     side, across = _top(patch[i], j)
+    # The two parabolas share their middle value, which is counted once.
     return (
         float(lateral[j] + side * (fine[1] - fine[0])),
         float(depth[i] + down * preset.depth_step_m),

@@ -1,7 +1,7 @@
-"""The wave of one source and when it reaches each channel, by correlation: for calibration.
+"""Arrival of one source's wave at each channel, by correlation with the mean wave: for calibration.
 
-The times are found by what the channels have in common, and need no speed of sound: neighbours are followed from the
-middle of the source outwards. What one number of a whole frame says (intensity, depth) is in `reader`.
+No speed of sound is needed: the delay is tracked from channel to channel, from the source outwards. Intensity and depth
+of a whole frame are in `reader`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from markerseek.signals.filtering import band_pass, band_pass_taps
 from markerseek.signals.presets import ProbePreset
 
 HALF_WINDOW_S = 1.6e-6
-"""Time on each side of the expected arrival that is looked at, in seconds: a doublet of the table's longest pulse."""
+"""Time on each side of the expected arrival that is used, in seconds: a doublet of the table's longest pulse."""
 
 _STEP_SAMPLES = 2.0
 """Most that the delay may differ from the one extrapolated, in samples: less than half a period of the carrier."""
 
-_LEAST_LIKENESS = 0.6
+_LEAST_CORRELATION = 0.6
 """Correlation coefficient with the common wave below which a channel is not used."""
 
 LEAST_CHANNELS = 24
-"""Channels that must hear the same wave for it to be believed."""
+"""Fewest channels with the same wave."""
 
 _FINE = 8
 """Points between two samples in the search for the best delay."""
@@ -36,15 +36,15 @@ _FINE = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CommonWave:
-    """What the channels of one frame have in common.
+    """The wave that the channels of one frame have in common.
 
     Attributes
     ----------
     arrival_s
         When the middle of the wave reaches each channel, in seconds after the trigger, shape (channels,);
-        NaN where it is not heard well.
+        NaN where the channel does not correlate with the wave.
     wave
-        The wave in counts, the mean of the channels that hear it, shape (window,); its middle sample is the arrival.
+        The wave in counts, the mean of the channels that have it, shape (window,); its middle sample is the arrival.
     sigma
         Standard deviation of the noise of that mean, from what the channels do not share, in counts.
     sampling_hz
@@ -83,9 +83,10 @@ def common_wave(
     wave = np.mean([_window(signals[channel], expected[channel], half) for channel in np.argsort(offset_m)[:8]], axis=0)
     lags = np.zeros(len(expected))
     used, aligned = np.zeros(len(expected), dtype=np.bool_), wave[None]
+    # The first wave is a rough mean of eight channels; the second pass correlates with the mean of all.
     for _ in range(2):
-        lags, likeness = _follow(signals, expected, wave, int(np.argmin(offset_m)))
-        used = (likeness >= _LEAST_LIKENESS) & (offset_m <= within_m)
+        lags, correlation = _follow(signals, expected, wave, int(np.argmin(offset_m)))
+        used = (correlation >= _LEAST_CORRELATION) & (offset_m <= within_m)
         if int(used.sum()) < LEAST_CHANNELS:
             return None
         aligned = np.array([_window(signals[c], expected[c] + lags[c], half) for c in np.flatnonzero(used)])
@@ -104,19 +105,20 @@ def _follow(
     wave: Float64[np.ndarray, " window"],
     middle: int,
 ) -> tuple[Float64[np.ndarray, " channels"], Float64[np.ndarray, " channels"]]:
-    """Delay of each channel beyond the expected one, in samples, and its likeness to the common wave."""
-    lags, likeness = np.zeros(len(expected)), np.zeros(len(expected))
+    """Delay of each channel beyond the expected one, in samples, and its correlation with the common wave."""
+    lags, correlation = np.zeros(len(expected)), np.zeros(len(expected))
     for outward in (range(middle, len(expected)), range(middle - 1, -1, -1)):
         before: list[float] = []
         for channel in outward:
+            # The median of five channels passes over one bad channel; their slope continues the wave front.
             guess = float(np.median(before[-5:])) if before else (lags[middle] if channel != middle else 0.0)
             if len(before) >= 5:
                 guess += 3 * (before[-1] - before[-5]) / 4
             lag, alike = _best_lag(signals[channel], expected[channel] + guess, wave)
-            lags[channel], likeness[channel] = guess + lag, alike
-            if alike >= _LEAST_LIKENESS:
+            lags[channel], correlation[channel] = guess + lag, alike
+            if alike >= _LEAST_CORRELATION:
                 before.append(lags[channel])
-    return lags, likeness
+    return lags, correlation
 
 
 def _best_lag(

@@ -1,6 +1,6 @@
-"""Named probes: everything that the imaging chain must know of a probe and its receiver.
+"""Named probes: the parameters of probe and receiver that the imaging chain needs.
 
-No element's size or angular response is kept here: one-way delay-and-sum needs neither.
+Element size and angular response are not among them: one-way delay-and-sum needs neither.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class ProbePreset:
     Attributes
     ----------
     name
-        What the user calls it.
+        Its name on the command line.
     array
         The row of elements.
     sampling_hz
@@ -67,7 +67,7 @@ class ProbePreset:
                 )
         if not self.low_hz < self.high_hz <= 0.45 * self.sampling_hz:
             raise ConfigError(
-                f"preset {self.name}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must rise and end below "
+                f"preset {self.name}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must ascend and end below "
                 f"0.45 of the sampling frequency, {0.45 * self.sampling_hz:g} Hz"
             )
         if not 0 <= self.f_number < math.inf:
@@ -93,7 +93,7 @@ _PRESETS = {
     each.name: each
     for each in (
         # Name and band of the paper's probe; the pitch is inferred from the array's 55 mm. Elements of two wavelengths
-        # hear little from the side: f-number 2.
+        # receive little from the side: f-number 2.
         ProbePreset(name="BPL9-5/55"),
         # Alpinion L3-8 as the public data set was taken; water and phantom both focus best at 1480 m/s.
         ProbePreset(

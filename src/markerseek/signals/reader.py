@@ -1,7 +1,7 @@
 """The imaging chain as a `Reader`: filter, beamform, envelope, features.
 
-`ImageReader.read` gives what a search needs of a frame; `ImageReader.findings` also says whether there is a source at
-all, and lists the other arrivals.
+`ImageReader.read` returns the reading that a search needs; `ImageReader.findings` also decides whether there is a
+source at all, and lists the other arrivals.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from markerseek.signals.presets import ProbePreset
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Chain:
-    """One frame on its way: filtered channels, image, noise."""
+    """Intermediate results for one frame: filtered channels, image, noise."""
 
     frame: ChannelFrame
     signals: Float32[np.ndarray, "samples columns"]
@@ -45,9 +45,9 @@ class ImageReader:
     preset
         The probe.
     min_depth_m, max_depth_m
-        Depths outside of which nothing is looked for, in metres; None is all that the record holds after the pick-up.
+        Least and largest depth of the image, in metres; None: all that the record holds after the pick-up.
     false_found
-        Accepted probability that a frame of noise is said to hold a source.
+        Accepted probability that a source is found in a frame of noise.
     """
 
     def __init__(
@@ -180,7 +180,7 @@ class ImageReader:
                     f"depths {near:.4g} to {far:.4g} m: the record of {samples} samples holds no image there; "
                     "widen the depth range"
                 )
-            # Rows above and below that the envelope needs and nobody sees.
+            # Rows above and below that the envelope needs; they are not part of the result.
             above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
             below = min(ENVELOPE_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
             count = math.floor((far - near) / step) + 1
@@ -196,7 +196,7 @@ class ImageReader:
         return int(row) + chain.rows.start, int(column)
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
-        """The peak at a pixel, found again between the columns; the saturated channels, and of how many."""
+        """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
         lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.grid, place=place)
         energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
         touching, channels = features.saturated_channels(
@@ -225,7 +225,7 @@ class ImageReader:
         for row, column in strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
             depth = float(chain.grid.depth_m[row + chain.rows.start])
             lateral = float(chain.grid.lateral_m[column])
-            # Amplified noise grows with depth in some receivers: the floor of the peak's own depth counts as well.
+            # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
             local = chain.profile[min(row // features.BLOCK_ROWS, len(chain.profile) - 1)]
             if window[row, column] <= level * local:
                 continue
@@ -235,7 +235,7 @@ class ImageReader:
             ):
                 continue
             energy, _ = features.coherent_energy(chain.signals, preset, lateral_m=lateral, depth_m=depth)
-            # Between two columns a source is less coherent than it is; one that is hopeless is not looked at twice.
+            # Between two columns the coherence comes out too low, by half at most: below that it need not be refined.
             if energy <= coherent / 2:
                 continue
             arrival = self._describe(chain, (row + chain.rows.start, column))[0]
@@ -253,11 +253,13 @@ class ImageReader:
         level = features.found_level(chain.cells, false_found=self._false_found)
         ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
         if found:
-            return f"a coherent peak {ratio:.3g} times the noise; {level:.3g} times would not be chance"
+            return (
+                f"a coherent peak {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not reach"
+            )
         if peak.intensity == 0:
-            return "the frame is silent"
+            return "the frame is zero"
         if ratio <= level:
-            return f"the largest peak is {ratio:.3g} times the noise, and chance alone reaches {level:.3g} times"
+            return f"the largest peak is {ratio:.3g} times the noise, and noise alone reaches {level:.3g} times"
         return (
             f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
             f"{100 * peak.coherence:.0f} % of it is in phase"

@@ -1,4 +1,4 @@
-"""A world in which all of it runs: virtual time, tissue, stage, laser and receiver. Simulated, and says so.
+"""Simulated rigs: virtual time, tissue, stage, laser and receiver. All that they produce is marked as simulated.
 
 It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
 """
@@ -18,7 +18,7 @@ from markerseek.sim.settings import (
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.world import Flash, Surroundings, World
+from markerseek.sim.world import Flash, SimulatedWorld, World
 
 __all__ = [
     "TISSUES",
@@ -38,9 +38,9 @@ __all__ = [
     "SimulatedSettings",
     "SimulatedStage",
     "SimulatedState",
+    "SimulatedWorld",
     "Spot",
     "StageMotion",
-    "Surroundings",
     "Tissue",
     "VirtualClock",
     "World",

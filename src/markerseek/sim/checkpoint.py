@@ -1,6 +1,6 @@
-"""The state of a simulated world, kept and put back: a real one outlives the program, this one dies with it.
+"""Checkpoints of a simulated rig, so that a killed search can be resumed: a real rig outlives the program.
 
-Not kept: what settings and seed say already, and the flashes of the past, which only tests look at.
+Not kept: settings and seed, which the journal holds, and the past flashes, which only tests read.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from markerseek.core import RecordError
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.stage import SimulatedStage
-from markerseek.sim.world import Surroundings
+from markerseek.sim.world import SimulatedWorld
 
 
 class _Generator(msgspec.Struct, frozen=True, kw_only=True):
-    """State of NumPy's usual generator; its words of 128 bits are written in hexadecimal."""
+    """State of NumPy's PCG64; its 128-bit words are hexadecimal, because JSON readers round large integers."""
 
     kind: Literal["PCG64"]
     state: str
@@ -28,7 +28,7 @@ class _Generator(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, rng: np.random.Generator) -> _Generator:
-        """State of a generator now."""
+        """Current state of a generator."""
         state: dict[str, Any] = dict(rng.bit_generator.state)
         words = state["state"]
         return cls(
@@ -39,8 +39,8 @@ class _Generator(msgspec.Struct, frozen=True, kw_only=True):
             half=state["uinteger"],
         )
 
-    def put_into(self, rng: np.random.Generator) -> None:
-        """Let a generator go on from here."""
+    def restore(self, rng: np.random.Generator) -> None:
+        """Set a generator to this state."""
         rng.bit_generator.state = {
             "bit_generator": self.kind,
             "state": {"state": int(self.state, 16), "inc": int(self.increment, 16)},
@@ -50,7 +50,7 @@ class _Generator(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Checkpoint(msgspec.Struct, frozen=True, kw_only=True):
-    """Time, the stage's encoder, where the probe truly points, the receiver's last number, and chance."""
+    """Time, the stage's encoder, the true angle of the probe, the receiver's last frame number, random state."""
 
     now_s: float
     encoder_counts: int
@@ -73,7 +73,7 @@ class SimulatedState:
     def __init__(
         self,
         *,
-        world: Surroundings,
+        world: SimulatedWorld,
         clock: VirtualClock,
         stage: SimulatedStage,
         receiver: SimulatedReceiver,
@@ -86,7 +86,7 @@ class SimulatedState:
         self._receiver = receiver
 
     def checkpoint(self) -> bytes:
-        """State now, as JSON."""
+        """Current state as JSON."""
         return msgspec.json.encode(
             _Checkpoint(
                 now_s=self._clock.now_s(),
@@ -98,19 +98,19 @@ class SimulatedState:
         )
 
     def restore(self, checkpoint: bytes) -> None:
-        """Go back to a state.
+        """Set the rig to a state.
 
         Raises
         ------
         RecordError
-            If it is none; nothing was changed.
+            If it cannot be read; then nothing is changed.
         """
         try:
             state = msgspec.json.decode(checkpoint, type=_Checkpoint)
-            state.generator.put_into(self._rng)
+            state.generator.restore(self._rng)
         except (msgspec.MsgspecError, ValueError, OverflowError) as problem:
             raise RecordError(f"the checkpoint of the simulated world cannot be read: {problem}") from problem
-        self._clock.put_back(state.now_s)
+        self._clock.set(state.now_s)
         self._stage.counts = state.encoder_counts
         self._world.angle_deg = state.probe_deg
         self._receiver.sequence = state.sequence

@@ -1,4 +1,4 @@
-"""Virtual time: waiting costs nothing, unless a person wants to watch."""
+"""Virtual time: waiting takes no real time, unless a pace is set for someone who watches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOST_PACE = 100.0
 
 
 class VirtualClock:
-    """A clock that jumps.
+    """A clock that a wait sets forward.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class VirtualClock:
         """Virtual seconds since the clock was made."""
         return self._now_s
 
-    def put_back(self, now_s: float) -> None:
-        """Show another time: that of a world that goes on where it was left."""
+    def set(self, now_s: float) -> None:
+        """Set the time, when a simulated rig is restored."""
         self._now_s = now_s
 
     def wait(self, duration_s: float) -> None:
@@ -42,4 +42,4 @@ class VirtualClock:
             raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
         self._now_s += duration_s
         if self._pace > 0:
-            time.sleep(duration_s * self._pace)  # noqa: TID251  a person watches: the one place where virtual time is real
+            time.sleep(duration_s * self._pace)  # noqa: TID251  the only place where virtual time takes real time

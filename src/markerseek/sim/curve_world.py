@@ -1,4 +1,4 @@
-"""A world of intensities: what the peak of an envelope image would be, without the image.
+"""A simulated world of intensities: the peak of an envelope image is drawn from its distribution, without the image.
 
 For studies of many searches, where a frame of channel data takes milliseconds and its peak is all that a method uses.
 The noise is not added to the intensity; the peak is drawn as it is distributed:
@@ -10,8 +10,7 @@ The noise is not added to the intensity; the peak is drawn as it is distributed:
   cells M that a reading names, M = ρ(u² − 1) where N(u) = 1e-3, and from the share of peaks that a reader sees;
 - the intensity is the largest of all. It is biased upward and never 0.
 
-Not here: lateral position and depth, quantisation, saturation, and an image that is not read to the last digit. Studies
-test the agreement with frames.
+Left out: lateral position and depth, quantisation, saturation. The tests of the studies compare it with frames.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of
 
 _CELLS_AT = 1e-3
-"""False alarms at which a reading's number of cells is stated."""
+"""Probability of a false alarm at which a reading's number of cells is defined."""
 
 _SEEN = 0.55
 """Share of the noise peaks that a reader sees at their height: it refines the largest pixel only, and midway between
@@ -37,7 +36,7 @@ two columns a peak stands up to 4 dB too low in the pixels. Set from about a hun
 
 
 class CurveWorld:
-    """Tissue of which only the intensity curve is known.
+    """Tissue that is described by its intensity curve alone.
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ class CurveWorld:
     energy_jitter
         Standard deviation of a pulse's energy over its mean.
     start_deg
-        Where the probe points at first, in degrees.
+        Angle of the probe at the start, in degrees.
     rng
         Source of randomness.
     """
@@ -124,18 +123,18 @@ class CurveWorld:
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of so many pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         """Frame with the intensity after a flash; after none, that of noise alone."""
         largest = largest_noise(self._rng, cells=self._cells)
         if flash is not None and self._curve is not None:
-            loud = flash.energy * self._peak / self._noise_sigma
+            snr = flash.energy * self._peak / self._noise_sigma
             heights = self._curve.peaks(self.angle_deg - self._marker_deg)
             noise = self._rng.standard_normal((len(heights), 4)).tolist()
             for height, (along, *across) in zip(heights, noise, strict=True):
-                largest = max(largest, math.hypot(loud * height + along, *across))
+                largest = max(largest, math.hypot(snr * height + along, *across))
         return ReadingFrame(
             header=header,
             intensity=largest * self._noise_sigma,
@@ -146,7 +145,7 @@ class CurveWorld:
     def scans(
         self, scans_deg: Sequence[Float64[np.ndarray, " angles"]], *, pulses: int
     ) -> list[Float64[np.ndarray, " angles"]]:
-        """Intensities of scans, each as a world of this seed would hear it first: what a flash and a frame each hold.
+        """Intensities of scans, each as the first scan of a world with this seed would give them.
 
         The numbers of the longest scan are drawn once, in the order of flashes and frames, and serve all: a scan agrees
         to rounding with as many frames of another world with the same seed, in a tenth of the time. No flash is kept.
@@ -154,28 +153,29 @@ class CurveWorld:
         Parameters
         ----------
         scans_deg
-            Where the probe points, acquisition after acquisition, in degrees; one array or more.
+            Angles of the probe in the order of the acquisitions, in degrees; one array or more.
         pulses
             Pulses of each acquisition.
         """
         peaks = 0 if self._curve is None else len(self._curve.peaks(0.0))
+        # The order of the draws is that of `flash` and `frame`, so that the numbers are those of single frames.
         energy, largest, noise = [], [], []
         for _ in range(max(angles_deg.size for angles_deg in scans_deg)):
             energy.append(flash_of(self._rng, pulses=pulses, at_s=0.0, energy_jitter=self._energy_jitter).energy)
             largest.append(largest_noise(self._rng, cells=self._cells))
             noise.append(self._rng.standard_normal((peaks, 4)))
-        loud = np.array(energy)[:, None] * self._peak / self._noise_sigma
+        snr = np.array(energy)[:, None] * self._peak / self._noise_sigma
         along, *across = np.moveaxis(np.array(noise), -1, 0)
         square_across = sum((part**2 for part in across), np.zeros_like(along))
-        heard = []
+        scans = []
         for angles_deg in scans_deg:
             here = slice(angles_deg.size)
             heights = np.zeros_like(along[here])
             if self._curve is not None:
                 heights[:] = [self._curve.peaks(angle_deg - self._marker_deg) for angle_deg in angles_deg.tolist()]
-            loudest = np.sqrt((loud[here] * heights + along[here]) ** 2 + square_across[here])
-            heard.append(np.maximum(largest[here], loudest.max(axis=1, initial=0.0)) * self._noise_sigma)
-        return heard
+            peak = np.sqrt((snr[here] * heights + along[here]) ** 2 + square_across[here])
+            scans.append(np.maximum(largest[here], peak.max(axis=1, initial=0.0)) * self._noise_sigma)
+        return scans
 
 
 def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
@@ -189,9 +189,10 @@ def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
         Number of independent envelope cells of the image, at least 10.
     """
     rate = _SEEN * cells / (2 * math.log(cells / _CELLS_AT) - 1)
+    # 1 − exp(−N(u)) is uniform, so N(u) is exponential; u follows by fixed-point iteration of N(u) = wanted.
     wanted = rng.standard_exponential()
     square = 2 * math.log(rate * 20 / wanted)
     for _ in range(4):
-        # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 is so quiet
+        # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise
         square = max(2.0, 2 * math.log(rate * max(square - 1, 1.0) / wanted))
     return math.sqrt(square)

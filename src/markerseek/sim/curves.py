@@ -1,8 +1,8 @@
-"""Noise-free intensity curves S(t): how loud the image is, t degrees off the marker, relative to the probe on it.
+"""Noise-free intensity curves S(t): the peak of the image t degrees off the marker, relative to that at t = 0.
 
 A curve gives the heights of the separate peaks of the envelope image, strongest first: a long laser pulse and the edges
 of an element leave several of nearly the same height (physics notes), and under noise any of them may be the largest.
-The closed forms have one peak. The recorded form holds what somebody computed or measured on a grid of angles.
+The closed forms have one peak. The recorded form interpolates heights that were computed or measured on a grid.
 """
 
 from __future__ import annotations
@@ -108,14 +108,14 @@ class PowerCurve:
 
 
 class RecordedCurve:
-    """A curve between recorded angles: monotone cubic pieces (PCHIP) laid down on a fine grid, straight between.
+    """A curve between recorded angles: monotone cubic pieces (PCHIP) tabulated on a fine grid, linear in between.
 
     Beyond the recorded angles the outermost heights hold.
 
     Parameters
     ----------
     off_plane_deg
-        Angles off the marker in degrees, rising.
+        Angles off the marker in degrees, ascending.
     heights
         Heights of the peaks at each, strongest first, shape (angles, peaks), not negative.
     step_deg
@@ -145,10 +145,10 @@ class RecordedCurve:
         self._low_deg = float(fine[0])
         self._per_deg = (count - 1) / float(fine[-1] - fine[0])
         self._last = count - 1
-        # Imported here: it takes a third of a second, which a search on frames would pay for nothing.
+        # Imported here: it takes a third of a second, and a search on frames does not need it.
         from scipy.interpolate import PchipInterpolator
 
-        # Python's own floats: a lookup of one angle is four times as fast as in an array.
+        # Lists of floats: a lookup of one angle is four times as fast as in an array.
         self._rows: list[list[float]] = np.maximum(PchipInterpolator(off_plane_deg, heights)(fine), 0).tolist()
 
     def peaks(self, off_plane_deg: float) -> list[float]:

@@ -1,27 +1,27 @@
-"""A pulsed laser behind a counter, simulated: it fires what a permit allows, once."""
+"""A simulated pulsed laser behind a pulse counter: it fires the pulses of a permit, once."""
 
 from __future__ import annotations
 
 import math
 
 from markerseek.core import Clock, ConfigError, LaserError, Permit
-from markerseek.sim.world import Surroundings
+from markerseek.sim.world import SimulatedWorld
 
 
 class SimulatedLaser:
-    """Lights the world.
+    """Laser of a simulated world.
 
     Parameters
     ----------
     world
-        What is lit.
+        The world that it lights.
     clock
         Virtual time.
     rate_hz
         Pulses per second.
     """
 
-    def __init__(self, *, world: Surroundings, clock: Clock, rate_hz: float = 100.0) -> None:
+    def __init__(self, *, world: SimulatedWorld, clock: Clock, rate_hz: float = 100.0) -> None:
         if not 0 < rate_hz < math.inf:
             raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
         self._world = world

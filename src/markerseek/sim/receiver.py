@@ -1,27 +1,27 @@
-"""A receiver, simulated: it hears the flash that came since it was armed, as the world sounds."""
+"""A simulated receiver: it acquires the frame of the flash since it was armed."""
 
 from __future__ import annotations
 
 import math
 
 from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, FrameHeader, Permit
-from markerseek.sim.world import Surroundings
+from markerseek.sim.world import SimulatedWorld
 
 
 class SimulatedReceiver:
-    """Hears the world.
+    """Receiver of a simulated world.
 
     Parameters
     ----------
     world
-        What is heard.
+        The world that it receives from.
     clock
         Virtual time.
     readout_s
         Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (paper, section 4).
     """
 
-    def __init__(self, *, world: Surroundings, clock: Clock, readout_s: float) -> None:
+    def __init__(self, *, world: SimulatedWorld, clock: Clock, readout_s: float) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"receiver: readout_s is {readout_s} s, it must be finite and not negative")
         self._world = world

@@ -1,4 +1,4 @@
-"""Everything about a simulated rig that is unknown of the real one: the physics table, one value a name."""
+"""Settings of a simulated rig: one value for each unknown of the physics table."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class MarkerSettings:
     radius_m
         Distance from the axis of rotation in metres.
     lateral_m
-        Place along the axis in metres; None draws it at most 20 mm from the middle,
-        and in front of the array's inner four fifths.
+        Position along the axis in metres; None draws it at most 20 mm from the middle, and in front of the array's
+        inner four fifths.
     source_radius_m
         Radius of a single Gaussian absorber in place of the material's spot, in metres: the larger it is, the wider
         the intensity curve. None leaves the spot as the material has it.
@@ -142,7 +142,7 @@ class SimulatedSettings:
     tissue
         Name of the material, a simulated stand-in.
     start_deg
-        Where the probe stands at first, in degrees.
+        Angle of the probe at the start, in degrees.
     marker, probe, laser, noise, stage, receiver, limits
         See the classes.
     """

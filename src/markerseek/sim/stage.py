@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from markerseek.core import Clock, ConfigError, Interval, LimitError
-from markerseek.sim.world import Surroundings
+from markerseek.sim.world import SimulatedWorld
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +75,7 @@ class SimulatedStage:
         Angles that it accepts.
     """
 
-    def __init__(self, *, world: Surroundings, clock: Clock, motion: StageMotion, travel: Interval) -> None:
+    def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
         self._world = world
         self._clock = clock

@@ -1,7 +1,7 @@
-"""The paper's five materials as parameter sets: simulated stand-ins, chosen by us and measured on nothing.
+"""Parameter sets for the paper's five materials: simulated stand-ins, chosen by us, not measured.
 
-The paper names the materials and not their acoustics. What is set here is what tells them apart for a search: how
-large the spot is that absorbs the light (a larger one has a wider and less regular intensity curve), the loss on the
+The paper names the materials and not their acoustics. The parameters are those by which they differ for a search: the
+size of the spot that absorbs the light (a larger one has a wider and less regular intensity curve), the loss on the
 way, weak absorbers around it (clutter) and repeats of the arrival. The path leads through 5 cm of gel pad in all.
 """
 
@@ -49,6 +49,7 @@ class Spot:
         """
         if self.count == 1:
             return [replace(middle, source=self.grain)]
+        # Uniform over the disc: equal areas lie between equal steps of the squared radius.
         away_m = self.radius_m * np.sqrt(rng.uniform(size=self.count))
         around = rng.uniform(0, 2 * np.pi, self.count)
         turned = math.radians(middle.angle_deg)
@@ -81,7 +82,7 @@ class Tissue:
     medium
         Sound speed and attenuation of the path.
     clutter
-        Weak absorbers around; a strength of 1 would be as loud as the marker; None for none.
+        Weak absorbers around; a strength of 1 is that of the marker; None for none.
     reverberation
         Repeats of every arrival; None for none.
     """

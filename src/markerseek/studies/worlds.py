@@ -20,7 +20,7 @@ from markerseek.sim import (
     RecordedCurve,
     SechCurve,
     SimulatedSettings,
-    Surroundings,
+    SimulatedWorld,
     VirtualClock,
     World,
     tissue_named,
@@ -114,7 +114,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
     if study.level == "frames":
         spot, noise = _audible(unknowns, settings)
         reader = imaging
-        world: Surroundings = World(
+        world: SimulatedWorld = World(
             model=model,
             absorbers=spot if settings.marker.present else (),
             noise=noise,

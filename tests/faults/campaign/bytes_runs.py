@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, Failed, Finished, Found, MarkerseekError, Measured, Refused
+from markerseek.core.shapes import Int16
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings

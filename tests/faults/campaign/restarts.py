@@ -18,9 +18,9 @@ from unittest import mock
 
 import msgspec
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, Event, Finished, Found, MarkerseekError, Measured, Permit, Refused
+from markerseek.core.shapes import Int16
 from markerseek.drivers import sonixdaq
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox

@@ -46,7 +46,7 @@ _ALL = (
     _fault("stage", "silent", OFF, "it says nothing any more; a move that was begun goes on"),
     _fault("stage", "unplugged", OFF, "the line is gone"),
     _fault("stage", "frozen motor", STUCK, "the motor does not turn; the readback is true"),
-    _fault("stage", "frozen readback", STUCK, "it tells where it was when this began; the motor obeys"),
+    _fault("stage", "frozen readback", STUCK, "it reports the angle at which this began; the motor moves"),
     _fault("stage", "stall", STUCK, "it stops on its way, and says so"),
     _fault("stage", "obstacle", STUCK, "it cannot pass an angle, deg, and tells where it stands", amounts=(-30, 30)),
     _fault("stage", "NaN readback", GARBAGE, "the readback is no number"),

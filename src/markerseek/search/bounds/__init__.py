@@ -1,12 +1,12 @@
-"""What no search can do better: bounds on the error of the marker's angle. Pure."""
+"""Lower bounds on the error of the marker's angle: Cramér–Rao, Van Trees, Ziv–Zakai. Pure."""
 
 from markerseek.search.bounds.best_angles import BestAngles, best_angles
-from markerseek.search.bounds.curves import SampledCurve, SlopedCurve, TailedCurve
+from markerseek.search.bounds.curves import SampledCurve, SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
-    Listening,
     Nuisance,
+    ObservationNoise,
     Prior,
     angle_bound_deg,
     sample_information,
@@ -17,12 +17,11 @@ __all__ = [
     "NUISANCES",
     "TABLE_PRIOR",
     "BestAngles",
-    "Listening",
     "Nuisance",
+    "ObservationNoise",
     "Prior",
     "SampledCurve",
     "SlopedCurve",
-    "TailedCurve",
     "angle_bound_deg",
     "best_angles",
     "sample_information",

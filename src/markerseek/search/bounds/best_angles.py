@@ -1,4 +1,4 @@
-"""The angles that would tell most of a marker if it were known where it is: what no search can beat."""
+"""The most informative angles for a known marker: a lower bound for every search."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from markerseek.core.shapes import Float64, Int64
 from markerseek.search.bounds.curves import SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
-    Listening,
     Nuisance,
+    ObservationNoise,
     Prior,
     angle_bound_deg,
     sample_information,
@@ -24,12 +24,12 @@ STEP_DEG = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestAngles:
-    """The best places, and what they allow.
+    """The best angles, and their bound.
 
     Attributes
     ----------
     angles_deg
-        Angles, rising, in degrees; one may stand there several times.
+        Angles, ascending, in degrees; one may occur several times.
     bound_deg
         Least standard deviation of the marker's angle, in degrees.
     """
@@ -42,7 +42,7 @@ def best_angles(
     curve: SlopedCurve,
     *,
     marker_deg: float,
-    listening: Listening,
+    noise: ObservationNoise,
     acquisitions: int,
     limits: Interval = PAPER_RANGE,
     unknown: tuple[Nuisance, ...] = NUISANCES,
@@ -53,8 +53,8 @@ def best_angles(
 
     Parameters
     ----------
-    curve, marker_deg, listening
-        The marker, and how it is heard.
+    curve, marker_deg, noise
+        The marker, and the noise of its intensities.
     acquisitions
         Number of angles.
     limits
@@ -74,7 +74,7 @@ def best_angles(
     if not 0 < step_deg <= limits.width_deg:
         raise ConfigError(f"best angles: step_deg is {step_deg} deg, it must lie in (0, {limits.width_deg:g}] deg")
     angle_deg = np.linspace(limits.low_deg, limits.high_deg, round(limits.width_deg / step_deg) + 1)
-    each = sample_information(curve, angle_deg, marker_deg=marker_deg, listening=listening)
+    each = sample_information(curve, angle_deg, marker_deg=marker_deg, noise=noise)
     # A little of every angle makes the first choices possible while the samples settle nothing yet.
     hint = 1e-6 * each.mean(axis=0)
     chosen = _spread(angle_deg, marker_deg, acquisitions)

@@ -1,10 +1,8 @@
-"""Intensity curves with their slope, as the bounds need them: in closed form, or through computed points."""
+"""Intensity curves with their slope, for the bounds."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from markerseek.core import ConfigError
 from markerseek.core.shapes import Float64
 
 
+@runtime_checkable
 class SlopedCurve(Protocol):
     """Noise-free intensity over the angle t off the marker, 1 at t = 0."""
 
@@ -22,54 +21,10 @@ class SlopedCurve(Protocol):
         """dS/dt in 1/degree."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TailedCurve:
-    """S(t) = (1 + (2^(q/p) − 1)·(2|t|/F)^q)^(−p/q), or the Gaussian 2^(−(2t/F)²) where p is infinite.
-
-    Attributes
-    ----------
-    fwhm_deg
-        Full width at half maximum F in degrees.
-    tail
-        Exponent p of the tails, which fall as 1/|t|^p.
-    knee
-        Sharpness q of the knee, above 1.
-    """
-
-    fwhm_deg: float
-    tail: float = math.inf
-    knee: float = 2.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.fwhm_deg < math.inf:
-            raise ConfigError(f"curve: fwhm_deg is {self.fwhm_deg} deg, it must be positive and finite")
-        if not (self.tail > 0 and 1 < self.knee < math.inf):
-            raise ConfigError(f"curve: tail {self.tail} and knee {self.knee}: they must exceed 0 and 1")
-
-    def value(self, off_deg: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-        """S(t)."""
-        scaled = 2 * np.abs(off_deg) / self.fwhm_deg
-        if math.isinf(self.tail):
-            return np.asarray(np.exp2(-(scaled**2)))
-        return np.asarray((1 + (2 ** (self.knee / self.tail) - 1) * scaled**self.knee) ** (-self.tail / self.knee))
-
-    def slope(self, off_deg: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-        """dS/dt in 1/degree."""
-        scaled = 2 * np.abs(off_deg) / self.fwhm_deg
-        inner = np.sign(off_deg) * 2 / self.fwhm_deg
-        if math.isinf(self.tail):
-            return np.asarray(-2 * math.log(2) * scaled * inner * np.exp2(-(scaled**2)))
-        strength = 2 ** (self.knee / self.tail) - 1
-        base = 1 + strength * scaled**self.knee
-        return np.asarray(
-            -self.tail * strength * scaled ** (self.knee - 1) * inner * base ** (-self.tail / self.knee - 1)
-        )
-
-
 class SampledCurve:
-    """A curve through computed points of one side, alike on both: monotone cubic pieces (PCHIP) and their derivative.
+    """A symmetric curve through the computed points of one side: monotone cubic pieces (PCHIP) and their derivative.
 
-    Beyond the last point it stays as it is there.
+    Beyond the last point it keeps the value of that point.
 
     Parameters
     ----------

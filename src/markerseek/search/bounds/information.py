@@ -1,9 +1,9 @@
-"""Cramér and Rao's bound on the marker's angle, from intensities of which only the angles are chosen.
+"""Cramér–Rao bound on the marker's angle from intensities at given angles.
 
 A sample at θ is normal with mean μ = A·S(t) + b, t = θ − θp, and variance v = σ² + (jμ)²: noise of the receiver and
-jitter of the laser. (A peak-picked envelope says less: near the noise its largest peak is somewhere else. The bound is
-therefore one for it, too.) Unknown beside θp are nuisances (Van Trees, Detection, Estimation, and Modulation Theory I,
-section 2.4), which change μ by
+jitter of the laser. (A peak-picked envelope holds less information: near the noise its largest peak is somewhere else.
+So the bound holds for it, too.) Unknown beside θp are nuisance parameters (Van Trees, Detection, Estimation, and
+Modulation Theory I, section 2.4), which change μ by
 
     amplitude   ∂μ/∂ln A = A·S          width   ∂μ/∂ln F = −A·t·S'(t)
     tail        ∂μ/∂ε    = A·S·ln S, of S^(1+ε)        floor   ∂μ/∂b = 1
@@ -32,8 +32,8 @@ NUISANCES: tuple[Nuisance, ...] = ("amplitude", "width", "tail", "floor")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Listening:
-    """How well intensities are heard.
+class ObservationNoise:
+    """Noise of the observed intensities.
 
     Attributes
     ----------
@@ -48,9 +48,9 @@ class Listening:
 
     def __post_init__(self) -> None:
         if not 0 < self.snr < math.inf:
-            raise ConfigError(f"listening: snr is {self.snr}, it must be positive and finite")
+            raise ConfigError(f"observation noise: snr is {self.snr}, it must be positive and finite")
         if not 0 <= self.jitter < 1:
-            raise ConfigError(f"listening: jitter is {self.jitter}, it is a share between 0 and 1")
+            raise ConfigError(f"observation noise: jitter is {self.jitter}, it is a share between 0 and 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +99,7 @@ height of the largest noise in an image."""
 
 
 def sample_information(
-    curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, listening: Listening
+    curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, noise: ObservationNoise
 ) -> Float64[np.ndarray, "angles 5 5"]:
     """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`.
 
@@ -108,23 +108,25 @@ def sample_information(
     curve
         The marker's curve.
     angle_deg
-        Where is listened, in degrees.
+        Angles of the samples, in degrees.
     marker_deg
-        Where the marker is, in degrees.
-    listening
+        Angle of the marker, in degrees.
+    noise
         Noise and jitter.
     """
     off_deg = angle_deg - marker_deg
-    snr = listening.snr
+    snr = noise.snr
     height, slope = curve.value(off_deg), curve.slope(off_deg)
+    # S·ln S tends to 0 with S.
     with np.errstate(divide="ignore", invalid="ignore"):
         tail = np.where(height > 0, height * np.log(height), 0.0)
     mean_change = np.stack(
         [-snr * slope, snr * height, -snr * off_deg * slope, snr * tail, np.ones_like(height)], axis=-1
     )
     mean = snr * height
-    variance = 1 + (listening.jitter * mean) ** 2
-    variance_change = 2 * listening.jitter**2 * mean[..., None] * mean_change
+    variance = 1 + (noise.jitter * mean) ** 2
+    variance_change = 2 * noise.jitter**2 * mean[..., None] * mean_change
+    # Fisher information of a normal sample whose mean and variance both depend on the parameters.
     return np.asarray(
         np.einsum("...i,...j,...->...ij", mean_change, mean_change, 1 / variance)
         + np.einsum("...i,...j,...->...ij", variance_change, variance_change, 1 / (2 * variance**2))

@@ -1,10 +1,10 @@
-"""Ziv and Zakai's bound: for few samples, where the question is still which part of the range the marker lies in.
+"""Ziv–Zakai bound, for few samples: the error is ruled by which part of the range the marker may lie in.
 
 For a marker that is equally likely anywhere in a range of width W,
 
     MSE ≥ (1/W)·∫ h·V{ ∫ P(θ, θ+h) dθ } dh,
 
-where P is the least probability of error with which θ and θ + h can be told apart when both are as likely,
+where P is the least probability of error with which θ and θ + h are distinguished when both are equally probable,
 Q(d/2) with d² = Σ (μᵢ(θ) − μᵢ(θ+h))²/σ² for normal noise, and V fills the valleys: V f(h) is the largest f at h or
 beyond (J. Ziv and M. Zakai, IEEE Trans. Inf. Theory 15, 386 (1969); K. L. Bell et al., ibid. 43, 624 (1997)). Without
 information it is the prior's variance W²/12, with much the Cramér–Rao bound. Shape and amplitude are taken as known: a
@@ -42,7 +42,7 @@ def ziv_zakai_deg(
     curve
         The markers' curve.
     angle_deg
-        Where is listened, whatever is heard, in degrees.
+        Angles of the samples, fixed in advance, in degrees.
     snr
         Amplitude over σ; 0 is no information.
     limits

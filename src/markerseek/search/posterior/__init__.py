@@ -1,4 +1,4 @@
-"""The search by a posterior over the marker's angle: what is heard, what it says, where to listen next."""
+"""The posterior search: prior of the curve, likelihood of the readings, posterior of the angle, next angle."""
 
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
 

@@ -1,16 +1,16 @@
-"""The family of intensity curves that the posterior allows for, and how far a real curve strays from it.
+"""Prior of the intensity curve S(t): a family of shapes, and the error of its best member.
 
-    S(t) = (1 + (2^(q/p) − 1)·(2|t|/F)^q)^(−p/q),      or  2^(−(2t/F)²)
+    S(t) = (1 + (2^(q/p) − 1)·(2|t|/F)^q)^(−p/q),      or  2^(−(2t/F)²)                                         (1)
 
-with F the full width at half maximum, tails as 1/|t|^p and a knee that is the sharper the larger q is. Against the
-acoustic model's own curves, every unknown of the physics table drawn anew (150 draws), the family follows the top to
-a few per cent; between 0.05 and 0.5 of the peak the curves have shoulders of their own, 10 to 30 % off any smooth
-member. `MODEL_ERROR` states that, level by level.
+with F the full width at half maximum, tails as 1/|t|^p and a knee that is the sharper the larger q is. Of the acoustic
+model's own curves (150 draws of every unknown of the physics table) the family follows the top to a few per cent;
+between 0.05 and 0.5 of the peak the curves have shoulders of their own, 10 to 30 % off any smooth member. `MODEL_ERROR`
+states that, level by level.
 
 A high element close to the marker, or far out of focus, is the exception: its curve has two humps, a third above the
-middle. There S is the field behind a slit of half width 1 with Fresnel number n (Born and Wolf, 8.7),
+centre. There S is the field behind a slit of half width 1 with Fresnel number n (Born and Wolf, 8.7),
 
-    |F(√(2n)·(1 + u)) + F(√(2n)·(1 − u))|,       F = C + iS the Fresnel integral, u in proportion to t,
+    |F(√(2n)·(1 + u)) + F(√(2n)·(1 − u))|,       F = C + iS the Fresnel integral, u in proportion to t,        (2)
 
 its square averaged over the band.
 """
@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fresnel
 
 from markerseek.core.shapes import Float64
 
@@ -35,10 +36,10 @@ KNEES: tuple[tuple[float, float, float], ...] = (
 """Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
 
 FRESNEL_NUMBERS: tuple[tuple[float, float], ...] = ((1.2, 0.04), (1.5, 0.04))
-"""Fresnel number n of the middle of the band, and prior share, of each kind of curve with shoulders or humps."""
+"""Fresnel number n at the centre of the band, and prior share, of each kind of curve with shoulders or humps."""
 
 BAND = 0.2
-"""Standard deviation of the band over its middle."""
+"""Standard deviation of the band over its centre frequency."""
 
 WIDTHS_DEG = np.exp(np.linspace(math.log(2.0), math.log(35.0), 30))
 """Full widths at half maximum, in degrees, evenly spaced in their logarithm."""
@@ -75,7 +76,7 @@ class Shapes:
 def log_curve(
     distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, tail: float, knee: float
 ) -> Float64[np.ndarray, " distances"]:
-    """Return ln S at distances from the marker.
+    """Return ln S of (1) at distances from the marker.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def log_curve(
 def log_humps(
     distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, fresnel_number: float
 ) -> Float64[np.ndarray, " distances"]:
-    """Return ln S at distances from the marker, for an element in its near field.
+    """Return ln S of (2) at distances from the marker, for a marker in the near field of an element.
 
     Parameters
     ----------
@@ -104,17 +105,18 @@ def log_humps(
     fwhm_deg
         Distance between the outermost angles at which S is half of S(0), in degrees.
     fresnel_number
-        Fresnel number n of the middle of the band.
+        Fresnel number n at the centre of the band.
     """
-    from scipy.special import fresnel
-
+    # Fine where the humps are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
     power = np.zeros_like(across)
+    # 13 frequencies within 1.5 standard deviations of the band, weighed by its Gaussian power.
     for away in np.linspace(-1.5, 1.5, 13).tolist():
         scale = math.sqrt(2 * fresnel_number * (1 + BAND * away))
         sine, cosine = np.add(fresnel(scale * (1 + across)), fresnel(scale * (1 - across)))
         power += math.exp(-(away**2) / 2) * (sine**2 + cosine**2)
     log = np.log(power / power[0]) / 2
+    # The outermost crossing of half maximum: between the humps the curve may fall below it, too.
     last = int(np.flatnonzero(log >= -math.log(2))[-1])
     half = np.interp(math.log(2), -log[last : last + 2], across[last : last + 2])
     return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
@@ -124,9 +126,10 @@ def family() -> Shapes:
     """Return the family with its prior.
 
     The widths of a probe's curves are 3–17° over the physics table; ln F is normal about ln 5.5° with a standard
-    deviation of 0.6, and a fifth of the prior is even over all widths of `WIDTHS_DEG`.
+    deviation of 0.6, and a fifth of the prior is uniform over all widths of `WIDTHS_DEG`.
     """
     distance_deg = np.arange(0.0, REACH_DEG + STEP_DEG, STEP_DEG)
+    # The uniform part keeps widths possible that the physics table does not hold.
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
     curves, widths, priors = [], [], []

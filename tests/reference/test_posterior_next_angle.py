@@ -1,4 +1,4 @@
-"""Where to listen next while nothing was heard, against probabilities written out."""
+"""The next angle while nothing is detected, against probabilities written out."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from markerseek.core import Interval
-from markerseek.search.posterior.belief import Belief
-from markerseek.search.posterior.choice import AUDIBLE_TRAVEL_DEG, LEAST_APART_DEG, most_audible_deg
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.next_angle import DETECTION_TRAVEL_DEG, LEAST_APART_DEG, most_detectable_deg
 from markerseek.search.posterior.shapes import STEP_DEG, family
 
 SHAPES = family()
@@ -18,10 +18,10 @@ LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 LEVEL = 6.3
 
 
-def belief(theta_deg, log_snr, member):
+def posterior(theta_deg, log_snr, member):
     """A posterior of which only the drawn markers count."""
     nothing = np.zeros(0)
-    return Belief(
+    return AnglePosterior(
         angle_deg=np.array([0.0, 1.0]),
         share=np.array([0.5, 0.5]),
         coarse_deg=np.array([0.0, 1.0]),
@@ -29,30 +29,30 @@ def belief(theta_deg, log_snr, member):
         theta_deg=theta_deg,
         member=member,
         log_snr=log_snr,
-        loud_deg=nothing,
-        loud_log_snr=nothing,
+        strong_deg=nothing,
+        strong_log_snr=nothing,
         fwhm_deg=5.0,
         marker_m=None,
-        middle_sigma_deg=1.0,
+        centre_sigma_deg=1.0,
     )
 
 
-def test_the_angle_has_the_largest_probability_of_hearing_a_marker():
+def test_the_angle_has_the_largest_probability_of_detection():
     """Each marker's height over the noise by NumPy's interpolation, its probability by SciPy's normal distribution."""
     rng = np.random.default_rng(8)
     theta_deg, log_snr, member = rng.uniform(-38, 38, 90), rng.normal(2.5, 1.0, 90), rng.choice([5, 20, 40], 90)
-    heard_deg = [-23.3, 0.0, 23.3]
-    found = most_audible_deg(belief(theta_deg, log_snr, member), SHAPES, heard_deg, limits=LIMITS, level=LEVEL)
+    measured_deg = [-23.3, 0.0, 23.3]
+    found = most_detectable_deg(posterior(theta_deg, log_snr, member), SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     best, largest = 0.0, 0.0
     for angle_deg in np.arange(-35.0, 35.1, 1.0):
-        if min(abs(angle_deg - other) for other in heard_deg) < LEAST_APART_DEG:
+        if min(abs(angle_deg - other) for other in measured_deg) < LEAST_APART_DEG:
             continue
         heights = [
             np.exp(amplitude + np.interp(abs(angle_deg - t), steps, SHAPES.log_curve[kind]))
             for t, amplitude, kind in zip(theta_deg, log_snr, member, strict=True)
         ]
-        worth = norm.cdf(heights, loc=LEVEL).mean() / (1 + abs(angle_deg - heard_deg[-1]) / AUDIBLE_TRAVEL_DEG)
+        worth = norm.cdf(heights, loc=LEVEL).mean() / (1 + abs(angle_deg - measured_deg[-1]) / DETECTION_TRAVEL_DEG)
         if worth > largest:
             best, largest = angle_deg, worth
     assert found == pytest.approx(best)
@@ -60,20 +60,20 @@ def test_the_angle_has_the_largest_probability_of_hearing_a_marker():
 
 @settings(max_examples=50, deadline=None)
 @given(
-    heard_deg=st.lists(st.floats(-35, 35), min_size=1, max_size=30),
+    measured_deg=st.lists(st.floats(-35, 35), min_size=1, max_size=30),
     middle_deg=st.floats(-37, 37),
     snr=st.floats(-2, 300),
 )
-def test_it_lies_in_the_range_and_not_where_it_was_heard(heard_deg, middle_deg, snr):
-    told = belief(np.full(7, middle_deg), np.full(7, snr), np.full(7, 20))
-    angle_deg = most_audible_deg(told, SHAPES, heard_deg, limits=LIMITS, level=LEVEL)
+def test_it_lies_in_the_range_and_apart_from_the_measured_angles(measured_deg, middle_deg, snr):
+    drawn = posterior(np.full(7, middle_deg), np.full(7, snr), np.full(7, 20))
+    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
     assert LIMITS.low_deg <= angle_deg <= LIMITS.high_deg
-    assert min(abs(angle_deg - other) for other in heard_deg) >= LEAST_APART_DEG
+    assert min(abs(angle_deg - other) for other in measured_deg) >= LEAST_APART_DEG
 
 
-def test_a_range_that_was_heard_everywhere_is_heard_where_the_gap_is_largest():
-    heard_deg = [*np.arange(-1.0, 0.8, 0.1).tolist(), 1.0]
-    told = belief(np.zeros(3), np.zeros(3), np.full(3, 20))
+def test_in_a_range_measured_everywhere_it_is_in_the_largest_gap():
+    measured_deg = [*np.arange(-1.0, 0.8, 0.1).tolist(), 1.0]
+    drawn = posterior(np.zeros(3), np.zeros(3), np.full(3, 20))
     narrow = Interval(low_deg=-1.0, high_deg=1.0)
-    angle_deg = most_audible_deg(told, SHAPES, heard_deg, limits=narrow, level=LEVEL)
+    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=narrow, level=LEVEL)
     assert 0.8 < angle_deg < 1.0

@@ -1,6 +1,7 @@
 """Compile a kernel with Numba, keeping the machine code on disk where that is possible.
 
-The only place that calls Numba's decorator: kernels of `acoustics` and `signals` go through it.
+The only place that calls Numba's decorator. It holds no formula, so that `acoustics` (forward) and `signals` and
+`search` (inverse) may all import it without sharing code of the model.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ _REASSOCIATE = {"nsz", "arcp", "contract", "reassoc"}
 
 
 KERNELS: list[Dispatcher] = []
-"""All kernels of the process, for whoever wants to know whether they lie on disk."""
+"""All kernels of the process, from which the command line sees whether they are compiled already."""
 
 
 def compiled(kernel: Kernel) -> Kernel:
     """Return the kernel as machine code, made at its first call and kept on disk.
 
-    Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled anew in each
-    process, and a warning says so once.
+    Where neither the package's folder nor the user's cache folder can be written, the kernel is compiled again in
+    each process, and one warning says so.
     """
     try:
         machine_code = njit(cache=True, fastmath=_REASSOCIATE, nogil=True)(kernel)

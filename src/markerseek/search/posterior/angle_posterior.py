@@ -1,0 +1,139 @@
+"""The posterior of the marker's angle as numbers: probabilities on an even grid, particles, moments, modes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import Interval
+from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64, Int64
+from markerseek.search.posterior.asymmetry import SAME_PLACE_M
+
+MODE_SHARE = 0.05
+"""Probability from which a second peak of the posterior is a mode."""
+
+RIVAL_SHARE = 0.3
+"""Intensity over the largest from which a source elsewhere along the array is a second marker, not clutter."""
+
+RIVAL_SAMPLES = 2
+"""Samples with their peak at that place that are needed: one may be a burst."""
+
+
+def mean_and_sigma(
+    angle_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]
+) -> tuple[float, float]:
+    """Mean and standard deviation on an even grid, the width of its step included."""
+    mean_deg = float(share @ angle_deg)
+    step_deg = float(angle_deg[1] - angle_deg[0])
+    return mean_deg, math.sqrt(float(share @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AnglePosterior:
+    """The posterior of the angle.
+
+    Attributes
+    ----------
+    angle_deg, share
+        Angles in degrees, evenly spaced, and the probability of each; they add up to 1.
+    coarse_deg, coarse_share
+        The same over the whole range.
+    theta_deg, member, log_snr
+        Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
+    strong_deg, strong_log_snr
+        Samples to which a symmetric curve was fitted: angle in degrees, ln of the intensity over σ; none where too few
+        are strong.
+    fwhm_deg
+        Mean of the curve's full width at half maximum, in degrees.
+    marker_m
+        Lateral position of the marker in metres; None while no sample is clear of the noise.
+    centre_sigma_deg
+        Standard deviation of the centre of the curve, in degrees: what more samples can still reduce.
+    """
+
+    angle_deg: Float64[np.ndarray, " angles"]
+    share: Float64[np.ndarray, " angles"]
+    coarse_deg: Float64[np.ndarray, " coarse"]
+    coarse_share: Float64[np.ndarray, " coarse"]
+    theta_deg: Float64[np.ndarray, " particles"]
+    member: Int64[np.ndarray, " particles"]
+    log_snr: Float64[np.ndarray, " particles"]
+    strong_deg: Float64[np.ndarray, " strong"]
+    strong_log_snr: Float64[np.ndarray, " strong"]
+    fwhm_deg: float
+    marker_m: float | None
+    centre_sigma_deg: float
+
+    @property
+    def mean_deg(self) -> float:
+        """Mean of the angle in degrees."""
+        return float(self.share @ self.angle_deg)
+
+    @property
+    def sigma_deg(self) -> float:
+        """Standard deviation of the angle in degrees, the width of the grid's step included."""
+        return mean_and_sigma(self.angle_deg, self.share)[1]
+
+    def quantile_deg(self, probability: float) -> float:
+        """Angle below which the marker lies with that probability, in degrees."""
+        # Each probability is uniform over one step of the grid.
+        step_deg = float(self.angle_deg[1] - self.angle_deg[0])
+        edges = np.concatenate([[0.0], np.cumsum(self.share)])
+        ends = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
+        return float(np.interp(probability, edges, ends))
+
+
+def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ...]:
+    """Return the peaks of the posterior with gaps between them, the most probable first, in degrees.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    limits
+        Range of the search.
+    """
+    share = posterior.coarse_share
+    # Runs of angles above 1e-4 of the maximum: +1 where one begins, -1 behind its end.
+    above = share > 1e-4 * share.max()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(np.int64), [0]])))
+    modes = []
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        mass = float(share[first:end].sum())
+        if mass > MODE_SHARE:
+            mean_deg = float(share[first:end] @ posterior.coarse_deg[first:end]) / mass
+            modes.append((mass, min(max(mean_deg, limits.low_deg), limits.high_deg)))
+    return tuple(mean_deg for _, mean_deg in sorted(modes, reverse=True))
+
+
+def rival_deg(lit: Sequence[Sample], *, level: float, marker_m: float | None) -> float | None:
+    """Return the angle at which a second source, elsewhere along the array, was strongest; None without one.
+
+    Parameters
+    ----------
+    lit
+        Samples with the laser on.
+    level
+        Largest intensity that noise reaches.
+    marker_m
+        Lateral position of the marker in metres; None if unknown.
+    """
+    if marker_m is None:
+        return None
+    least = max(level, RIVAL_SHARE * max(sample.reading.intensity for sample in lit))
+    away = [
+        (sample.reading.intensity, sample.angle_deg, sample.reading.lateral_m)
+        for sample in lit
+        if sample.reading.lateral_m is not None
+        and sample.reading.intensity >= least
+        and abs(sample.reading.lateral_m - marker_m) > SAME_PLACE_M
+    ]
+    if not away:
+        return None
+    _, strongest_deg, there_m = max(away)
+    together = sum(abs(lateral_m - there_m) < SAME_PLACE_M for _, _, lateral_m in away)
+    return strongest_deg if together >= RIVAL_SAMPLES else None

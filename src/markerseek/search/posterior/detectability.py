@@ -1,0 +1,122 @@
+"""Detectability: how far from a marker a sample still detects it, and which markers a search may have missed.
+
+A curve S of (1), the most common member of the family, is level/peak at the distance
+
+    t = (F/2)·(((peak/level)^(q/p) − 1)/(2^(q/p) − 1))^(1/q).                                                 (12)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from markerseek.core import Interval
+from markerseek.core.reading import Sample
+from markerseek.search.floor import Noise
+
+WEAKEST_DB = 20.0
+"""Peak SNR of the weakest marker that a search is asked to find, in dB (physics notes: 20 to 60)."""
+
+NARROW_DEG = 3.0
+"""Full width at half maximum of the narrowest usual curve, in degrees (physics notes: 3 to 17)."""
+
+STRONGER = 5.0
+"""A detected source may be clutter of a marker this many times as strong, if that one could have been missed."""
+
+_TAIL, _KNEE = 1.2, 2.4
+
+
+def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> float:
+    """Return the distance (12) at which the curve has fallen to the noise level, in degrees.
+
+    Parameters
+    ----------
+    level, peak
+        Largest intensity that noise reaches, and intensity with the probe on the marker; 0 < level < peak.
+    fwhm_deg
+        Full width at half maximum of the curve, in degrees.
+    """
+    ratio = _KNEE / _TAIL
+    scaled = ((peak / level) ** ratio - 1) / (2**ratio - 1)
+    return fwhm_deg / 2 * math.pow(scaled, 1 / _KNEE)
+
+
+def undetected_deg(
+    measured_deg: Sequence[float], limits: Interval, *, level: float, peak: float, fwhm_deg: float
+) -> float | None:
+    """Return the angle farthest from all measured ones, if a marker `STRONGER` than the peak would be missed there.
+
+    Parameters
+    ----------
+    measured_deg
+        Angles measured so far, in degrees.
+    limits
+        Range of the search.
+    level
+        Largest intensity that noise reaches.
+    peak, fwhm_deg
+        Height of the curve that was found, and its full width at half maximum in degrees.
+    """
+    inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
+    gaps = [((high - low) / 2, (low + high) / 2) for low, high in pairwise(inside)]
+    # Inside, a gap is covered from both sides; at an end from one.
+    gaps += [(inside[0] - limits.low_deg, limits.low_deg), (limits.high_deg - inside[-1], limits.high_deg)]
+    far_deg, where_deg = max(gaps)
+    strong = STRONGER * peak
+    detected = strong > level > 0 and far_deg <= detection_distance_deg(level=level, peak=strong, fwhm_deg=fwhm_deg)
+    return None if detected else where_deg
+
+
+def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg: float = NARROW_DEG) -> int:
+    """Return the number of equal steps, one acquisition in the middle of each, that miss no marker.
+
+    Halfway between two of them the curve is still level/peak (12).
+
+    Parameters
+    ----------
+    limits
+        Range of the search.
+    level
+        Largest intensity that noise reaches, positive.
+    peak
+        Intensity with the probe on the marker, in the same unit.
+    fwhm_deg
+        Full width at half maximum of its curve, in degrees.
+
+    Raises
+    ------
+    ValueError
+        If the peak is not above the level: then no number would do.
+    """
+    if not 0 < level < peak:
+        raise ValueError(f"level {level} must be positive and below the peak {peak}; average more pulses")
+    far_deg = detection_distance_deg(level=level, peak=peak, fwhm_deg=fwhm_deg)
+    return max(1, math.ceil(limits.width_deg / (2 * far_deg)))
+
+
+def missed_marker(lit: Sequence[Sample], noise: Noise, limits: Interval) -> str:
+    """Return which marker a search without a detection may have missed, and what would detect it; empty if none.
+
+    Parameters
+    ----------
+    lit
+        Samples with the laser on, at least one.
+    noise
+        Noise of the search.
+    limits
+        Range of the search.
+    """
+    level = noise.floor.level
+    if level is None or noise.sigma is None or max(sample.reading.intensity for sample in lit) > level:
+        return ""
+    peak = noise.sigma * 10 ** (WEAKEST_DB / 20)
+    if not 0 < level < peak:
+        return f"; a marker {WEAKEST_DB:g} dB above the noise would not be detected at all: average more pulses"
+    needed = acquisitions_needed(limits, level=level, peak=peak)
+    if needed <= len(lit):
+        return ""
+    return (
+        f"; {len(lit)} acquisitions may have missed a marker {WEAKEST_DB:g} dB above the noise and {NARROW_DEG:g} deg "
+        f"wide, {needed} would not"
+    )

@@ -1,0 +1,196 @@
+"""Likelihood of one intensity: samples as observations on a common scale, and p(y|μ) as a table over ln(μ/y).
+
+The envelope y at the marker's pixel is Rician, with μ the noise-free height and σ one quadrature of the noise; a
+relative error ε of the model widens it to σ² + (εμ)². The image's largest peak is that pixel's or the largest E of M
+Rayleigh cells elsewhere, whichever is higher (Rice 1945; order statistics):
+
+    p(y|μ) = f_R(y|μ)·F_E(y)·g + f_E(y)·F_R(y|μ),       F_E(y) = (1 − exp(−y²/2σ²))^M,                         (3)
+
+where g is the density of the peak's lateral position for the marker over that for noise: a marker stays at its lateral
+position, noise is anywhere. F_R is taken as normal, which it is to a few per cent once y exceeds 3σ, as the largest of
+M cells always does. One frame in a hundred is an outlier: it may hold anything over `OUTLIER_RANGE` in ln y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from markerseek.core.reading import LEAST_INTENSITY, Sample
+from markerseek.core.shapes import Float64
+from markerseek.search.floor import MOST_CELLS, Noise
+from markerseek.search.posterior import _grid
+
+TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
+"""Ends and step of the table in ln(μ/y)."""
+
+_MU = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
+
+TABLE_SIZE = _MU.size
+"""Entries of the table."""
+
+OUTLIER_SHARE = 0.01
+"""Prior probability that a frame is an outlier: it says nothing of the marker."""
+
+OUTLIER_RANGE = 7.0
+"""Range of ln y over which the intensity of an outlier is uniform."""
+
+LATERAL_SIGMA_M = 0.5e-3
+"""Standard deviation of the lateral position of one marker's peak, a pitch at most; in metres."""
+
+IMAGE_WIDTH_M = 55e-3
+"""Width of the image, over which the peaks of noise are uniform, in metres."""
+
+LEAST_LATERAL_RATIO = 0.02
+"""Smallest g: a peak at another lateral position costs a marker at most a factor of 50."""
+
+CLEAR_SNR = 6.0
+"""Intensity over σ from which a peak's lateral position and arrival are the marker's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """One sample with the laser on, in the terms of the likelihood.
+
+    Attributes
+    ----------
+    angle_deg
+        Angle reached, in degrees.
+    log_intensity
+        ln of the intensity over the unit of the search.
+    noise
+        Standard deviation σ of one quadrature over the intensity.
+    cells
+        Number M of independent envelope cells.
+    lateral_ratio
+        g of the peak's lateral position, `lateral_ratio`.
+    """
+
+    angle_deg: float
+    log_intensity: float
+    noise: float
+    cells: int
+    lateral_ratio: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """What all samples of a search are measured by.
+
+    Attributes
+    ----------
+    unit
+        Largest intensity so far.
+    sigma
+        Noise of samples whose reading does not state it.
+    marker_m
+        Lateral position of the marker in metres; None while no sample is clear of the noise.
+    cells
+        Envelope cells of samples whose reading does not state them.
+    """
+
+    unit: float
+    sigma: float
+    marker_m: float | None
+    cells: int
+
+    def replaces(self, former: Scale, *, stated: bool) -> bool:
+        """Whether a grid of the former scale must be computed again; ``stated``: all readings state noise and cells."""
+        if self.marker_m is None or former.marker_m is None:
+            moved = self.marker_m is not former.marker_m
+        else:
+            moved = abs(self.marker_m - former.marker_m) > LATERAL_SIGMA_M
+        steady = stated or (0.9 < self.sigma / former.sigma < 1.1 and 0.5 < self.cells / former.cells < 2)
+        # The amplitudes of the coarse grid reach from 0.5 to 82 units.
+        return moved or not steady or not former.unit <= self.unit <= 3 * former.unit
+
+    def observation(self, sample: Sample, *, use_lateral: bool) -> Observation:
+        """Return a sample in the terms of the likelihood; its lateral position counts if ``use_lateral``."""
+        reading = sample.reading
+        sigma = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else self.sigma
+        # An intensity of 0 has no logarithm; a hundredth of σ is as improbable.
+        intensity = max(reading.intensity, 0.01 * sigma)
+        return Observation(
+            angle_deg=sample.angle_deg,
+            log_intensity=math.log(intensity) - math.log(self.unit),
+            noise=sigma / intensity,
+            cells=reading.cells or self.cells,
+            lateral_ratio=lateral_ratio(reading.lateral_m, marker_m=self.marker_m) if use_lateral else 1.0,
+        )
+
+
+def scale_of(lit: Sequence[Sample], noise: Noise) -> Scale:
+    """Return what the samples with the laser on are measured by.
+
+    Where no reading states the noise, the smallest intensity is taken for noise: σ is a quarter of it. Where none
+    states the cells, they are as many as the smallest intensity y allows: the largest of M is about σ·sqrt(2·ln M).
+    """
+    strongest = max(lit, key=lambda sample: sample.reading.intensity)
+    largest = strongest.reading.intensity
+    smallest = min(sample.reading.intensity for sample in lit)
+    # The tails of a computed curve underflow, and have no ratio to one another.
+    unit = largest if largest > LEAST_INTENSITY else 1.0
+    # Never 0, for intensities are divided by it.
+    sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
+    # A peak below this may be noise, whose lateral position says nothing.
+    clear = largest > max(CLEAR_SNR * sigma, noise.floor.level or 0.0)
+    most = math.log(MOST_CELLS)
+    return Scale(
+        unit=unit,
+        sigma=sigma,
+        marker_m=strongest.reading.lateral_m if clear else None,
+        cells=math.ceil(math.exp(min((smallest / sigma) ** 2 / 2, most))),
+    )
+
+
+def lateral_ratio(lateral_m: float | None, *, marker_m: float | None) -> float:
+    """Return g: the density of a peak's lateral position for the marker over that for noise; 1 where unknown.
+
+    Parameters
+    ----------
+    lateral_m
+        Lateral position of the peak in metres.
+    marker_m
+        Lateral position of the marker in metres.
+    """
+    if lateral_m is None or marker_m is None:
+        return 1.0
+    away = (lateral_m - marker_m) / LATERAL_SIGMA_M
+    ratio = IMAGE_WIDTH_M / (LATERAL_SIGMA_M * math.sqrt(2 * math.pi)) * math.exp(-(away**2) / 2)
+    return max(ratio, LEAST_LATERAL_RATIO)
+
+
+@lru_cache(maxsize=512)
+def log_tables(
+    *, noise: float, cells: int, errors: tuple[float, ...], ratio: float = 1.0
+) -> Float64[np.ndarray, "errors entries"]:
+    """Return ln p(y|μ)·y of (3) over ln(μ/y) from `TABLE_LOW` to `TABLE_HIGH`, one row for each model error.
+
+    Parameters
+    ----------
+    noise
+        σ/y, positive.
+    cells
+        Number M of independent cells.
+    errors
+        Relative errors ε of the model.
+    ratio
+        g of `lateral_ratio`.
+    """
+    # exp(−y²/2σ²) underflows beyond 700, and log1p needs a value above −1.
+    rayleigh = math.exp(-min(1 / (2 * noise**2), 700.0))
+    below = math.exp(cells * math.log1p(-min(rayleigh, 1 - 1e-12)))
+    # f_E of (3) at y = 1, the derivative of F_E = ``below``; both in units of 1/y.
+    largest = cells * rayleigh / noise**2 * below / max(1 - rayleigh, 1e-12)
+    good = 1 - OUTLIER_SHARE
+    tables = np.empty((len(errors), TABLE_SIZE))
+    _grid.fill_tables(
+        _MU, noise, good * below * ratio, good * largest, OUTLIER_SHARE / OUTLIER_RANGE, np.array(errors), tables
+    )
+    # The cache hands the same array to all callers.
+    tables.flags.writeable = False
+    return tables

@@ -1,0 +1,175 @@
+"""The next angle: a fixed plan, then the most probable detection, then the least expected variance.
+
+The last two are acquisition functions in the sense of Bayesian optimisation: each is computed over candidate angles
+from markers drawn from the posterior, and the best candidate is the next angle. Travel is weighed in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import ndtr
+
+from markerseek.core import Interval
+from markerseek.core.shapes import Float64
+from markerseek.search.posterior._symmetry import expected_variance
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+from markerseek.search.posterior.symmetry import (
+    CORRELATION_LENGTH,
+    SAMPLE_ERRORS,
+    TEMPLATE_LOG_LEVELS,
+    TEMPLATE_SIGMAS,
+)
+
+FIRST_ANGLES = 3
+"""First planned angles, in the middles of equal parts of the range."""
+
+PLANNED_ANGLES = 8
+"""Planned angles in all, where the noise is known: gaps are halved until they are about as wide as a usual curve."""
+
+DETECTION_ANGLES = 71
+"""Candidate angles, evenly spread over the range, while no marker is detected."""
+
+LEAST_APART_DEG = 0.4
+"""Least distance of such an angle from those measured, in degrees."""
+
+DETECTION_TRAVEL_DEG = 300.0
+"""Travel that must double the probability of detection to be worth it, in degrees."""
+
+TRAVEL_DEG = 150.0
+"""Travel that must halve the remaining uncertainty to be worth it, roughly, in degrees."""
+
+_SAMPLE_ERROR = sum(error * share for error, share in SAMPLE_ERRORS)
+"""Mean relative error of one sample by itself, before any sample says more."""
+
+
+def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: bool) -> float:
+    """Return the next angle of a search that has detected nothing yet, in degrees.
+
+    First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a gap at an end
+    of the range counts twice and is closed by the end itself.
+
+    Parameters
+    ----------
+    measured_deg
+        Angles reached so far, in degrees.
+    limits
+        Range of the search.
+    descending
+        Whether to begin at the high end.
+    """
+    count = len(measured_deg)
+    if count < FIRST_ANGLES:
+        share = (count + 0.5) / FIRST_ANGLES
+        return limits.low_deg + limits.width_deg * (1 - share if descending else share)
+    inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
+    gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
+    low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
+    # Nothing lies beyond an end, so that its gap is covered from one side only.
+    gaps += [(2 * low_gap, limits.low_deg), (2 * high_gap, limits.high_deg)]
+    return max(gaps, key=lambda gap: gap[0])[1]
+
+
+def most_detectable_deg(
+    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, level: float
+) -> float:
+    """Return the angle at which the marker is most probably above the noise, travel weighed in, in degrees.
+
+    All samples so far were below that level, but not all alike: the probability is large in a wide gap, and also where
+    the largest peak of a frame was higher than noise usually is.
+
+    Parameters
+    ----------
+    posterior
+        The posterior, with many markers drawn.
+    shapes
+        Family of curves.
+    measured_deg
+        Angles reached so far, the last one last, in degrees.
+    limits
+        Range of the search.
+    level
+        Largest intensity that noise reaches, over σ.
+    """
+    candidates = np.linspace(limits.low_deg, limits.high_deg, DETECTION_ANGLES)
+    apart = np.abs(candidates[:, None] - np.array(measured_deg)).min(axis=1)
+    candidates = candidates[apart >= min(LEAST_APART_DEG, apart.max())]
+    away = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG
+    place = np.minimum(np.rint(away).astype(np.int64), shapes.log_curve.shape[1] - 1)
+    height = np.exp(np.minimum(posterior.log_snr + shapes.log_curve[posterior.member, place], 50.0))
+    # A marker's envelope is normal about its height once that is clear of the noise.
+    detected = ndtr(height - level).mean(axis=1)
+    # A farther candidate must be better by the factor 1 + travel/300°.
+    travel = np.abs(candidates - measured_deg[-1])
+    return float(candidates[np.argmax(detected / (1 + travel / DETECTION_TRAVEL_DEG))])
+
+
+def most_informative_deg(
+    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, floor: float
+) -> float:
+    """Return the angle whose sample is expected to leave the smallest standard deviation, travel weighed in.
+
+    The expectation is over markers θ_j drawn from the posterior. Each in turn is the truth, and the others keep the
+    weight that its sample would leave them, where d_jk is the difference of their intensities there in standard
+    deviations of both,
+
+        E[var θ] = mean over j of var_k(θ_k; w_jk),        w_jk = (1 + d_jk²/8)⁻⁴ ≈ exp(−d_jk²/2).              (11)
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    shapes
+        Family of curves.
+    measured_deg
+        Angles reached so far, the last one last, in degrees.
+    limits
+        Range of the search.
+    floor
+        Intensity that noise usually reaches by itself, over σ.
+    """
+    candidates = _candidates(posterior, measured_deg, limits=limits)
+    variance = np.empty(candidates.size)
+    expected_variance(
+        candidates,
+        posterior.theta_deg,
+        posterior.member,
+        shapes.log_curve,
+        posterior.log_snr,
+        STEP_DEG,
+        floor,
+        posterior.strong_deg,
+        posterior.strong_log_snr,
+        CORRELATION_LENGTH * shapes.fwhm_deg,
+        TEMPLATE_LOG_LEVELS,
+        TEMPLATE_SIGMAS,
+        _SAMPLE_ERROR,
+        variance,
+    )
+    travel = np.abs(candidates - measured_deg[-1])
+    return float(candidates[np.argmin(np.sqrt(variance + 1e-6) * (1 + travel / TRAVEL_DEG))])
+
+
+def _candidates(
+    posterior: AnglePosterior, measured_deg: Sequence[float], *, limits: Interval
+) -> Float64[np.ndarray, " candidates"]:
+    """Angles about the mean of the posterior, and over all of it; none that was measured, unless all were."""
+    # 1.6 widths to either side hold both flanks, where the curve is steepest.
+    near = posterior.mean_deg + posterior.fwhm_deg * np.linspace(-1.6, 1.6, 19)
+    if posterior.strong_deg.size:
+        # Mirror images of the strong samples: the template's error is the same there (7), and cancels.
+        wide = 2 * posterior.mean_deg - posterior.strong_deg
+    else:
+        low_deg, high_deg = float(posterior.theta_deg.min()), float(posterior.theta_deg.max())
+        wide = np.linspace(low_deg - posterior.fwhm_deg, high_deg + posterior.fwhm_deg, 18)
+    angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
+    angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
+    # A second sample next to the first shares its template error and adds little.
+    apart = np.abs(angles[:, None] - np.array(measured_deg)).min(axis=1)
+    # In a small range the least distance shrinks with it, so that there are candidates left.
+    least = min(max(0.25, 0.06 * posterior.fwhm_deg), limits.width_deg / 100)
+    new = angles[apart >= least]
+    return new if new.size else angles[[int(np.argmax(apart))]]

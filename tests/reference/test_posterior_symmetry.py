@@ -1,0 +1,203 @@
+"""The likelihood of a symmetric curve, and the expected variance by it, against SciPy and brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from markerseek.search.posterior._symmetry import expected_variance
+from markerseek.search.posterior.grid import ERRORS, LEVELS
+from markerseek.search.posterior.likelihood import (
+    OUTLIER_RANGE,
+    OUTLIER_SHARE,
+    TABLE_LOW,
+    TABLE_STEP,
+    Observation,
+    log_tables,
+)
+from markerseek.search.posterior.shapes import STEP_DEG, family
+from markerseek.search.posterior.symmetry import (
+    CORRELATION_LENGTH,
+    MOST_STRONG,
+    SAMPLE_ERRORS,
+    STRONG_SNR,
+    TEMPLATE_LOG_LEVELS,
+    TEMPLATE_SIGMAS,
+    hypotheses_of,
+    strong_observations,
+    symmetric_log_likelihood,
+)
+
+SHAPES = family()
+MEMBERS = np.array([10, 40])
+LOG_A = np.linspace(-3.0, 3.0, 6001)
+
+
+def observation(angle_deg, log_intensity, noise=0.02, ratio=10.0):
+    return Observation(angle_deg=angle_deg, log_intensity=log_intensity, noise=noise, cells=10_000, lateral_ratio=ratio)
+
+
+def log_levels(member, distance_deg):
+    """Ln S of a shape, by NumPy's interpolation."""
+    return np.interp(distance_deg, np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG, SHAPES.log_curve[member])
+
+
+def template_sigma(log_level):
+    return np.interp(-log_level, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
+
+
+def covariance(member, distance_deg, noise, error):
+    """Of ln y, written out."""
+    s = template_sigma(log_levels(member, distance_deg))
+    apart = (distance_deg[:, None] - distance_deg) / (CORRELATION_LENGTH * SHAPES.fwhm_deg[member])
+    return np.outer(s, s) / (1 + apart**2 / 2) + np.diag(noise**2 + error**2)
+
+
+def brute_force(samples, angle_deg, member, error):
+    """Ln p, the amplitude summed over a fine grid, and any one sample an outlier."""
+    measured_deg = np.array([sample.angle_deg for sample in samples])
+    value = np.array([sample.log_intensity for sample in samples]) - log_levels(
+        member, np.abs(measured_deg - angle_deg)
+    )
+    whole = covariance(member, np.abs(measured_deg - angle_deg), np.array([sample.noise for sample in samples]), error)
+
+    def evidence(kept):
+        density = multivariate_normal(np.zeros(len(kept)), whole[np.ix_(kept, kept)])
+        return float(np.sum(density.pdf(value[kept] - LOG_A[:, None])) * (LOG_A[1] - LOG_A[0]))
+
+    every = list(range(len(samples)))
+    total = evidence(every) + OUTLIER_SHARE / OUTLIER_RANGE * sum(evidence(every[:i] + every[i + 1 :]) for i in every)
+    return math.log(total)
+
+
+@pytest.mark.parametrize("bump", [0.0, 0.8])
+def test_strong_samples_against_scipys_normal_distribution(bump):
+    """Amplitude integrated out, and one frame of five perhaps an outlier: SciPy's density, summed over both."""
+    angles_deg = np.array([-1.0, 0.0, 0.6])
+    samples = [observation(t, float(log_levels(10, abs(t))) + 0.1) for t in (-3.0, -1.5, 0.5, 1.8, 3.3)]
+    samples[3] = observation(1.8, samples[3].log_intensity + bump)
+    hypotheses = hypotheses_of(SHAPES, MEMBERS)
+    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, angles_deg)
+    for row, angle_deg in zip(found, angles_deg, strict=True):
+        for log_p, member, error in zip(row, hypotheses.member, hypotheses.sample_error, strict=True):
+            assert log_p == pytest.approx(brute_force(samples, angle_deg, member, error), abs=1e-4)
+
+
+def test_a_weak_sample_counts_by_its_table():
+    """At the amplitude that the strong ones give, and with the model error of its level."""
+    strong = [observation(t, float(log_levels(10, abs(t)))) for t in (-2.0, 0.0, 2.5)]
+    weak = observation(20.0, -3.0, noise=0.24, ratio=1.0)
+    hypotheses = hypotheses_of(SHAPES, np.array([10]))
+    without, log_amplitude = symmetric_log_likelihood(SHAPES, hypotheses, strong, np.array([0.2]))
+    found, _ = symmetric_log_likelihood(SHAPES, hypotheses, [*strong, weak], np.array([0.2]))
+    level = float(log_levels(10, 19.8))
+    error = float(ERRORS[np.searchsorted(-LEVELS, -level)])
+    table = log_tables(noise=0.24, cells=10_000, errors=(error,))[0]
+    for kind in range(hypotheses.member.size):
+        place = round((log_amplitude[0, kind] + level + 3.0 - TABLE_LOW) / TABLE_STEP)
+        assert found[0, kind] - without[0, kind] == pytest.approx(table[place], abs=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    angle_deg=st.floats(-20, 20),
+    offsets=st.lists(st.floats(0.5, 6.0), min_size=3, max_size=6, unique=True),
+    errors=st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6),
+    mirrored=st.booleans(),
+)
+def test_equal_flanks_of_any_form_give_the_centre(angle_deg, offsets, errors, mirrored):
+    """Pairs of samples, equal on both sides of a centre: the posterior is symmetric about that centre."""
+    pairs = [
+        (side * t, float(log_levels(10, t)) + e) for t, e in zip(offsets, errors, strict=False) for side in (-1, 1)
+    ]
+    samples = [observation(angle_deg + t, value) for t, value in pairs]
+    if mirrored:
+        samples.reverse()
+    places = angle_deg + np.linspace(-1.0, 1.0, 21)
+    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses_of(SHAPES, MEMBERS), samples, places)
+    np.testing.assert_allclose(log_p, log_p[::-1], atol=1e-6)
+    posterior = np.exp(log_p - log_p.max()).sum(axis=1)
+    assert float(posterior @ places) / posterior.sum() == pytest.approx(angle_deg, abs=1e-6)
+
+
+def test_the_laser_error_is_inferred_from_repeated_samples():
+    """Repeated angles that differ by 15 % speak for an unsteady laser; equal ones for a steady one."""
+    hypotheses = hypotheses_of(SHAPES, np.array([10]))
+    errors = [error for error, _ in SAMPLE_ERRORS]
+
+    def likeliest(differ):
+        samples = [
+            observation(t, float(log_levels(10, 1.0)) + differ * k, noise=0.005)
+            for t in (-1.0, 1.0)
+            for k in (-1, 0, 1)
+        ]
+        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, samples, np.array([0.0]))
+        return float(hypotheses.sample_error[np.argmax(log_p[0])])
+
+    assert likeliest(0.15) == max(errors)
+    assert likeliest(0.005) == min(errors)
+
+
+def test_which_samples_are_strong():
+    samples = [observation(float(k), 0.0, noise=0.01 + 0.001 * k) for k in range(20)]
+    samples += [observation(30.0, 0.0, noise=1.01 / STRONG_SNR), observation(31.0, 0.0, noise=0.001, ratio=0.02)]
+    strong = strong_observations(samples)
+    assert [sample.angle_deg for sample in strong] == [float(k) for k in range(MOST_STRONG)]
+
+
+@pytest.mark.parametrize("strong_deg", [(), (1.0, 4.5)])
+def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg):
+    """Against the double sum written out in NumPy, for markers of two shapes, with strong samples and without."""
+    rng = np.random.default_rng(4)
+    floor, error = 4.2, 0.04
+    theta_deg, member = rng.normal(3.0, 2.0, 40), rng.choice(MEMBERS, 40)
+    log_snr, candidates_deg = rng.normal(4.0, 0.3, 40), np.array([-20.0, 0.0, 2.5, 8.0])
+    strong_log = np.array([3.6, 3.9])[: len(strong_deg)]
+    length_deg = CORRELATION_LENGTH * SHAPES.fwhm_deg
+    out = np.empty(candidates_deg.size)
+    expected_variance(
+        candidates_deg,
+        theta_deg,
+        member,
+        SHAPES.log_curve,
+        log_snr,
+        STEP_DEG,
+        floor,
+        np.array(strong_deg, dtype=np.float64),
+        strong_log,
+        length_deg,
+        TEMPLATE_LOG_LEVELS,
+        TEMPLATE_SIGMAS,
+        error,
+        out,
+    )
+    for candidate_deg, found in zip(candidates_deg, out, strict=True):
+        height, spread = np.empty(40), np.empty(40)
+        for p in range(40):
+            distance_deg = abs(candidate_deg - theta_deg[p])
+            level = float(log_levels(member[p], distance_deg))
+            shift, left = 0.0, template_sigma(level) ** 2
+            if strong_deg:
+                there_deg = np.abs(np.array(strong_deg) - theta_deg[p])
+                twin = int(np.argmin(np.abs(there_deg - distance_deg)))
+                alike = 1 / (1 + ((there_deg[twin] - distance_deg) / length_deg[member[p]]) ** 2 / 2)
+                expected = float(log_levels(member[p], there_deg[twin]))
+                shift = (
+                    alike
+                    * template_sigma(level)
+                    / template_sigma(expected)
+                    * (strong_log[twin] - log_snr[p] - expected)
+                )
+                left *= 1 - alike**2
+            strong = math.exp(2 * (log_snr[p] + level + shift)) + floor**2
+            height[p], spread[p] = 0.5 * math.log(strong), left + error**2 + 1 / strong
+        apart = (height[:, None] - height) ** 2 / (spread[:, None] + spread)
+        weight = (1 + apart / 8) ** -4
+        weight /= weight.sum(axis=1, keepdims=True)
+        variance = weight @ theta_deg**2 - (weight @ theta_deg) ** 2
+        assert found == pytest.approx(variance.mean(), rel=1e-6)
