@@ -1,24 +1,33 @@
-"""What all adapters share: samples are told, the strongest is the answer, and the next angle is somebody else's."""
+"""What all adapters share: the checks, the samples, and the strongest sample as the answer."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval, SearchError
+from markerseek.core import PAPER_RANGE, Found, Interval, MissingExtraError, SearchError
 from markerseek.core.reading import Sample
 from markerseek.search.curve import check_acquisitions, check_sample
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""
 
+INITIAL = 4
+"""Angles of the first, space-filling design of the Bayesian optimisers."""
+
+SEED = 1
+"""Seed of their random choices."""
+
 
 class OptimiserPolicy(ABC):
-    """A maximiser of one variable as a policy that always answers: at the strongest sample that it heard.
+    """A maximiser of one variable as a policy, which always answers with the angle of its strongest sample.
 
-    The interval reaches to the nearest samples on either side that are weaker, and clearly so where the noise is known:
-    between them lies the maximum of a curve with one peak. It is a bracket and no probability.
+    The interval reaches to the nearest weaker samples on either side; where the noise is known, to the nearest that
+    are weaker by `CLEARLY_WEAKER`. The maximum of a curve with one peak lies between them. The interval is a bracket
+    and has no probability.
 
     Parameters
     ----------
@@ -26,27 +35,50 @@ class OptimiserPolicy(ABC):
         Range to search.
     acquisitions
         Most acquisitions.
+
+    Raises
+    ------
+    ConfigError
+        If there are too few acquisitions.
+    MissingExtraError
+        If the package is not installed.
     """
 
-    name: str = "optimiser"
-    """What messages call it."""
+    name: ClassVar[str]
+    """Name in a study, and of the distribution."""
 
-    least: int = 2
+    summary: ClassVar[str]
+    """What it is, in one line."""
+
+    least: ClassVar[int] = 2
     """Fewest acquisitions."""
+
+    package: ClassVar[str | None] = None
+    """Optional package that it imports; None for those that are always installed."""
+
+    extra: ClassVar[str] = ""
+    """Extra of this package that installs it."""
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
+        if self.package is not None:
+            # Before the first acquisition, not at the end of the first design.
+            try:
+                importlib.import_module(self.package)
+            except ImportError as missing:
+                raise MissingExtraError(
+                    package=self.name, extra=self.extra, purpose=f"the method {self.name}"
+                ) from missing
         self._limits = limits
-        self._told: list[Sample] = []
-        self._asked: list[float] = []
+        self._samples: list[Sample] = []
         self._next: tuple[float | None] | None = None
 
     @abstractmethod
-    def _propose(self, asked_deg: Sequence[float], values: Sequence[float]) -> float | None:
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
         """Return the next angle in degrees inside the range, or None to end.
 
-        ``asked_deg`` are the angles reached, moved to the nearer end where they lie beyond it; ``values`` the
-        intensities over the first one that was not 0.
+        ``angles_deg`` are the angles of the samples, moved to the nearer end of the range where they lie outside;
+        ``values`` are the intensities divided by the first that is not 0.
         """
 
     def ask(self) -> float | None:
@@ -56,7 +88,7 @@ class OptimiserPolicy(ABC):
         return self._next[0]
 
     def tell(self, sample: Sample) -> None:
-        """Take in one sample; a dark one says nothing of the curve and is passed over.
+        """Take in one sample; a dark one is ignored, because it is not on the curve.
 
         Raises
         ------
@@ -67,8 +99,8 @@ class OptimiserPolicy(ABC):
         if sample.dark:
             return
         if self.ask() is None:
-            raise SearchError(f"{self.name}: it is over after {len(self._told)} acquisitions; begin a new search")
-        self._told.append(sample)
+            raise SearchError(f"{self.name}: it is over after {len(self._samples)} acquisitions; begin a new search")
+        self._samples.append(sample)
         self._next = None
 
     def estimate(self) -> Found:
@@ -83,11 +115,11 @@ class OptimiserPolicy(ABC):
         noise_sigma
             Standard deviation of the intensity, in the intensity's unit; None: any weaker sample bounds it.
         """
-        if not self._told:
+        if not self._samples:
             return self._found(self._limits.centre_deg, self._limits)
-        best = max(self._told, key=lambda sample: sample.reading.intensity)
+        best = max(self._samples, key=lambda sample: sample.reading.intensity)
         level = best.reading.intensity - CLEARLY_WEAKER * (noise_sigma or 0.0)
-        weaker = [self._inside(sample.angle_deg) for sample in self._told if sample.reading.intensity < level]
+        weaker = [self._inside(sample.angle_deg) for sample in self._samples if sample.reading.intensity < level]
         mean_deg = self._inside(best.angle_deg)
         low_deg = max((angle_deg for angle_deg in weaker if angle_deg < mean_deg), default=self._limits.low_deg)
         high_deg = min((angle_deg for angle_deg in weaker if angle_deg > mean_deg), default=self._limits.high_deg)
@@ -102,15 +134,15 @@ class OptimiserPolicy(ABC):
         )
 
     def _decide(self) -> float | None:
-        if len(self._told) >= self._budget:
+        if len(self._samples) >= self._budget:
             return None
-        unit = next((s.reading.intensity for s in self._told if s.reading.intensity > 0), 1.0)
+        unit = next((s.reading.intensity for s in self._samples if s.reading.intensity > 0), 1.0)
         angle_deg = self._propose(
-            [self._inside(sample.angle_deg) for sample in self._told],
-            [sample.reading.intensity / unit for sample in self._told],
+            [self._inside(sample.angle_deg) for sample in self._samples],
+            [sample.reading.intensity / unit for sample in self._samples],
         )
         return None if angle_deg is None else self._inside(angle_deg)
 
     def _inside(self, angle_deg: float) -> float:
-        """The angle, or the end of the range beyond which the stage overshot: the optimisers hold no other."""
+        """The angle, or the nearer end of the range if the stage went beyond it: the optimisers accept no other."""
         return min(max(angle_deg, self._limits.low_deg), self._limits.high_deg)

@@ -1,30 +1,27 @@
-"""What no search can do better: bounds on the error of the marker's angle. Pure."""
+"""Lower bounds on the error of the marker's angle: Cramér and Rao's, with and without a prior (Van Trees). Pure."""
 
 from markerseek.search.bounds.best_angles import BestAngles, best_angles
-from markerseek.search.bounds.curves import SampledCurve, SlopedCurve, TailedCurve
+from markerseek.search.bounds.curves import SampledCurve, SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
-    Listening,
+    IntensityNoise,
     Nuisance,
     Prior,
     angle_bound_deg,
     sample_information,
 )
-from markerseek.search.bounds.ziv_zakai import ziv_zakai_deg
 
 __all__ = [
     "NUISANCES",
     "TABLE_PRIOR",
     "BestAngles",
-    "Listening",
+    "IntensityNoise",
     "Nuisance",
     "Prior",
     "SampledCurve",
     "SlopedCurve",
-    "TailedCurve",
     "angle_bound_deg",
     "best_angles",
     "sample_information",
-    "ziv_zakai_deg",
 ]

@@ -22,7 +22,7 @@ from markerseek.core.reading import Sample
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
-    Listening,
+    IntensityNoise,
     SampledCurve,
     angle_bound_deg,
     best_angles,
@@ -137,7 +137,7 @@ def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquis
     count = settings.most if acquisitions is None else acquisitions
     errors, best, taken, times = [], [], [], []
     for trial in range(markers):
-        unknowns, listening, curve = _marker(study, cell, trial)
+        unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
         watched = _Watched(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
         for _ in run(watched, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
@@ -145,11 +145,11 @@ def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquis
         marker_deg = unknowns.marker.angle_deg
         errors.append(watched.estimate().mean_deg - marker_deg)
         ideal = best_angles(
-            curve, marker_deg=marker_deg, listening=listening, acquisitions=count, limits=limits, prior=TABLE_PRIOR
+            curve, marker_deg=marker_deg, noise=noise, acquisitions=count, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
         heard = np.array(watched.angles_deg)
-        information = sample_information(curve, heard, marker_deg=marker_deg, listening=listening).sum(axis=0)
+        information = sample_information(curve, heard, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
         times += watched.decisions_s
     rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
@@ -186,12 +186,12 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
     limits = cell.world.rig.limits.search
     sums = np.zeros(len(acquisitions))
     for trial in range(markers):
-        unknowns, listening, curve = _marker(study, cell, trial)
+        unknowns, noise, curve = _marker(study, cell, trial)
         for place, count in enumerate(acquisitions):
             sums[place] += best_angles(
                 curve,
                 marker_deg=unknowns.marker.angle_deg,
-                listening=listening,
+                noise=noise,
                 acquisitions=count,
                 limits=limits,
                 prior=TABLE_PRIOR,
@@ -199,15 +199,15 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
     return tuple((MEAN_OF_ROOT * sums / markers).tolist())
 
 
-def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, Listening, SampledCurve]:
+def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNoise, SampledCurve]:
     unknowns = draw_trial(study, cell, trial).unknowns
     if unknowns is None:
         raise ConfigError('the bound needs markers of which everything is drawn: set drawn = "everything"')
     rig = cell.world.rig
-    listening = Listening(
+    noise = IntensityNoise(
         snr=10 ** (rig.noise.peak_snr_db / 20), jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses)
     )
-    return unknowns, listening, marker_curve(unknowns, rig)
+    return unknowns, noise, marker_curve(unknowns, rig)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:
