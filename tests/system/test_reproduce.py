@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -70,7 +71,7 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert float(errors["WA", 16]["angle_deg"]) == pytest.approx(expected, abs=1e-6)
     assert float(errors["WA", 16]["bank_maximum_deg"]) == 6.0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "the user&#x27;s own" in page
+    assert "the user's own" in html.unescape(page)
 
 
 def test_table_1_of_a_users_bank_without_a_reference_counts_from_its_maximum(shell: Shell, tmp_path: Path) -> None:
@@ -159,10 +160,10 @@ def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> No
     ("words", "said"),
     [
         (("fig10",), "'fig10' is unknown; there are: fig5, fig6"),
-        (("fig9",), "fig9 waits. Fig. 9 needs the tool tip"),
+        (("fig9",), "fig9 is not made. Fig. 9 needs the tool tip"),
         (("travel", "--markers", 3), "between 10 and"),
         (("travel", "--workers", 0), "workers is 0"),
-        (("fig7", "--bank", "x.csv"), "searches on no bank"),
+        (("fig7", "--bank", "x.csv"), "uses no bank"),
         (("fig6", "--reference-deg", 3), "give --bank too"),
         (("fig6", "--bank", "missing.csv"), "there is no such file"),
         (("fig6", "--probe", "L3-8"), "--probe L3-8 belongs to a bank"),

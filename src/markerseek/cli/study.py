@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from markerseek.cli.study_table import show_against, show_summary
+from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.studies import Study, Summary
-    from markerseek.studies.posterior import Against
+    from markerseek.studies.bound import BoundComparison
 
 NAME = "study"
 EXAMPLES = (
@@ -82,15 +82,15 @@ def command(
     except KeyboardInterrupt:
         aside.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
         raise typer.Exit(1) from None
-    limits = _against(settings, markers=bound) if bound is not None else []
+    bounds = _bounds(settings, markers=bound) if bound is not None else []
     if plot is not None:
         _draw(plot, [(settings, finish.summary), *(_finished(path) for path in beside or [])], markers=bound)
     if as_json:
-        print_json({**msgspec.to_builtins(finish.summary), "against_bound": limits} if limits else finish.summary)
+        print_json({**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary)
         return
     show_summary(finish.summary)
-    if limits:
-        show_against(limits)
+    if bounds:
+        show_bounds(bounds)
     people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
@@ -119,13 +119,13 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     people.print(table)
 
 
-def _against(study: Study, *, markers: int) -> list[Against]:
-    """Each policy in each cell against the bound."""
+def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:
+    """Each policy in each cell compared with the bound."""
     from markerseek.studies import cells
-    from markerseek.studies.posterior import against_bound
+    from markerseek.studies.bound import compare_with_bound
 
     return [
-        against_bound(study, cell, policy=number, markers=min(markers, study.trials))
+        compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
         for cell in cells(study)
         for number in range(len(study.policies))
     ]
@@ -142,7 +142,8 @@ def _finished(path: Path) -> tuple[Study, Summary]:
 def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> None:
     from markerseek.pictures import save_png, save_svg
     from markerseek.studies import cells
-    from markerseek.studies.posterior import error_figure, mean_bounds
+    from markerseek.studies.bound import mean_bounds
+    from markerseek.studies.error_figure import error_figure
 
     study = runs[0][0]
     counts = study.marks

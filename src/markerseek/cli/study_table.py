@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from markerseek.studies import PolicySummary, Summary
-    from markerseek.studies.posterior import Against
+    from markerseek.studies.bound import BoundComparison
     from markerseek.studies.statistics import Mean, Share
 
 
@@ -57,19 +57,19 @@ def show_summary(summary: Summary) -> None:
         people.print(table)
 
 
-def show_against(against: Sequence[Against]) -> None:
-    """Policies against the bound, and the time of their decisions.
+def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
+    """Policies compared with the bound, and the time of their decisions.
 
     Parameters
     ----------
-    against
+    comparisons
         One for each policy and cell.
     """
     from markerseek.cli.terminal import people
 
-    people.print("\nroot mean square error over the bound: of the best angles, and of those taken; time of a decision")
+    people.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
-    for each in against:
+    for each in comparisons:
         median_ms, largest_ms = each.decision_ms
         table.add_row(
             str(each.cell),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int16, UInt8
 
-from markerseek.pictures.canvas import new_figure, put_title
+from markerseek.pictures.style import new_figure, put_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

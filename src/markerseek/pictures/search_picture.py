@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import Found, PaImage, Sample
-from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 from markerseek.pictures.image_panel import draw_image
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,7 +26,8 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.settings_file import require_key
 from markerseek.sim import SimulatedSettings
-from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, Value, World
+from markerseek.studies.policies import PolicySettings
+from markerseek.studies.settings import Axis, CurveSettings, Value, World
 
 VERSION = 1
 """Version of the form of a study."""

@@ -9,7 +9,7 @@ import msgspec
 
 from markerseek.core import ConfigError
 from markerseek.settings_file import known_keys, read_toml
-from markerseek.studies.settings import PolicySettings
+from markerseek.studies.policies import PolicySettings
 from markerseek.studies.study import Study
 
 

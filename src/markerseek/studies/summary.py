@@ -14,7 +14,7 @@ from itertools import combinations, groupby
 
 import msgspec
 
-from markerseek.studies.settings import PolicySettings
+from markerseek.studies.policies import PolicySettings
 from markerseek.studies.statistics import Mean, Moments
 from markerseek.studies.study import Study, cells
 from markerseek.studies.tally import FAILURE_DEG, PolicySummary, Tally, found_error

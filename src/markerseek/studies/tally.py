@@ -6,7 +6,8 @@ import math
 
 import msgspec
 
-from markerseek.studies.settings import PolicySettings, Value
+from markerseek.studies.policies import PolicySettings
+from markerseek.studies.settings import Value
 from markerseek.studies.statistics import Mean, Moments, Share
 from markerseek.studies.trial import ANSWERS, Row
 

@@ -11,8 +11,8 @@ from markerseek import rigs
 from markerseek.core import Asked, ConfigError, DeviceError, Finished, Found, Refused, Unsure
 from markerseek.records.result import answer_name
 from markerseek.scan import run
-from markerseek.studies.policies import build_policy
-from markerseek.studies.settings import PolicySettings, Value
+from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.worlds import draw_trial, study_rig
 
