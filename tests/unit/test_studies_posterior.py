@@ -39,9 +39,12 @@ DRAWN = Study(
         ({"drawn": "marker"}, 'level "readings" cannot have drawn = "marker"'),
         ({"marks": (2, 2)}, "must be positive and rise"),
         ({"marks": (0, 2)}, "must be positive and rise"),
-        ({"rig": SimulatedSettings(tissue="liver")}, "rig.tissue is drawn anew"),
+        ({"rig": SimulatedSettings(tissue="liver")}, "rig.tissue is drawn in each trial"),
         ({"rig": SimulatedSettings(noise=NoiseSettings(coloured=0.5))}, "readings have white noise only"),
-        ({"rig": SimulatedSettings(marker=MarkerSettings(radius_m=50e-3))}, "rig.marker.radius_m is drawn anew"),
+        (
+            {"rig": SimulatedSettings(marker=MarkerSettings(radius_m=50e-3))},
+            "radius_m is drawn in each trial",
+        ),
     ],
 )
 def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: str) -> None:

@@ -9,7 +9,7 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Duration, Section
+    from markerseek.studies.paper import Cell, Duration, Section
 
 NAME = "reproduce"
 EXAMPLES = (
@@ -21,29 +21,12 @@ EXAMPLES = (
 )
 
 
-class Compared(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of the paper and ours, for programs."""
-
-    number: str
-    place: str
-    unit: str
-    condition: str
-    paper: float
-    paper_spread: float | None
-    ours: float
-    ours_spread: float | None
-    half_interval95: float | None
-    difference: float
-    off_by_more_than_4_33_deg: float | None
-    limitation: str | None
-
-
 class Made(msgspec.Struct, frozen=True, kw_only=True):
     """One section, for programs."""
 
     name: str
     title: str
-    numbers: list[Compared]
+    numbers: list[dict[str, Cell]]
     remarks: list[str]
     files: list[str]
     seconds: float
@@ -129,27 +112,17 @@ def _require_frames(bank: Path, probe: str) -> None:
 
 
 def _made(section: Section, files: list[Path], duration: Duration) -> Made:
-    numbers = [
-        Compared(
-            number=each.paper.quantity,
-            place=each.paper.place,
-            unit=each.paper.unit,
-            condition=each.condition,
-            paper=each.paper.value,
-            paper_spread=each.paper.sd,
-            ours=each.ours,
-            ours_spread=each.sd,
-            half_interval95=each.half,
-            difference=each.difference,
-            off_by_more_than_4_33_deg=each.failed,
-            limitation=each.paper.limitation,
-        )
-        for each in section.comparisons
-    ]
+    from markerseek.studies.paper import comparison_table
+
+    table = comparison_table(section)
+    limitations = [each.paper.limitation for each in section.comparisons]
     return Made(
         name=section.name,
         title=section.title,
-        numbers=numbers,
+        numbers=[
+            {**dict(zip(table.columns, row, strict=True)), "limitation": limitation}
+            for row, limitation in zip(table.rows, limitations, strict=True)
+        ],
         remarks=list(section.remarks),
         files=[str(path) for path in files],
         seconds=duration.seconds,

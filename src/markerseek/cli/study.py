@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import msgspec
 import typer
 
+from markerseek.cli.stopping import Stopped
 from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from markerseek.studies.bound import BoundComparison
 
 NAME = "study"
+STOPPED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek study examples/studies/quick.toml\n\n"
@@ -43,15 +46,15 @@ def command(
     ] = None,
     bound: Annotated[
         int | None,
-        typer.Option(min=1, help="Markers that are searched for again, to compare errors with the bound of each."),
+        typer.Option(min=1, help="Markers to search for again, to compare the errors with the bound of each."),
     ] = None,
     beside: Annotated[
-        list[Path] | None, typer.Option(help="Another finished study's file, its lines into the same picture.")
+        list[Path] | None, typer.Option(help="File of another finished study, to draw its lines into the same picture.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Run a study, or continue it where it was killed; then say what its table says."""
-    from markerseek.cli.terminal import aside, people, print_json, progress_bar
+    """Run a study, or continue one that was interrupted, and print its summary."""
+    from markerseek.cli.terminal import people, print_json, progress_bar
     from markerseek.studies import read_study, run_study
 
     # Before hours of searching, not after them.
@@ -80,8 +83,7 @@ def command(
                 progress=lambda done: progress.update(task, completed=done),
             )
     except KeyboardInterrupt:
-        aside.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
-        raise typer.Exit(1) from None
+        _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
     if plot is not None:
         _draw(plot, [(settings, finish.summary), *(_finished(path) for path in beside or [])], markers=bound)
@@ -94,8 +96,19 @@ def command(
     people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
+def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
+    """Say how to continue, and end the command as after Ctrl-C."""
+    from markerseek.cli.terminal import aside, print_json
+
+    said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
+    aside.print(said)
+    if as_json:
+        print_json({"error": said, "kind": "Stopped"})
+    raise Stopped(STOPPED) from None
+
+
 def _require_alone(**given: object) -> None:
-    """Refuse options that say nothing of a single row."""
+    """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
         if value is not None:
             raise ConfigError(f"--{name} {value}: --row runs one row and writes nothing; leave one of them out")
@@ -132,7 +145,7 @@ def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:
 
 
 def _finished(path: Path) -> tuple[Study, Summary]:
-    """A study that was run before, at its usual place or with its files beside it."""
+    """A study and its summary, read from its usual folder, or run there."""
     from markerseek.studies import read_study, run_study
 
     study = read_study(path)

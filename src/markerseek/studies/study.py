@@ -1,12 +1,11 @@
-"""A study: which policies search in which worlds, how often, and from which seed. Frozen, and read from TOML.
+"""A study: policies, simulated worlds, number of trials, and seed.
 
-A world is a simulated rig with its intensity curve. ``vary`` lists settings that take several values; every combination
-of them is a cell of the study. Row k of a study's table is fixed by the study alone: cell by cell, in a cell trial by
-trial, in a trial policy by policy.
+A world is a simulated rig with its intensity curve. ``vary`` lists settings with several values; every combination of
+them is a cell of the study. The rows of its table are in a fixed order: by cell, then by trial, then by policy.
 
 Common random numbers: what a trial draws (marker, spot, noise) depends on the study's seed, the settings of the cell
-and the number of the trial, and never on the policy or on the other cells. Policies are compared on the same worlds,
-and a cell keeps its rows when others are added.
+and the number of the trial, not on the policy or on other cells. Policies are compared on the same draws, and a cell
+keeps its rows when others are added.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.settings_file import require_key
+from markerseek.settings_file import require_choice, require_key
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World
@@ -40,9 +39,9 @@ class Study:
     Attributes
     ----------
     name
-        What it is called.
+        Its name.
     policies
-        Who searches.
+        The policies.
     seed
         Seed of everything that is drawn.
     trials
@@ -51,16 +50,16 @@ class Study:
         From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
         that are cut to where the marker is (`markerseek.studies.window_world`).
     drawn
-        What chance decides anew in each trial, besides noise: the marker's angle and place, or everything that the
-        physics table calls unknown (`markerseek.studies.unknowns`), which needs readings or frames.
+        What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
+        physics table (`markerseek.studies.unknowns`), which needs readings or frames.
     marks
-        Numbers of acquisitions, rising, after which is kept what the search would have answered.
+        Numbers of acquisitions, rising, after which the answer of the search so far is recorded.
     stay
-        Whether the move to the answer and the confirmation there are left out.
+        Whether to leave out the move to the answer and the confirmation there.
     curve, rig
         Settings of the world.
     vary
-        Those that take several values.
+        Settings with several values.
     version
         Version of the form of a study.
     """
@@ -100,7 +99,7 @@ class Study:
                 '"everything", frames can have both'
             )
         if self.level != "curves" and any(key.startswith("curve.") for key in keys):
-            raise ConfigError(f"study: curve settings do nothing at the level of {self.level}; leave them out of vary")
+            raise ConfigError(f"study: curve settings have no effect at the level {self.level}; leave them out of vary")
         cells(self)
 
     @property
@@ -127,7 +126,7 @@ class Cell:
     world
         All settings.
     digest
-        Number made of the settings alone, from which the trials' random numbers come.
+        Hash of the settings, part of the seed of the trials.
     """
 
     index: int
@@ -170,7 +169,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
 
 
 def _require_default(rig: SimulatedSettings) -> None:
-    """Refuse settings that would do nothing because they are drawn."""
+    """Refuse settings that would have no effect because they are drawn."""
     usual = SimulatedSettings()
     given = {
         "rig.tissue": (rig.tissue, usual.tissue),
@@ -183,7 +182,7 @@ def _require_default(rig: SimulatedSettings) -> None:
     }
     for key, (value, default) in given.items():
         if value != default:
-            raise ConfigError(f'{key} is drawn anew in each trial where drawn = "everything"; leave it out')
+            raise ConfigError(f'{key} is drawn in each trial because drawn = "everything"; leave it out')
 
 
 T = typing.TypeVar("T")
@@ -197,8 +196,10 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
         if not dataclasses.is_dataclass(part):
             raise ConfigError(f"vary: {whole}: {name} has no settings of its own")
         return dataclasses.replace(settings, **{name: _changed(part, path[1:], value, whole=whole)})  # type: ignore[type-var]
+    hint = typing.get_type_hints(type(settings))[name]
+    require_choice(value, hint, name=f"vary: {whole}")
     try:
-        fitting = msgspec.convert(value, typing.get_type_hints(type(settings))[name])
+        fitting = msgspec.convert(value, hint)
     except msgspec.ValidationError as problem:
         raise ConfigError(f"vary: {whole} is {value!r}: {problem}") from problem
     return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]

@@ -7,15 +7,16 @@ them except the condition `markerseek.studies.paper.fig5.FITTED`, which is marke
 from markerseek.studies.paper.banks import OfflineBank
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions, Stopwatch
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
-from markerseek.studies.paper.report import REPORT, shown, write_report, write_section
+from markerseek.studies.paper.report import REPORT, comparison_table, shown, write_report, write_section
 from markerseek.studies.paper.reproduce import OFFLINE, Reproduction
-from markerseek.studies.paper.section import Comparison, Errors, Section, Table
+from markerseek.studies.paper.section import Cell, Comparison, Errors, Section, Table
 
 __all__ = [
     "OFFLINE",
     "PAPER_MARKERS",
     "PAPER_NUMBERS",
     "REPORT",
+    "Cell",
     "Comparison",
     "Duration",
     "Errors",
@@ -26,6 +27,7 @@ __all__ = [
     "Section",
     "Stopwatch",
     "Table",
+    "comparison_table",
     "paper_number",
     "shown",
     "write_report",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
@@ -27,6 +27,7 @@ from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import MATERIALS, paper_number
 from markerseek.studies.paper.section import (
     ERROR_COLUMNS,
+    Cell,
     Comparison,
     Errors,
     Picture,
@@ -34,6 +35,7 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    table_of,
 )
 from markerseek.studies.paper.style import draw_errors, draw_paper
 
@@ -159,7 +161,7 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
                 rows=tuple((*group, *found.cells) for group, found in errors.items()),
                 shown=False,
             ),
-            _every_search(searches),
+            table_of(searches, _SEARCH_CELLS, name="fig6_searches", caption="Every offline search", shown=False),
         ),
         pictures=(
             Picture(
@@ -232,35 +234,16 @@ def _levels(groups: Sequence[_Group] | dict[_Group, list[OfflineSearch]] | dict[
     return list(dict.fromkeys(level_db for _, level_db, _, _ in groups))
 
 
-def _every_search(searches: Sequence[OfflineSearch]) -> Table:
-    return Table(
-        name="fig6_searches",
-        caption="Every offline search",
-        columns=(
-            "bank",
-            "position",
-            "method",
-            "acquisitions",
-            "angle_deg",
-            "reference_deg",
-            "bank_maximum_deg",
-            "error_deg",
-        ),
-        rows=tuple(
-            (
-                each.bank.path.name,
-                each.bank.position,
-                each.method,
-                each.acquisitions,
-                each.angle_deg,
-                each.reference_deg,
-                each.maximum_deg,
-                each.error_deg,
-            )
-            for each in searches
-        ),
-        shown=False,
-    )
+_SEARCH_CELLS: dict[str, Callable[[OfflineSearch], Cell]] = {
+    "bank": lambda each: each.bank.path.name,
+    "position": lambda each: each.bank.position,
+    "method": lambda each: each.method,
+    "acquisitions": lambda each: each.acquisitions,
+    "angle_deg": lambda each: each.angle_deg,
+    "reference_deg": lambda each: each.reference_deg,
+    "bank_maximum_deg": lambda each: each.maximum_deg,
+    "error_deg": lambda each: each.error_deg,
+}
 
 
 def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:

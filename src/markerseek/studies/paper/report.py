@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from markerseek.core import ConfigError
 from markerseek.pictures import png_data_uri, save_png, save_svg, write_from_template
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
-from markerseek.studies.paper.section import Cell, Section, Table
+from markerseek.studies.paper.section import Cell, Comparison, Section, Table, table_of
 
 REPORT = "report.html"
 """Name of the page."""
@@ -77,40 +77,28 @@ def write_report(
     return folder / REPORT
 
 
+_COMPARISON_CELLS: dict[str, Callable[[Comparison], Cell]] = {
+    "number": lambda each: each.paper.quantity,
+    "place": lambda each: each.paper.place,
+    "unit": lambda each: each.paper.unit,
+    "condition": lambda each: each.condition,
+    "paper": lambda each: each.paper.value,
+    "paper_spread": lambda each: each.paper.sd,
+    "ours": lambda each: each.ours,
+    "ours_spread": lambda each: each.sd,
+    "half_interval95": lambda each: each.half,
+    "difference": lambda each: each.difference,
+    "off": lambda each: each.failed,
+}
+
+
 def comparison_table(section: Section) -> Table:
     """The paper's numbers and ours, as a table of the section."""
-    return Table(
+    return table_of(
+        section.comparisons,
+        _COMPARISON_CELLS,
         name=f"{section.name}_beside_the_paper",
         caption="The paper's numbers beside ours",
-        columns=(
-            "number",
-            "place",
-            "unit",
-            "condition",
-            "paper",
-            "paper_spread",
-            "ours",
-            "ours_spread",
-            "half_interval95",
-            "difference",
-            "off",
-        ),
-        rows=tuple(
-            (
-                each.paper.quantity,
-                each.paper.place,
-                each.paper.unit,
-                each.condition,
-                each.paper.value,
-                each.paper.sd,
-                each.ours,
-                each.sd,
-                each.half,
-                each.difference,
-                each.failed,
-            )
-            for each in section.comparisons
-        ),
     )
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -49,6 +49,27 @@ class Table:
                 raise ConfigError(
                     f"table {self.name}: row {number} has {len(row)} cells for {len(self.columns)} columns"
                 )
+
+
+Item = TypeVar("Item")
+
+
+def table_of(
+    items: Iterable[Item], cells: Mapping[str, Callable[[Item], Cell]], *, name: str, caption: str, shown: bool = True
+) -> Table:
+    """Return a table with a row for each item.
+
+    Parameters
+    ----------
+    items
+        What the rows are of.
+    cells
+        By the name of each column, the function that takes its cell from an item.
+    name, caption, shown
+        As for `Table`.
+    """
+    rows = tuple(tuple(cell(item) for cell in cells.values()) for item in items)
+    return Table(name=name, caption=caption, columns=tuple(cells), rows=rows, shown=shown)
 
 
 ERROR_COLUMNS = (

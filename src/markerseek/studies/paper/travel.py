@@ -16,7 +16,7 @@ from markerseek.sim import LaserSettings, ReceiverSettings, StageMotion
 from markerseek.studies.paper.methods import BRACKETS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod, noise_free_track
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Cell, Comparison, Picture, Section, Table
+from markerseek.studies.paper.section import Cell, Comparison, Picture, Section, Table, table_of
 from markerseek.studies.paper.style import COLOURS
 
 if TYPE_CHECKING:
@@ -134,7 +134,10 @@ def travel(options: RunOptions) -> Section:
             ),
         ),
         comparisons=_comparisons(ways),
-        tables=(_travel_table(ways), _time_table(ways)),
+        tables=(
+            table_of(ways, _WAY_CELLS, name="travel", caption="Rotation travel and time of rotation"),
+            _time_table(ways),
+        ),
         pictures=(
             Picture(
                 name="travel",
@@ -180,34 +183,16 @@ def _comparisons(ways: Sequence[_Way]) -> tuple[Comparison, ...]:
     return tuple(comparisons)
 
 
-def _travel_table(ways: Sequence[_Way]) -> Table:
-    return Table(
-        name="travel",
-        caption="Rotation travel and time of rotation",
-        columns=(
-            "method",
-            "order",
-            "counted",
-            "travel_deg",
-            "spread_deg",
-            "half_interval95_deg",
-            "rotation_at_10_deg_s_s",
-            "rotation_at_25_deg_s_s",
-        ),
-        rows=tuple(
-            (
-                way.name,
-                way.order,
-                way.start,
-                way.travel.value,
-                way.travel.sd,
-                way.travel.half,
-                way.rotation.value,
-                way.fastest.value,
-            )
-            for way in ways
-        ),
-    )
+_WAY_CELLS: dict[str, Callable[[_Way], Cell]] = {
+    "method": lambda way: way.name,
+    "order": lambda way: way.order,
+    "counted": lambda way: way.start,
+    "travel_deg": lambda way: way.travel.value,
+    "spread_deg": lambda way: way.travel.sd,
+    "half_interval95_deg": lambda way: way.travel.half,
+    "rotation_at_10_deg_s_s": lambda way: way.rotation.value,
+    "rotation_at_25_deg_s_s": lambda way: way.fastest.value,
+}
 
 
 def _time_table(ways: Sequence[_Way]) -> Table:
