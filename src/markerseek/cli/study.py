@@ -61,7 +61,7 @@ def command(
     if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
         raise ConfigError(f"--plot is {plot}: a picture's name ends in .png or .svg")
     if beside and plot is None:
-        raise ConfigError("--beside adds lines to a picture, and none is asked for; add --plot FILE, or leave it out")
+        raise ConfigError("--beside adds lines to a picture; add --plot FILE, or leave it out")
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = read_study(study)

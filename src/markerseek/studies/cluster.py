@@ -18,12 +18,12 @@ _TIMEOUT_S = 20
 
 
 def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[int, bytes]]:
-    """Numbers of the chunks, from 0, and their lines, each as it is ready; closing the iterator gives up the rest.
+    """Index and lines of each chunk, as it is ready; closing the iterator cancels the rest.
 
     Parameters
     ----------
     study, pieces
-        What to compute; its workers need the same version of this package.
+        The study and its chunks; the workers need the same version of this package.
     address
         Of the scheduler, as in ``tcp://10.0.0.5:8786``.
 
@@ -46,16 +46,14 @@ def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterat
         try:
             yield from _as_ready(distributed, client, study, enumerate(pieces))
         except (distributed.KilledWorker, distributed.comm.CommClosedError) as problem:
-            raise MarkerseekError(
-                f"the cluster gave up: {problem}; run the same command again to continue"
-            ) from problem
+            raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 
 
 def _as_ready(
     distributed: Any, client: Any, study: Study, waiting: Iterator[tuple[int, Chunk]]
 ) -> Iterator[tuple[int, bytes]]:
-    """Results as they are ready, with a few under way for each thread, so that memory does not grow with the study."""
-    # the study travels once to each worker
+    """Results as they are ready, with a few chunks under way for each thread: memory does not grow with the study."""
+    # The study is sent to each worker once, not with every chunk.
     everywhere = client.scatter(study, broadcast=True, hash=False)
 
     def submit(number: int, piece: Chunk) -> Any:

@@ -79,7 +79,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
     limits
         Range to search.
     start_deg
-        Where the probe stands, in degrees.
+        Angle of the probe, in degrees.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
             start_deg=start_deg,
             early_end=settings.early_end,
         )
-    # SciPy and the compiled kernels are loaded for whoever wants them.
+    # Imported here, because SciPy and the compiled kernels take half a second to load.
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
 
     return Posterior(

@@ -54,7 +54,7 @@ def run_study(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Finish:
-    """Run a study, or what is left of it, and summarise it.
+    """Run a study, or the rest of it, and summarise it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def run_study(
     workers
         Processes of this machine; None: as many as it has cores.
     scheduler
-        Address of a Dask scheduler, on whose workers to run instead.
+        Address of a Dask scheduler, to run on its workers instead.
     progress
         Receives the number of finished rows after each chunk.
 

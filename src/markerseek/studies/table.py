@@ -48,7 +48,7 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
     path
         The table.
     study
-        The study whose table it is.
+        The study of the table.
 
     Raises
     ------
