@@ -136,6 +136,7 @@ class OptimiserPolicy(ABC):
     def _decide(self) -> float | None:
         if len(self._samples) >= self._budget:
             return None
+        # The next angle must not depend on the unit of the intensities.
         unit = next((s.reading.intensity for s in self._samples if s.reading.intensity > 0), 1.0)
         angle_deg = self._propose(
             [self._inside(sample.angle_deg) for sample in self._samples],

@@ -80,6 +80,7 @@ class _Recorded:
         """Next angle in degrees."""
         began_s = time.thread_time()
         angle_deg = self._inner.ask()
+        # Dark frames come before the first decision and are none.
         if self._telling_s > 0:
             self.decisions_s.append(self._telling_s + time.thread_time() - began_s)
         self._telling_s = 0.0
@@ -208,7 +209,9 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
     rig = cell.world.rig
     noise = IntensityNoise(
-        snr=10 ** (rig.noise.peak_snr_db / 20), jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses)
+        # The energy of an acquisition is the mean of its pulses.
+        snr=10 ** (rig.noise.peak_snr_db / 20),
+        jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns, rig)
 

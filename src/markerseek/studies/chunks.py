@@ -68,4 +68,5 @@ def _trials(study: Study) -> int:
 
 
 def _size(study: Study) -> int:
+    # Whole trials: the policies of a trial share its window and its curve, which are cached.
     return max(1, _ROWS[study.level] // len(study.policies))

@@ -86,6 +86,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
     ConfigError
         If the settings do not fit together, or (MissingExtraError) an optional package is missing.
     """
+    # The adapters are not in `build`, so that a search does not import them.
     if settings.method not in {method.name for method in METHODS}:
         return build_adapter(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published

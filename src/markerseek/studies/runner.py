@@ -143,6 +143,7 @@ def _run_chunks(
         computed = on_processes(partial(run_chunk, study), missing, workers=count)
     with closing(computed):  # type: ignore[type-var]
         for number, lines in computed:
+            # The hash of a study contains the version of the package that computed it.
             if not lines.startswith(study.digest.encode()):
                 raise ConfigError("a worker has another version of markerseek than this process; install the same one")
             piece = chunk(study, left[number])

@@ -29,6 +29,7 @@ class Moments(msgspec.Struct, frozen=True, kw_only=True):
         """Moments of these values."""
         if not values:
             return cls()
+        # Two passes: with the sum of squares alone, digits would cancel.
         mean = float(np.mean(values))
         return cls(count=len(values), mean=mean, squares=float(np.sum((np.asarray(values) - mean) ** 2)))
 
@@ -54,6 +55,7 @@ class Moments(msgspec.Struct, frozen=True, kw_only=True):
         """Interval of the mean, by Student's t; None for fewer than two."""
         if self.sd is None:
             return None
+        # The quantile itself: `scipy.stats.t` gives the same and takes 0.4 s to import.
         half = float(stdtrit(self.count - 1, (1 + CONFIDENCE) / 2)) * self.sd / math.sqrt(self.count)
         return self.mean - half, self.mean + half
 

@@ -86,6 +86,7 @@ class Study:
             raise ConfigError("study: a policy is named twice; its rows would be the same")
         if not 1 <= self.trials <= 10**9:
             raise ConfigError(f"study: trials is {self.trials}, it must lie between 1 and 1,000,000,000")
+        # TOML has integers of 64 bits with a sign.
         if not 0 <= self.seed < 2**63:
             raise ConfigError(f"study: seed is {self.seed}, it must be a whole number from 0 to 2**63 - 1")
         keys = [axis.key for axis in self.vary]
@@ -137,6 +138,7 @@ class Cell:
 
 @lru_cache(maxsize=32)
 def _digest(study: Study) -> str:
+    # With the version: another one may compute other rows.
     return _hashed([msgspec.to_builtins(study), __version__]).hexdigest()[:16]
 
 
@@ -163,6 +165,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
             )
         if study.drawn == "everything":
             _require_default(world.rig)
+        # Of the settings without the version and the index: a cell keeps its markers when others are added.
         digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)

@@ -63,6 +63,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     policies: list[PolicySummary] = []
     differences: list[Difference] = []
     count = 0
+    # The table is in the order of the cells, so that a cell is finished before the next begins.
     for index, of_cell in groupby(rows, key=lambda row: row.cell):
         tallies = [Tally(len(study.marks)) for _ in study.policies]
         apart = [Moments() for _ in pairs]

@@ -142,6 +142,7 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> _Course:
                 # A search that ended before a mark has its final answer there.
                 missing = len(study.marks) - len(course.marks_deg)
                 course.marks_deg += [event.estimate.mean_deg] * missing
+    # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
     except DeviceError:
         return _Course(refused=course.refused)
     return course

@@ -93,6 +93,7 @@ def draw_unknowns(
     sampling_hz, samples
         Of the receiver.
     """
+    # The order of the draws is part of the study: another order would give other markers.
     focus_m = None if rng.random() < NO_LENS else float(rng.uniform(*FOCUS_M))
     probe = Probe(
         element_height_m=float(rng.uniform(*ELEMENT_HEIGHT_M)),

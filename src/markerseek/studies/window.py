@@ -89,12 +89,14 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     frame = frame_of(on_marker * (PEAK_COUNTS / strongest), sampling_hz=preset.sampling_hz)
     reading = imaging.read(frame)
     farthest_deg = max(abs(travel.low_deg - marker.angle_deg), abs(travel.high_deg - marker.angle_deg))
+    # The path grows with the angle off the marker: the first arrival is at 0, the last at the farthest angle.
     arrivals = [_arrival_s(unknowns, off_deg) for off_deg in (0.0, min(farthest_deg, 90.0))]
     rate = preset.sampling_hz
     metres = preset.sound_speed_m_s
     low_s, high_s = min(arrivals) - _BEFORE_S, max(arrivals) + _AFTER_S
     first = max(0, math.floor(low_s * rate) - _MARGIN_SAMPLES)
     last = min(model.samples, math.ceil(1.04 * high_s * rate) + _MARGIN_SAMPLES)
+    # The reader's least depth excludes the laser's pick-up, and the counts of a cut use all 16 bits.
     cut = replace(preset, pickup_samples=0, trigger_offset_s=preset.trigger_offset_s - first / rate, full_scale=32767)
     whole_m = (model.samples - preset.pickup_samples) / rate * metres
     low_m = max(low_s * metres, preset.pickup_samples / rate * metres)
@@ -138,6 +140,7 @@ def frame_of(counts: Float32[np.ndarray, "channels samples"], *, sampling_hz: fl
     sampling_hz
         Sampling frequency in Hz.
     """
+    # Clipped like a converter: an overflow of int16 would change the sign.
     held = np.clip(np.rint(counts), -32767, 32767).astype(np.int16)
     return ChannelFrame(header=_NO_HEADER, samples=held, sampling_hz=sampling_hz)
 

@@ -105,6 +105,7 @@ class WindowWorld:
         self._energy_jitter = energy_jitter
         self._rng = rng
         sigma = window.peak / 10 ** (peak_snr_db / 20)
+        # Peak SNR is defined in the image; the noise is added to the channels.
         white_sigma = sigma / beamformed_sigma(1.0, preset=window.reader.preset)
         gain = min(1.0, NOISE_COUNTS / white_sigma)
         self._sigma = gain * sigma
@@ -134,6 +135,7 @@ class WindowWorld:
         else:
             reading = self._in_window(flash)
             cells = max(10, round((1 - window.share) * window.cells))
+            # The reading is the largest peak of the image: that of the window, or of the independent rest.
             elsewhere = self._noise_peak(self._sigma * largest_noise(rng, cells=cells))
             reading = max(reading, elsewhere, key=lambda each: each.intensity)
         return replace(reading, noise_sigma=floor, cells=window.cells)
@@ -146,6 +148,7 @@ class WindowWorld:
         signal = model.channel_data([self._marker], angle_deg=self.angle_deg)
         counts += np.float32(flash.energy) * signal[:, window.first : window.last]
         reading = window.reader.read(frame_of(counts, sampling_hz=model.sampling_hz))
+        # The reader counts time from the first sample of the cut.
         cut_s = window.first / model.sampling_hz
         arrival_s, centroid_s = reading.arrival_s, reading.centroid_s
         return replace(

@@ -69,6 +69,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     world = cell.world
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
     search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
+    # Drawn also where the settings give them: the other random numbers must not depend on that.
     angle_deg, place_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
@@ -148,6 +149,7 @@ def _with_gain(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Ab
     """Marker and noise in counts, with a gain that makes the rounding of the noise negligible, up to full scale."""
     marker, model = unknowns.marker, unknowns.model
     spot, noise, _ = scaled_spot([marker], marker, settings, model)
+    # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it.
     gain = max(1.0, min(2.0 / noise.white_sigma, _LARGEST_COUNTS / settings.receiver.peak_counts))
     return [replace(each, strength=each.strength * gain) for each in spot], replace(
         noise, white_sigma=noise.white_sigma * gain
@@ -187,6 +189,7 @@ def intensity_curve(
     """
     if curve.family == "acoustic":
         tissue = tissue_named(rig.tissue)
+        # One spot without clutter has no randomness: all draws share one curve.
         drawn = tissue.clutter is not None or (tissue.spot.count > 1 and rig.marker.source_radius_m is None)
         return _acoustic_curve(_same_curve(rig), seed, draw if drawn else 0)
     if not rig.marker.present:

@@ -82,10 +82,12 @@ def best_angles(
     # With few samples the matrix is singular and every choice has an infinite bound: this small share of every
     # angle's information makes the first choices comparable. The returned bound is without it.
     hint = 1e-6 * each.mean(axis=0)
+    # Start near the marker, where the information is.
     chosen = _spread(angle_deg, marker_deg, acquisitions)
     best = np.inf
     for _ in range(50):
         for place in range(acquisitions):
+            # Information adds up: the other samples plus each candidate, all at once.
             others = each[np.delete(chosen, place)].sum(axis=0) + hint
             chosen[place] = int(np.argmin(angle_bound_deg(others + each, unknown=unknown, prior=prior)))
         now = float(angle_bound_deg(each[chosen].sum(axis=0) + hint, unknown=unknown, prior=prior))

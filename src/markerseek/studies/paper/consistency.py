@@ -115,6 +115,7 @@ class Combination:
     def misfit(self) -> float:
         """Sum of the squared logarithms of ours over the paper's, for the three numbers of Fig. 5."""
         return sum(
+            # An error may be 0 with little noise, and has no logarithm then.
             math.log(max(self.ours[check.key], 1e-6) / paper_number(check.key).value) ** 2
             for check in CHECKS
             if check.family == "simulation"
@@ -158,6 +159,7 @@ def sweep(options: RunOptions) -> list[Combination]:
 
 def _combinations(job: _Radius) -> list[Combination]:
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([job.seed, 8])))
+    # The same positions under every noise, so that only the noise differs.
     positions_deg = [marker.angle_deg for _ in range(job.repeats) for marker in grid(rng)]
     combinations = []
     for level_db in job.levels_db:
@@ -180,7 +182,9 @@ def _combination(
     ours: dict[str, float] = {}
     consistent: dict[str, bool] = {}
     for check in CHECKS:
+        # The simulation has random markers; offline and online have the nine positions.
         found = random if check.family == "simulation" else at_positions
+        # The number of WA in Fig. 5 is a mean over N; all others have one N.
         errors = np.array([np.mean([each[check.method, count] for count in check.acquisitions]) for each in found])
         ours[check.key] = float(errors.mean())
         consistent[check.key] = is_consistent(paper_number(check.key).value, errors, searches=check.searches, rng=rng)
@@ -207,6 +211,7 @@ def is_consistent(
     count = max(1, round(1 / (1 / searches + 1 / errors.size)))
     means = rng.choice(errors, (RESAMPLES, count)).mean(axis=1)
     low, high = np.quantile(means, [0.025, 0.975])
+    # 0.005 deg is half of the last printed digit.
     return bool(low - 0.005 <= paper <= high + 0.005)
 
 

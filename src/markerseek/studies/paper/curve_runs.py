@@ -85,6 +85,7 @@ def fwhm_deg(source_radius_m: float) -> float:
     curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
     if curve is None:
         return float("nan")
+    # Steps of 0.05°, a hundredth of the narrowest width.
     angles = np.linspace(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 1401)
     heights = np.array([max(curve.peaks(float(angle))) for angle in angles])
     return peak_of(Curve(angle_deg=angles, intensity=heights)).fwhm_deg or float("nan")
@@ -184,6 +185,7 @@ def _errors(study: Study, trial: int) -> MarkerErrors:
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
     names = {BUILT[name]: name for name in PAPER_METHODS}
+    # From frames every search runs in the loop: it is what the curves are compared with.
     at_once = [settings for settings in study.policies if _is_full_scan(settings) and study.level == "curves"]
     errors = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
     for settings in study.policies:

@@ -96,6 +96,7 @@ class FaultCase:
 
 
 _NAN = RECEIVER_FAULTS["NaN"]
+# Intensities on curves are in units of the noise: this is half the height of the marker.
 _CLIPPED = replace(RECEIVER_FAULTS["clipped"], amount=0.5 * 10 ** (WIDE.peak_snr_db / 20))
 
 CASES: dict[str, FaultCase] = {
@@ -115,7 +116,11 @@ CASES: dict[str, FaultCase] = {
     ),
     "frames": FaultCase(words="no fault (from frames)", condition=FRAMED, frames=True, observable=None),
     "clipped channels": FaultCase(
-        words="channels clipped at 50 % (from frames)", condition=FRAMED, frames=True, peak_counts=4094.0
+        # Twice the full scale of the converter, 2047 counts.
+        words="channels clipped at 50 % (from frames)",
+        condition=FRAMED,
+        frames=True,
+        peak_counts=4094.0,
     ),
     "bursts": FaultCase(
         words="bursts of noise in one frame of ten (from frames)",
@@ -238,6 +243,7 @@ def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
 def _outcomes(runs: tuple[FaultRun, ...]) -> list[Outcome]:
     outcomes = []
     for run in runs:
+        # The last place of the marker: a search is used after it has ended.
         truth_deg = run.marker_deg + CASES[run.case].shift_deg
         for rules in run.rules:
             for method in run.methods or METHODS[rules]:
@@ -276,6 +282,7 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
     policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
         _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
+    # A refusal of the guard, of the policy or of a device: none of them claims an angle.
     except MarkerseekError:
         return None
     return finished.estimate.mean_deg if isinstance(finished.estimate, Found) else None

@@ -160,6 +160,7 @@ def _noise_free_errors(name: PaperMethod, markers_deg: Float64[np.ndarray, " mar
     """Errors without noise, by number of acquisitions: what the width of the last bracket leaves."""
     return {
         count: errors_of(abs(noise_free_track(name, at, acquisitions=count)[1] - at) for at in markers_deg.tolist())
+        # The counts of section 4, of Table 1 and 2, and of Fig. 5.
         for count in (2, 16, 28)
     }
 
@@ -203,6 +204,7 @@ def frames_and_curves(options: RunOptions, *, source_radius_m: float) -> Table:
         by_curve = np.array([errors[key] for errors in curves])
         by_frame = np.array([errors[key] for errors in frames])
         paired = by_frame - by_curve
+        # Paired, because markers and noise seeds are the same: most of the scatter cancels.
         half = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size)
         mean = float(paired.mean())
         # 1e-3 deg for rounding: bracket searches that compare alike have equal errors, and an interval of no width.

@@ -138,6 +138,7 @@ def shorter(
     tuple of int and float
         N = 2, 4, … and the angle answered, in degrees.
     """
+    # The samples are replayed into a new policy, whose answers on the way are those of the shorter searches.
     policy = published(name, acquisitions=len(samples), limits=limits)
     for count, sample in enumerate(samples, start=1):
         policy.tell(sample)
@@ -164,6 +165,7 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
     track: list[float] = []
     while (angle_deg := policy.ask()) is not None:
         track.append(angle_deg)
+        # Any curve that falls with the distance: bracket searches only compare intensities.
         reading = Reading(intensity=1.0 / (1.0 + (angle_deg - marker_deg) ** 2))
         policy.tell(Sample(angle_deg=angle_deg, reading=reading))
     return track, policy.estimate().mean_deg

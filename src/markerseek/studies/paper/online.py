@@ -121,6 +121,7 @@ def online_searches(options: RunOptions) -> list[OnlineSearch]:
     for repeat in range(max(1, round(REPEATS * options.share))):
         seeds = np.random.SeedSequence([options.seed, 77, repeat])
         for position, marker in enumerate(grid(np.random.Generator(np.random.PCG64(seeds))), start=1):
+            # The seed depends on the place only: methods and noises are compared on the same random numbers.
             seed = int(seeds.generate_state(1)[0]) + position
             jobs += [
                 _Job(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)

@@ -56,6 +56,7 @@ class PaperNumber:
 
 def _read() -> dict[str, PaperNumber]:
     text = resources.files(__package__).joinpath("printed.csv").read_text(encoding="utf-8")
+    # An empty cell is a missing value.
     rows = [{name: cell or None for name, cell in row.items()} for row in csv.DictReader(io.StringIO(text))]
     return {number.key: number for number in msgspec.convert(rows, list[PaperNumber], strict=False)}
 

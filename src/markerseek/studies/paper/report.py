@@ -29,6 +29,7 @@ def write_section(section: Section, folder: Path) -> list[Path]:
     for table in _tables(section):
         _write_csv(table, folder / f"{table.name}.csv")
     for picture in section.pictures:
+        # Drawn again for the page: a figure holds megabytes, and sections are kept until the end.
         figure = picture.draw()
         save_png(figure, folder / f"{picture.name}.png")
         save_svg(figure, folder / f"{picture.name}.svg")

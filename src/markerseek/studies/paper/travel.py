@@ -72,6 +72,7 @@ def rotation_s(track_deg: Sequence[float], *, motion: StageMotion) -> float:
     total_s = 0.0
     for here_deg, there_deg in itertools.pairwise(track_deg):
         below_deg = motion.approach_deg if there_deg < here_deg else 0.0
+        # Down beyond the target, and back up: play is always taken up from below.
         moved_s = motion.duration_s(abs(there_deg - here_deg) + below_deg) + motion.duration_s(below_deg)
         total_s += moved_s + motion.settle_s
     return total_s
@@ -198,6 +199,7 @@ _WAY_CELLS: dict[str, Callable[[_Way], Cell]] = {
 def _time_table(ways: Sequence[_Way]) -> Table:
     """Whole searches from −35°, with acquisitions read as files and in real time, beside manual search."""
     laser = LaserSettings()
+    # The pulses take the same time with both kinds of reading.
     pulses_s = laser.pulses / laser.rate_hz
     readings = {"SonixDAQ files": ReceiverSettings().readout_s, "real time": 0.0}
     rows: list[tuple[Cell, ...]] = []

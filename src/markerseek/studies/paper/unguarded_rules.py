@@ -62,9 +62,11 @@ def unguarded_answer(name: PaperMethod, acquire: Callable[[float], float]) -> fl
     ratio = TERNARY if name == "TS" else GOLDEN
     low_deg, high_deg = PAPER_RANGE.low_deg, PAPER_RANGE.high_deg
     for _ in range(max(BRACKET_ACQUISITIONS) // 2):
+        # Two new acquisitions in each iteration, as section 2.3 prints it.
         left_deg = ratio * low_deg + (1 - ratio) * high_deg
         right_deg = (1 - ratio) * low_deg + ratio * high_deg
         at_left, at_right = acquire(left_deg), acquire(right_deg)
+        # False with NaN on either side: the right part is kept.
         if at_left >= at_right:
             high_deg = right_deg
         else:
