@@ -108,7 +108,7 @@ def panel_grid(
     return figure, grid[: len(titles)]
 
 
-def shared_legend(figure: Figure, *, columns: int = 5) -> None:
+def shared_legend(figure: Figure, *, columns: int = 6) -> None:
     """Put one legend below all panels, with each label once and at most so many columns."""
     entries = [entry for axes in figure.axes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
     by_label = {label: handle for handle, label in reversed(entries)}

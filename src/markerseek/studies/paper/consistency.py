@@ -19,7 +19,7 @@ from markerseek.pictures import new_figure, put_heading
 from markerseek.studies.paper.banks import grid
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_trials, fwhm_deg, study_of
 from markerseek.studies.paper.fig5 import FITTED
-from markerseek.studies.paper.methods import BRACKETS, ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
+from markerseek.studies.paper.methods import ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import MATERIALS, paper_number
 from markerseek.studies.paper.section import Picture, Section, Table
@@ -44,48 +44,40 @@ FAMILIES = ("simulation", "offline", "online")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One number of the paper in the map, with the method, the acquisitions and the number of searches behind it."""
+    """One number of the paper in the map, and the searches behind it: family, method, and acquisitions."""
 
     key: str
     family: str
     method: PaperMethod
     acquisitions: tuple[int, ...]
-    searches: int
+
+    @property
+    def searches(self) -> int:
+        """Searches that the paper made: random markers in the simulation, nine positions otherwise."""
+        return PAPER_MARKERS if self.family == "simulation" else 9
 
 
-def _checks() -> tuple[Check, ...]:
-    every = [
-        Check(
-            key=f"fig5/{name}",
-            family="simulation",
-            method=name,
-            acquisitions=SWEEPS if name == "WA" else (28,),
-            searches=PAPER_MARKERS,
-        )
-        for name in ("WA", *BRACKETS)
-    ]
-    every += [
-        Check(
-            key=f"table1/{name}/{material}",
-            family="offline",
-            method=name,
-            acquisitions=(TABLE_ACQUISITIONS,),
-            searches=9,
-        )
+def _check(key: str, family: str, method: PaperMethod, *acquisitions: int) -> Check:
+    return Check(key=key, family=family, method=method, acquisitions=acquisitions)
+
+
+CHECKS = (
+    _check("fig5/WA", "simulation", "WA", *SWEEPS),
+    _check("fig5/TS", "simulation", "TS", 28),
+    _check("fig5/GSS", "simulation", "GSS", 28),
+    *(
+        _check(f"table1/{name}/{material}", "offline", name, TABLE_ACQUISITIONS)
         for material in MATERIALS[:-1]
         for name in PAPER_METHODS
-    ]
-    every.append(Check(key="table2/WA", family="online", method="WA", acquisitions=(ONLINE_STEPS,), searches=9))
-    for name in BRACKETS:
-        every += [
-            Check(key=f"table2/{name}", family="online", method=name, acquisitions=(16,), searches=9),
-            Check(key=f"fig7/{name}/28", family="online", method=name, acquisitions=(28,), searches=9),
-        ]
-    return tuple(every)
-
-
-CHECKS = _checks()
-"""Numbers that each combination is compared with: mean errors, without those of single searches and without counts."""
+    ),
+    _check("table2/WA", "online", "WA", ONLINE_STEPS),
+    _check("table2/TS", "online", "TS", TABLE_ACQUISITIONS),
+    _check("fig7/TS/28", "online", "TS", 28),
+    _check("table2/GSS", "online", "GSS", TABLE_ACQUISITIONS),
+    _check("fig7/GSS/28", "online", "GSS", 28),
+)
+"""Numbers that each combination is compared with: mean errors, without those of single searches and without counts.
+Their order is that of the random numbers of the resamples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,14 +125,8 @@ class _Radius:
     seed: int
 
 
-def sweep(options: RunOptions) -> list[Combination]:
-    """All combinations, width by width.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+def _sweep(options: RunOptions) -> list[Combination]:
+    """All combinations, width by width."""
     whole = options.share > 0.2
     jobs = [
         _Radius(
@@ -223,7 +209,7 @@ def consistency(options: RunOptions) -> Section:
     options
         What may be used.
     """
-    combinations = sweep(options)
+    combinations = _sweep(options)
     widths = len({each.condition.source_radius_m for each in combinations})
     return Section(
         name="consistency",

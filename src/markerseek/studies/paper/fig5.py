@@ -103,7 +103,7 @@ def fig5(options: RunOptions) -> Section:
         tables=(
             _error_table(errors),
             _noise_free_table(noise_free),
-            frames_and_curves(options, source_radius_m=FITTED.source_radius_m),
+            _frames_and_curves(options),
         ),
         pictures=(
             Picture(
@@ -180,17 +180,9 @@ def _noise_free_table(noise_free: _NoiseFree) -> Table:
     )
 
 
-def frames_and_curves(options: RunOptions, *, source_radius_m: float) -> Table:
-    """Errors of the same markers from curves and from frames: paired differences, and whether 0 is in their interval.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    source_radius_m
-        Radius of the absorber in metres.
-    """
-    condition = Condition(source_radius_m=source_radius_m, peak_snr_db=FRAME_SNR_DB)
+def _frames_and_curves(options: RunOptions) -> Table:
+    """Errors of the same markers from curves and from frames: paired differences, and whether 0 is in their interval."""
+    condition = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=FRAME_SNR_DB)
     markers = max(4, round(FRAME_SHARE * min(options.markers, PAPER_MARKERS)))
     levels: tuple[Literal["frames", "curves"], ...] = ("frames", "curves")
     studies = [
