@@ -56,7 +56,7 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from _as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        yield from as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
@@ -80,8 +80,18 @@ def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
-    """Results of submitted jobs as they are ready, with so many under way at most."""
+def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
+    """Index and result of each submitted job, as it is ready.
+
+    Parameters
+    ----------
+    submit
+        Starts a job.
+    jobs
+        The jobs, one after another.
+    ahead
+        Most jobs under way, so that memory does not grow with their number.
+    """
     waiting = enumerate(jobs)
     under_way = {submit(job): number for number, job in islice(waiting, ahead)}
     while under_way:
