@@ -181,7 +181,7 @@ def _noise_free_table(noise_free: _NoiseFree) -> Table:
 
 
 def _frames_and_curves(options: RunOptions) -> Table:
-    """Errors of the same markers from curves and from frames: paired differences, and whether their interval covers 0."""
+    """Errors of the same markers from curves and from frames: paired differences; whether their interval covers 0."""
     condition = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=FRAME_SNR_DB)
     markers = max(4, round(FRAME_SHARE * min(options.markers, PAPER_MARKERS)))
     levels: tuple[Literal["frames", "curves"], ...] = ("frames", "curves")
