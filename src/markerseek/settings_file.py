@@ -103,7 +103,20 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
             known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
         else:
             known[key] = None if value == "none" else value
+            require_choice(known[key], hints[key], name=prefix + key)
     return known
+
+
+def require_choice(value: object, hint: object, *, name: str) -> None:
+    """Refuse a value that is none of those that a ``Literal`` names; other types are not checked.
+
+    Raises
+    ------
+    ConfigError
+        If it is none of them; the message lists them.
+    """
+    if typing.get_origin(hint) is typing.Literal and value not in typing.get_args(hint):
+        raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
 
 
 def require_key(key: str, settings: type, *, prefix: str = "") -> str:

@@ -14,6 +14,7 @@ import pytest
 from markerseek.core import Found, Interval
 from markerseek.guard import Guard, State
 from markerseek.sim.faults import FaultKind
+from markerseek.sim.receiver_faults import RECEIVER_FAULTS
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
@@ -190,3 +191,8 @@ def test_a_guard_that_leaves_fault_by_itself_is_noticed(monkeypatch: pytest.Monk
     assert not campaign_runs.leaves_fault(guard)
     monkeypatch.setattr(Guard, "disarm", lambda self: setattr(self, "_state", State.DISARMED))
     assert campaign_runs.leaves_fault(guard)
+
+
+@pytest.mark.parametrize("name", ["dead", "NaN", "late frames"])
+def test_faults_that_the_package_has_too_are_the_packages(name: str) -> None:
+    assert FAULTS["receiver", name].fault is RECEIVER_FAULTS[name]

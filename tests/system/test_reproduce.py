@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -70,7 +71,7 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert float(errors["WA", 16]["angle_deg"]) == pytest.approx(expected, abs=1e-6)
     assert float(errors["WA", 16]["bank_maximum_deg"]) == 6.0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "the user&#x27;s own" in page
+    assert "the user's own" in html.unescape(page)
 
 
 def test_table_1_of_a_users_bank_without_a_reference_counts_from_its_maximum(shell: Shell, tmp_path: Path) -> None:
@@ -127,42 +128,42 @@ def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) ->
     code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
     (section,) = json.loads(out)["sections"]
-    quiet = {(row["method"], row["acquisitions"]): row for row in rows_of(tmp_path / "fig5_without_noise.csv")}
-    assert float(quiet["TS", "28"]["mean_error_deg"]) == pytest.approx(0.027, abs=0.003)
-    assert float(quiet["GSS", "28"]["mean_error_deg"]) == pytest.approx(0.012, abs=0.0015)
-    assert float(quiet["TS", "16"]["mean_error_deg"]) == pytest.approx(0.32, abs=0.03)
+    noise_free = {(row["method"], row["acquisitions"]): row for row in rows_of(tmp_path / "fig5_without_noise.csv")}
+    assert float(noise_free["TS", "28"]["mean_error_deg"]) == pytest.approx(0.027, abs=0.003)
+    assert float(noise_free["GSS", "28"]["mean_error_deg"]) == pytest.approx(0.012, abs=0.0015)
+    assert float(noise_free["TS", "16"]["mean_error_deg"]) == pytest.approx(0.32, abs=0.03)
     agreement = rows_of(tmp_path / "fig5_frames.csv")
     assert sum(row["agree"] == "yes" for row in agreement) >= len(agreement) - 2
     assert len(section["numbers"]) == 6
     assert len(rows_of(tmp_path / "fig5.csv")) == 2 * (14 + 14 + 21)
 
 
-def test_failures_of_the_bare_rules_and_ours(shell: Shell, tmp_path: Path) -> None:
+def test_failures_of_the_unguarded_rules_and_ours(shell: Shell, tmp_path: Path) -> None:
     code, _, _ = shell("reproduce", "failures", "--markers", 60, "--workers", 1, "--out", tmp_path)
     assert code == 0
     rows = {(row["fault"], row["method"], row["rules"]): row for row in rows_of(tmp_path / "failures.csv")}
-    bare, ours = "the paper's", "ours"
+    unguarded, ours = "the paper's", "ours"
     for method in ("TS", "GSS", "WA"):
-        assert float(rows["no fault", method, bare]["off"]) == 0
+        assert float(rows["no fault", method, unguarded]["off"]) == 0
         assert float(rows["no fault", method, ours]["off"]) == 0
-        assert float(rows["no marker", method, bare]["no_angle"]) == 0
+        assert float(rows["no marker", method, unguarded]["no_angle"]) == 0
         assert float(rows["no marker", method, ours]["no_angle"]) == 1
         assert float(rows["all frames NaN", method, ours]["no_angle"]) == 1
         assert float(rows["frames one step late", method, ours]["off"]) == 0
         assert float(rows["bursts of noise in one frame of ten (from frames)", method, ours]["off_by_1_deg"]) == 0
-    assert float(rows["all frames NaN", "TS", bare]["off"]) == 1
-    assert float(rows["frames one step late", "TS", bare]["off"]) > 0.5
-    assert float(rows["intensities clipped at 50 %", "TS", bare]["mean_signed_error_deg"]) < -2
+    assert float(rows["all frames NaN", "TS", unguarded]["off"]) == 1
+    assert float(rows["frames one step late", "TS", unguarded]["off"]) > 0.5
+    assert float(rows["intensities clipped at 50 %", "TS", unguarded]["mean_signed_error_deg"]) < -2
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("fig10",), "'fig10' is unknown; there are: fig5, fig6"),
-        (("fig9",), "fig9 waits. Fig. 9 needs the tool tip"),
+        (("fig9",), "fig9 is not made. Fig. 9 needs the tool tip"),
         (("travel", "--markers", 3), "between 10 and"),
         (("travel", "--workers", 0), "workers is 0"),
-        (("fig7", "--bank", "x.csv"), "searches on no bank"),
+        (("fig7", "--bank", "x.csv"), "uses no bank"),
         (("fig6", "--reference-deg", 3), "give --bank too"),
         (("fig6", "--bank", "missing.csv"), "there is no such file"),
         (("fig6", "--probe", "L3-8"), "--probe L3-8 belongs to a bank"),

@@ -44,12 +44,12 @@ def test_a_study_is_drawn_over_the_bound_with_another_beside_it(
     words = ("study", "one.toml", "--workers", 1, "--bound", 2, "--plot", "one.svg", "--beside", "two.toml")
     assert shell(monkeypatch, *words) == 0
     said = capsys.readouterr().out
-    for part in ("error of all", "root mean square error over the bound", "to taken"):
+    for part in ("error of all", "bound for the best angles", "to taken"):
         assert part in said
     assert "<svg" in Path("one.svg").read_text(encoding="utf-8")[:500]
     assert shell(monkeypatch, "study", "one.toml", "--workers", 1, "--bound", 1, "--json") == 0
     summary = json.loads(capsys.readouterr().out)
-    (against,) = summary["against_bound"]
+    (against,) = summary["bound"]
     assert against["markers"] == 1
     assert against["ratio_to_best"] == pytest.approx(against["rmse_deg"] / against["best_deg"])
     (policy,) = summary["policies"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -79,6 +80,12 @@ def test_a_table_for_people_an_object_for_programs_and_any_row_again(
     ("change", "words", "message"),
     [
         (("trials", "trails"), (), "did you mean trials?"),
+        (
+            ("version", 'level = "pictures"\nversion'),
+            (),
+            "level is 'pictures', it must be one of: curves, readings",
+        ),
+        (('"sech"', '"cosh"'), (), "curve.family is 'cosh', it must be one of: acoustic, gaussian, sech, power"),
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
@@ -133,6 +140,25 @@ def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(
     assert {part.name: part.stat().st_mtime_ns for part in (killed / "parts").glob("*.csv")}.items() > kept.items()
     for name in ("study.json", "rows.csv", "summary.json"):
         assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the processes of the study from /proc")
+def test_ctrl_c_ends_a_study_and_its_processes_with_one_sentence(study: Path, tmp_path: Path) -> None:
+    """The signal goes to all processes, as from a terminal, while the workers are still importing."""
+    program = "from markerseek.cli import main; main()"
+    command = [sys.executable, "-c", program, "study", str(study), "--workers", "2", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    # two workers, and the process in which multiprocessing tracks shared resources
+    while process.poll() is None and len(children.read_text().split()) < 3:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert b"Traceback" not in said
+    assert " ".join(said.decode().split()).startswith("stopped by the user; finished rows are in")
+    assert said.count(b"stopped by the user") == 1
 
 
 @pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")

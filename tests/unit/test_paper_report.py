@@ -12,12 +12,21 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.studies.paper.consistency_sweep import is_consistent
-from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.positions import grid
-from markerseek.studies.paper.report import REPORT, shown, write_report, write_section
-from markerseek.studies.paper.reported import MATERIALS, REPORTED, reported
-from markerseek.studies.paper.section import Section, Table, beside, errors_of
+from markerseek.studies.paper import (
+    PAPER_NUMBERS,
+    REPORT,
+    RunOptions,
+    Section,
+    Table,
+    paper_number,
+    shown,
+    write_report,
+    write_section,
+)
+from markerseek.studies.paper.banks import grid
+from markerseek.studies.paper.consistency import is_consistent
+from markerseek.studies.paper.printed import MATERIALS
+from markerseek.studies.paper.section import compared, errors_of
 from markerseek.studies.paper.travel import travel
 
 
@@ -50,25 +59,25 @@ class Tables(HTMLParser):
 
 
 def test_the_papers_numbers_are_those_of_the_paper() -> None:
-    assert [reported(f"table1/TS/{material}").mean for material in MATERIALS] == [0.34, 0.29, 0.34, 0.32, 0.32]
-    assert (reported("table2/GSS").mean, reported("table2/GSS").spread) == (0.74, 0.58)
-    assert (reported("fig7/TS/2").mean, reported("fig7/GSS/2").mean) == (4.20, 5.89)
-    assert reported("fig5/TS").mean == pytest.approx(70 * (2 / 3) ** 14 / 4, abs=0.001)
-    assert str(reported("fig5/WA")) == "0.47 ± 0.11°"
-    assert all(number.place for number in REPORTED.values())
+    assert [paper_number(f"table1/TS/{material}").value for material in MATERIALS] == [0.34, 0.29, 0.34, 0.32, 0.32]
+    assert (paper_number("table2/GSS").value, paper_number("table2/GSS").sd) == (0.74, 0.58)
+    assert (paper_number("fig7/TS/2").value, paper_number("fig7/GSS/2").value) == (4.20, 5.89)
+    assert paper_number("fig5/TS").value == pytest.approx(70 * (2 / 3) ** 14 / 4, abs=0.001)
+    assert str(paper_number("fig5/WA")) == "0.47 ± 0.11°"
+    assert all(number.place for number in PAPER_NUMBERS.values())
     with pytest.raises(ConfigError, match="no number of the paper"):
-        reported("fig12")
+        paper_number("fig12")
 
 
 def test_errors_are_summed_up_as_by_hand() -> None:
     errors = errors_of(np.array([1.0, 2.0, 6.0]))
     assert errors.mean_deg == 3.0
-    assert errors.spread_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
+    assert errors.sd_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
     assert errors.failed == pytest.approx(1 / 3)
     # Student's t for two degrees of freedom
-    assert errors.half_deg == pytest.approx(4.302653 * errors.spread_deg / math.sqrt(3), rel=1e-5)
+    assert errors.half_deg == pytest.approx(4.302653 * errors.sd_deg / math.sqrt(3), rel=1e-5)
     assert errors_of(np.array([0.5])).half_deg is None
-    with pytest.raises(ConfigError, match="none to be summed up"):
+    with pytest.raises(ConfigError, match="no search to summarise"):
         errors_of(np.array([]))
 
 
@@ -104,10 +113,10 @@ def test_a_table_refuses_rows_of_another_length() -> None:
 
 def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    effort = Effort(markers=20)
-    section = travel(effort)
+    options = RunOptions(markers=20)
+    section = travel(options)
     paths = write_section(section, tmp_path)
-    text = write_report([section], tmp_path, effort=effort).read_text(encoding="utf-8")
+    text = write_report([section], tmp_path, options=options).read_text(encoding="utf-8")
     assert (tmp_path / REPORT).exists()
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", text)
     pages = Tables(text).found
@@ -135,24 +144,24 @@ def _same(seen: str, exact: str) -> bool:
 def test_a_report_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    ours = beside("fig5/TS", errors_of(np.array([0.1, 0.2])))
-    section = Section(name="s", title="s", method=(), besides=(ours,))
+    ours = compared("fig5/TS", errors_of(np.array([0.1, 0.2])))
+    section = Section(name="s", title="s", method=(), comparisons=(ours,))
     with pytest.raises(ConfigError, match="name another --out"):
         write_section(section, blocked / "below")
     with pytest.raises(ConfigError, match="name another --out"):
-        write_report([section], blocked / "below", effort=Effort(markers=10))
+        write_report([section], blocked / "below", options=RunOptions(markers=10))
 
 
 def test_results_do_not_depend_on_the_number_of_processes() -> None:
-    heard: list[tuple[str, int, int]] = []
-    alone = Effort(advance=lambda *step: heard.append(step)).each(math.sqrt, [1.0, 4.0, 9.0], what="roots")
-    assert alone == Effort(workers=2).each(math.sqrt, [1.0, 4.0, 9.0], what="roots") == [1.0, 2.0, 3.0]
-    assert heard == [("roots", done, 3) for done in range(4)]
+    steps: list[tuple[str, int, int]] = []
+    alone = RunOptions(progress=lambda *step: steps.append(step)).each(math.sqrt, [1.0, 4.0, 9.0], stage="roots")
+    assert alone == RunOptions(workers=2).each(math.sqrt, [1.0, 4.0, 9.0], stage="roots") == [1.0, 2.0, 3.0]
+    assert steps == [("roots", done, 3) for done in range(4)]
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"), [({"markers": 3}, "between 10 and"), ({"workers": 0}, "workers"), ({"seed": -1}, "0 or more")]
 )
-def test_an_effort_that_cannot_be_is_refused(wrong: dict[str, int], said: str) -> None:
+def test_options_out_of_range_are_is_refused(wrong: dict[str, int], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        Effort(**wrong)  # type: ignore[arg-type]
+        RunOptions(**wrong)  # type: ignore[arg-type]

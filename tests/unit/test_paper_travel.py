@@ -10,10 +10,9 @@ import pytest
 
 from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
-from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.methods import OnCounts, published, searched, shorter
-from markerseek.studies.paper.rotation import quiet_track, rotation_s, shortest_order, travel_deg
-from markerseek.studies.paper.travel import travel
+from markerseek.studies.paper import RunOptions
+from markerseek.studies.paper.methods import OnEncoderCounts, noise_free_track, published, searched, shorter
+from markerseek.studies.paper.travel import rotation_s, shortest_order, travel, travel_deg
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
 
@@ -21,11 +20,11 @@ MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
 @pytest.mark.parametrize(("name", "ratio"), [("TS", 2 / 3), ("GSS", (math.sqrt(5) - 1) / 2)])
 def test_after_two_acquisitions_the_error_is_that_of_two_known_angles(name: str, ratio: float) -> None:
     """The answer is the middle of the part kept, ∓35°(1 − r): its error for markers spread evenly is an integral."""
-    errors = [abs(quiet_track(name, float(at), acquisitions=2)[1] - at) for at in MARKERS]  # type: ignore[arg-type]
+    errors = [abs(noise_free_track(name, float(at), acquisitions=2)[1] - at) for at in MARKERS]  # type: ignore[arg-type]
     middle = 35 * (1 - ratio)
     expected = ((35 - middle) ** 2 + middle**2) / 2 / 35
     assert np.mean(errors) == pytest.approx(expected, abs=4 * np.std(errors) / math.sqrt(MARKERS.size))
-    answers = {round(quiet_track(name, at, acquisitions=2)[1], 9) for at in (-20.0, 20.0)}  # type: ignore[arg-type]
+    answers = {round(noise_free_track(name, at, acquisitions=2)[1], 9) for at in (-20.0, 20.0)}  # type: ignore[arg-type]
     assert answers == {round(-middle, 9), round(middle, 9)}
 
 
@@ -33,19 +32,19 @@ def test_after_two_acquisitions_the_error_is_that_of_two_known_angles(name: str,
     ("name", "from_first_deg", "from_low_end_deg"), [("TS", 122, 145), ("GSS", 76, 103)], ids=["TS", "GSS"]
 )
 def test_travel_is_that_of_the_physics_notes(name: str, from_first_deg: float, from_low_end_deg: float) -> None:
-    tracks = [quiet_track(name, float(at), acquisitions=16)[0] for at in MARKERS]  # type: ignore[arg-type]
+    tracks = [noise_free_track(name, float(at), acquisitions=16)[0] for at in MARKERS]  # type: ignore[arg-type]
     assert np.mean([travel_deg(track) for track in tracks]) == pytest.approx(from_first_deg, abs=2)
     assert np.mean([travel_deg([-35.0, *track]) for track in tracks]) == pytest.approx(from_low_end_deg, abs=2)
 
 
 def test_a_full_scan_travels_the_whole_range() -> None:
-    track, _ = quiet_track("WA", 3.0, acquisitions=16)
+    track, _ = noise_free_track("WA", 3.0, acquisitions=16)
     assert travel_deg(track) == pytest.approx(70)
 
 
 def test_the_shortest_order_is_that_of_all_orders_tried() -> None:
     for at in MARKERS[:20]:
-        track, _ = quiet_track("TS", float(at), acquisitions=10)
+        track, _ = noise_free_track("TS", float(at), acquisitions=10)
         pairs = list(zip(track[::2], track[1::2], strict=True))
         tried = [
             travel_deg([-35.0, *(angle for pair, turned in zip(pairs, turns, strict=True) for angle in pair[::turned])])
@@ -84,9 +83,9 @@ def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
         assert cut[acquisitions] == finished.estimate.mean_deg
 
 
-def test_asked_angles_lie_on_the_encoders_counts_and_inside_the_bank() -> None:
+def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:
     policy = published("WA", acquisitions=8)
-    wrapped = OnCounts(policy, limits=policy._limits)
+    wrapped = OnEncoderCounts(policy, limits=policy._limits)
     counts = StageMotion().counts_per_deg
     asked = wrapped.ask()
     assert asked is not None
@@ -94,12 +93,12 @@ def test_asked_angles_lie_on_the_encoders_counts_and_inside_the_bank() -> None:
     assert asked == -35.0 or asked * counts == pytest.approx(round(asked * counts))
 
 
-def test_the_section_says_what_does_not_replay() -> None:
-    section = travel(Effort(markers=60))
-    by_condition = {each.condition: each for each in section.besides}
+def test_the_section_says_what_cannot_be_reproduced() -> None:
+    section = travel(RunOptions(markers=60))
+    by_condition = {each.condition: each for each in section.comparisons}
     printed = by_condition["TS, as printed, from the first angle"]
-    assert printed.paper.mean == 36
+    assert printed.paper.value == 36
     assert printed.difference == pytest.approx(printed.ours - 36)
     assert printed.ours == pytest.approx(122, abs=10)
-    assert "does not replay" in section.remarks[0]
+    assert "cannot be reproduced" in section.remarks[0]
     assert "1.4 s and 1.0 s" in section.remarks[1]

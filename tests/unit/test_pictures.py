@@ -131,4 +131,4 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<h1>&lt;b&gt;</h1>" in text
     assert "<td>a &lt; b</td>" in text
-    assert "<tr><th></th><th>angle</th></tr><tr><td>1</td><td>2.000</td></tr>" in text
+    assert "<tr><th></th><th>angle</th></tr>\n<tr><td>1</td><td>2.000</td></tr>" in text

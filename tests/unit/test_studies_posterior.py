@@ -14,7 +14,8 @@ from scipy import stats
 from markerseek.core import ConfigError
 from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Row, Study, cells, read_rows, run_row, summarise, unknowns
-from markerseek.studies.posterior import against_bound, error_figure, marker_curve, mean_bounds
+from markerseek.studies.bound import compare_with_bound, marker_curve, mean_bounds
+from markerseek.studies.error_figure import error_figure
 from markerseek.studies.table import as_csv, columns, values_of
 from markerseek.studies.worlds import draw_trial, marker_window
 
@@ -38,9 +39,12 @@ DRAWN = Study(
         ({"drawn": "marker"}, 'level "readings" cannot have drawn = "marker"'),
         ({"marks": (2, 2)}, "must be positive and rise"),
         ({"marks": (0, 2)}, "must be positive and rise"),
-        ({"rig": SimulatedSettings(tissue="liver")}, "rig.tissue is drawn anew"),
+        ({"rig": SimulatedSettings(tissue="liver")}, "rig.tissue is drawn in each trial"),
         ({"rig": SimulatedSettings(noise=NoiseSettings(coloured=0.5))}, "readings have white noise only"),
-        ({"rig": SimulatedSettings(marker=MarkerSettings(radius_m=50e-3))}, "rig.marker.radius_m is drawn anew"),
+        (
+            {"rig": SimulatedSettings(marker=MarkerSettings(radius_m=50e-3))},
+            "radius_m is drawn in each trial",
+        ),
     ],
 )
 def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: str) -> None:
@@ -137,7 +141,7 @@ def test_every_marker_counts_whatever_the_answer() -> None:
 
 def test_a_policy_is_set_against_the_bound_of_each_marker() -> None:
     cell = cells(DRAWN)[0]
-    against = against_bound(DRAWN, cell, policy=2, markers=3)
+    against = compare_with_bound(DRAWN, cell, policy=2, markers=3)
     rows = [run_row(DRAWN, 3 * trial + 2) for trial in range(3)]
     rmse_deg = math.sqrt(np.mean([row.error_deg**2 for row in rows]))  # type: ignore[operator]
     assert against.rmse_deg == pytest.approx(rmse_deg, rel=1e-6)

@@ -1,34 +1,25 @@
-"""Other people's optimisers as policies, for comparison on equal terms: scikit-optimize, BoTorch, SciPy.
+"""Optimisers of other packages as search policies, for comparison: SciPy, scikit-optimize, BoTorch.
 
-Each maximises the intensity and knows nothing of its curve. The packages are imported where they are used.
+Each maximises the intensity without a model of its curve. Their packages are imported where they are used.
 """
 
 from __future__ import annotations
 
+from markerseek.adapters.botorch import BoTorch
+from markerseek.adapters.bounded_minimiser import BoundedMinimiser
+from markerseek.adapters.optimiser import OptimiserPolicy
+from markerseek.adapters.scikit_optimize import ScikitOptimize
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy
 from markerseek.search import Guarded, Method
 
-ADAPTERS: tuple[Method, ...] = (
-    Method(
-        name="bounded-minimiser",
-        summary="SciPy's bounded minimiser (Brent) on the intensity",
-        acquisitions=16,
-        least=1,
-    ),
-    Method(
-        name="scikit-optimize",
-        summary="scikit-optimize's Gaussian process with its own choice of the next angle",
-        acquisitions=16,
-        least=2,
-    ),
-    Method(
-        name="botorch",
-        summary="BoTorch's Gaussian process, next the largest expected improvement",
-        acquisitions=16,
-        least=2,
-    ),
+_OPTIMISERS: dict[str, type[OptimiserPolicy]] = {
+    optimiser.name: optimiser for optimiser in (BoundedMinimiser, ScikitOptimize, BoTorch)
+}
+
+ADAPTERS: tuple[Method, ...] = tuple(
+    Method(name=each.name, summary=each.summary, acquisitions=16, least=each.least) for each in _OPTIMISERS.values()
 )
-"""The adapters, as `markerseek.search.METHODS` lists the methods."""
+"""The adapters, in the form of `markerseek.search.METHODS`."""
 
 
 def build_adapter(
@@ -45,22 +36,14 @@ def build_adapter(
     acquisitions
         Most acquisitions.
     as_published
-        The bare optimiser, which always answers; else it must prove its answer, as every method must (`Guarded`).
+        The bare optimiser, which always answers; otherwise with the checks of all methods (`Guarded`).
 
     Raises
     ------
     ConfigError
         If there is no such adapter, or (MissingExtraError) its package is not installed.
     """
-    # Each module is loaded for whoever wants it.
-    if method == "bounded-minimiser":
-        from markerseek.adapters.bounded_minimiser import BoundedMinimiser as Optimiser
-    elif method == "scikit-optimize":
-        from markerseek.adapters.scikit_optimize import ScikitOptimize as Optimiser  # type: ignore[assignment]
-    elif method == "botorch":
-        from markerseek.adapters.botorch import BoTorch as Optimiser  # type: ignore[assignment]
-    else:
-        names = ", ".join(each.name for each in ADAPTERS)
-        raise ConfigError(f"method: {method!r} is no adapter; adapters are {names}")
-    inner = Optimiser(limits=limits, acquisitions=acquisitions)
-    return inner if as_published else Guarded(inner, limits=limits)
+    if method not in _OPTIMISERS:
+        raise ConfigError(f"method: {method!r} is no adapter; adapters are {', '.join(_OPTIMISERS)}")
+    optimiser = _OPTIMISERS[method](limits=limits, acquisitions=acquisitions)
+    return optimiser if as_published else Guarded(optimiser, limits=limits)

@@ -1,23 +1,32 @@
-"""What all adapters share: the strongest sample is the answer, and another package chooses the next angle."""
+"""What all adapters share: the check of their package, and the strongest sample as the answer."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval
+from markerseek.core import PAPER_RANGE, Found, Interval, MissingExtraError
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""
 
+INITIAL = 4
+"""Angles of the first, space-filling design of the Bayesian optimisers."""
+
+SEED = 1
+"""Seed of their random choices."""
+
 
 class OptimiserPolicy(SearchPolicy):
-    """A maximiser of one variable as a policy that always answers: at its strongest sample.
+    """A maximiser of one variable as a policy, which always answers with the angle of its strongest sample.
 
-    The interval reaches to the nearest samples on either side that are weaker, and clearly so where the noise is known:
-    between them lies the maximum of a curve with one peak. It is a bracket and no probability.
+    The interval reaches to the nearest weaker samples on either side; where the noise is known, to the nearest that
+    are weaker by `CLEARLY_WEAKER`. The maximum of a curve with one peak lies between them. The interval is a bracket
+    and has no probability.
 
     Parameters
     ----------
@@ -25,24 +34,46 @@ class OptimiserPolicy(SearchPolicy):
         Range to search.
     acquisitions
         Most acquisitions.
+
+    Raises
+    ------
+    ConfigError
+        If there are too few acquisitions.
+    MissingExtraError
+        If the package is not installed.
     """
 
-    name = "optimiser"
+    summary: ClassVar[str]
+    """What it is, in one line."""
 
-    least: int = 2
+    least: ClassVar[int] = 2
     """Fewest acquisitions."""
+
+    package: ClassVar[str | None] = None
+    """Optional package that it imports; None for those that are always installed."""
+
+    extra: ClassVar[str] = ""
+    """Extra of this package that installs it."""
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__()
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
+        if self.package is not None:
+            # Before the first acquisition, not at the end of the first design.
+            try:
+                importlib.import_module(self.package)
+            except ImportError as missing:
+                raise MissingExtraError(
+                    package=self.name, extra=self.extra, purpose=f"the method {self.name}"
+                ) from missing
         self._limits = limits
 
     @abstractmethod
-    def _propose(self, asked_deg: Sequence[float], values: Sequence[float]) -> float | None:
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
         """Return the next angle in degrees inside the range, or None to end.
 
-        ``asked_deg`` are the angles reached, moved to the nearer end where they lie beyond it; ``values`` the
-        intensities over the first one that was not 0.
+        ``angles_deg`` are the angles of the samples, moved to the nearer end of the range where they lie outside;
+        ``values`` are the intensities divided by the first that is not 0.
         """
 
     def estimate(self) -> Found:
@@ -78,6 +109,7 @@ class OptimiserPolicy(SearchPolicy):
     def _next_deg(self) -> float | None:
         if len(self._lit) >= self._budget:
             return None
+        # The next angle must not depend on the unit of the intensities.
         unit = next((s.reading.intensity for s in self._lit if s.reading.intensity > 0), 1.0)
         angle_deg = self._propose(
             [self._inside(sample.angle_deg) for sample in self._lit],
@@ -86,5 +118,5 @@ class OptimiserPolicy(SearchPolicy):
         return None if angle_deg is None else self._inside(angle_deg)
 
     def _inside(self, angle_deg: float) -> float:
-        """The angle, or the end of the range beyond which the stage overshot: the optimisers hold no other."""
+        """The angle, or the nearer end of the range if the stage went beyond it: the optimisers accept no other."""
         return min(max(angle_deg, self._limits.low_deg), self._limits.high_deg)

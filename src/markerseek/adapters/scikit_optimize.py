@@ -6,57 +6,39 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from markerseek.adapters.optimiser import OptimiserPolicy
-from markerseek.core import PAPER_RANGE, Interval, MissingExtraError
-
-INITIAL = 4
-"""Angles of the first, space-filling design."""
+from markerseek.adapters.optimiser import INITIAL, SEED, OptimiserPolicy
+from markerseek.core import PAPER_RANGE, Interval
 
 
 class ScikitOptimize(OptimiserPolicy):
-    """`skopt.Optimizer` on the intensity, turned over: a Gaussian process with noise, acquisition by its "gp_hedge".
+    """`skopt.Optimizer` on the negative intensity: a Gaussian process with noise, acquisition function "gp_hedge".
 
-    Its settings are those of the package, save the first design, which is shortened to the budget.
-
-    Parameters
-    ----------
-    limits
-        Range to search.
-    acquisitions
-        Most acquisitions.
-    seed
-        Seed of its random choices; the same samples and seed give the same angles.
-
-    Raises
-    ------
-    MissingExtraError
-        If scikit-optimize is not installed.
+    The package's defaults, except that the first design is no longer than the budget. The same samples give the same
+    angles.
     """
 
     name = "scikit-optimize"
+    summary = "scikit-optimize's Gaussian process with its own choice of the next angle"
+    package, extra = "skopt", "optimizers"
 
-    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16, seed: int = 1) -> None:
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int = 16) -> None:
         super().__init__(limits=limits, acquisitions=acquisitions)
-        try:
-            from skopt import Optimizer
-        except ImportError as missing:
-            raise MissingExtraError(
-                package="scikit-optimize", extra="optimizers", purpose="the method scikit-optimize"
-            ) from missing
+        from skopt import Optimizer
+
         self._optimizer: Any = Optimizer(
             [(limits.low_deg, limits.high_deg)],
             base_estimator="GP",
-            n_initial_points=min(INITIAL, acquisitions),
+            n_initial_points=min(INITIAL, self._budget),
             initial_point_generator="lhs",
-            random_state=seed,
+            random_state=SEED,
         )
-        self._heard = 0
+        self._passed_on = 0
 
-    def _propose(self, asked_deg: Sequence[float], values: Sequence[float]) -> float | None:
-        # It warns of angles that come back and of a fit at the edge of its bounds; neither is the user's to mend.
+    def _propose(self, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
+        # It warns of repeated angles and of a fit at the edge of its bounds; the user can change neither.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for angle_deg, value in zip(asked_deg[self._heard :], values[self._heard :], strict=True):
+            for angle_deg, value in zip(angles_deg[self._passed_on :], values[self._passed_on :], strict=True):
                 self._optimizer.tell([angle_deg], -value)
-                self._heard += 1
+                self._passed_on += 1
             return float(self._optimizer.ask()[0])

@@ -9,7 +9,7 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Section, Took
+    from markerseek.studies.paper import Cell, Duration, Section
 
 NAME = "reproduce"
 EXAMPLES = (
@@ -21,29 +21,12 @@ EXAMPLES = (
 )
 
 
-class Compared(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of the paper beside ours, for programs."""
-
-    number: str
-    place: str
-    unit: str
-    condition: str
-    paper: float
-    paper_spread: float | None
-    ours: float
-    ours_spread: float | None
-    half_interval95: float | None
-    difference: float
-    off_by_more_than_4_33_deg: float | None
-    cannot_be_had: str | None
-
-
 class Made(msgspec.Struct, frozen=True, kw_only=True):
     """One section, for programs."""
 
     name: str
     title: str
-    numbers: list[Compared]
+    numbers: list[dict[str, Cell]]
     remarks: list[str]
     files: list[str]
     seconds: float
@@ -54,7 +37,7 @@ def command(
     what: Annotated[str, typer.Argument(help="Figure or table, or all; an unknown name lists them all.")],
     out: Annotated[Path, typer.Option(help="Folder for tables, pictures and report.html.")] = Path("paper"),
     markers: Annotated[
-        int, typer.Option(help="Markers of the Monte Carlo studies; fewer thin out the rest too.")
+        int, typer.Option(help="Markers of the Monte Carlo studies; fewer also reduce repeats and frames.")
     ] = 1000,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
     seed: Annotated[int, typer.Option(help="Seed: the same seed gives the same numbers.")] = 1,
@@ -71,14 +54,14 @@ def command(
     from markerseek.cli.terminal import people, print_json, stages_bar
     from markerseek.core import ConfigError
     from markerseek.pictures import require_room_for_pictures
-    from markerseek.studies.paper import Effort, Recording, Reproduction, Stopwatch, write_report, write_section
+    from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, Stopwatch, write_report, write_section
     from markerseek.studies.workers import default_workers
 
     own = None
     if bank is not None:
         if probe is not None:
             _require_frames(bank, probe)
-        own = Recording(
+        own = OfflineBank(
             path=bank,
             material=bank.stem,
             position=1,
@@ -90,34 +73,35 @@ def command(
         raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
     elif probe is not None:
         raise ConfigError(f"--probe {probe} belongs to a bank of channel data; give --bank too")
-    with stages_bar() as advance:
-        watch = Stopwatch(advance)
-        effort = Effort(
+    with stages_bar() as progress:
+        watch = Stopwatch(progress)
+        options = RunOptions(
             seed=seed,
             markers=markers,
             workers=default_workers() if workers is None else workers,
-            advance=watch.advance,
+            progress=watch.progress,
         )
         require_room_for_pictures(out)
-        reproduction = Reproduction(effort=effort, folder=out, own_bank=own)
+        reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]
-        sections, files, times = [], [], []
+        sections, files, durations = [], [], []
         for section in reproduction.sections(names):
             sections.append(section)
             files.append(write_section(section, out))
-            times.append(watch.lap())
-        page = write_report(sections, out, effort=effort, times=times)
+            durations.append(watch.lap())
+        page = write_report(sections, out, options=options, durations=durations)
     if as_json:
-        made = [_made(*each) for each in zip(sections, files, times, strict=True)]
-        print_json({"report": str(page), "seed": seed, "markers": markers, "workers": effort.workers, "sections": made})
+        made = [_made(*each) for each in zip(sections, files, durations, strict=True)]
+        used = {"seed": seed, "markers": markers, "workers": options.workers}
+        print_json({"report": str(page), **used, "sections": made})
         return
-    for section, took in zip(sections, times, strict=True):
-        _print(section, took)
+    for section, duration in zip(sections, durations, strict=True):
+        _print(section, duration)
     people.print(f"[dim]report:[/] {page}")
 
 
 def _require_frames(bank: Path, probe: str) -> None:
-    """Refuse a preset that is unknown, or has nothing to image."""
+    """Refuse an unknown preset, and a bank without frames to image."""
     from markerseek.core import ConfigError
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.signals import probe_preset
@@ -127,51 +111,41 @@ def _require_frames(bank: Path, probe: str) -> None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
 
 
-def _made(section: Section, files: list[Path], took: Took) -> Made:
-    numbers = [
-        Compared(
-            number=each.paper.what,
-            place=each.paper.place,
-            unit=each.paper.unit,
-            condition=each.condition,
-            paper=each.paper.mean,
-            paper_spread=each.paper.spread,
-            ours=each.ours,
-            ours_spread=each.spread,
-            half_interval95=each.half,
-            difference=each.difference,
-            off_by_more_than_4_33_deg=each.failed,
-            cannot_be_had=each.paper.limits,
-        )
-        for each in section.besides
-    ]
+def _made(section: Section, files: list[Path], duration: Duration) -> Made:
+    from markerseek.studies.paper import comparison_table
+
+    table = comparison_table(section)
+    limitations = [each.paper.limitation for each in section.comparisons]
     return Made(
         name=section.name,
         title=section.title,
-        numbers=numbers,
+        numbers=[
+            {**dict(zip(table.columns, row, strict=True)), "limitation": limitation}
+            for row, limitation in zip(table.rows, limitations, strict=True)
+        ],
         remarks=list(section.remarks),
         files=[str(path) for path in files],
-        seconds=took.seconds,
-        stages_s=dict(took.stages_s),
+        seconds=duration.seconds,
+        stages_s=dict(duration.stages_s),
     )
 
 
-def _print(section: Section, took: Took) -> None:
+def _print(section: Section, duration: Duration) -> None:
     from rich.markup import escape
     from rich.table import Table
 
     from markerseek.cli.terminal import people
-    from markerseek.studies.paper.report import shown
+    from markerseek.studies.paper import shown
 
     people.print(f"[bold]{escape(section.title)}[/]")
-    if section.besides:
+    if section.comparisons:
         table = Table(box=None, padding=(0, 2, 0, 0))
         for name in ("", "condition", "paper", "ours", "difference"):
             table.add_column(name, justify="left" if name in ("", "condition") else "right")
-        for each in section.besides:
+        for each in section.comparisons:
             half = "" if each.half is None else f" ± {shown(each.half)}"
             table.add_row(
-                escape(each.paper.what),
+                escape(each.paper.quantity),
                 escape(each.condition),
                 str(each.paper),
                 shown(each.ours) + half,
@@ -180,4 +154,4 @@ def _print(section: Section, took: Took) -> None:
         people.print(table)
     for remark in section.remarks:
         people.print(f"  {escape(remark)}")
-    people.print(f"[dim]took {escape(str(took))}[/]\n")
+    people.print(f"[dim]took {escape(str(duration))}[/]\n")

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import msgspec
 import typer
 
-from markerseek.cli.study_table import show_against, show_summary
+from markerseek.cli.stopping import Stopped
+from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.studies import Study, Summary
-    from markerseek.studies.posterior import Against
+    from markerseek.studies.bound import BoundComparison
 
 NAME = "study"
+STOPPED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek study examples/studies/quick.toml\n\n"
@@ -43,22 +46,22 @@ def command(
     ] = None,
     bound: Annotated[
         int | None,
-        typer.Option(min=1, help="Markers that are searched for again, to compare errors with the bound of each."),
+        typer.Option(min=1, help="Markers to search for again, to compare the errors with the bound of each."),
     ] = None,
     beside: Annotated[
-        list[Path] | None, typer.Option(help="Another finished study's file, its lines into the same picture.")
+        list[Path] | None, typer.Option(help="File of another finished study, to draw its lines into the same picture.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Run a study, or continue it where it was killed; then say what its table says."""
-    from markerseek.cli.terminal import aside, people, print_json, progress_bar
+    """Run a study, or continue one that was interrupted, and print its summary."""
+    from markerseek.cli.terminal import people, print_json, progress_bar
     from markerseek.studies import read_study, run_study
 
     # Before hours of searching, not after them.
     if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
         raise ConfigError(f"--plot is {plot}: a picture's name ends in .png or .svg")
     if beside and plot is None:
-        raise ConfigError("--beside adds lines to a picture, and none is asked for; add --plot FILE, or leave it out")
+        raise ConfigError("--beside adds lines to a picture; add --plot FILE, or leave it out")
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = read_study(study)
@@ -80,22 +83,32 @@ def command(
                 progress=lambda done: progress.update(task, completed=done),
             )
     except KeyboardInterrupt:
-        aside.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
-        raise typer.Exit(1) from None
-    limits = _against(settings, markers=bound) if bound is not None else []
+        _end_stopped(folder, as_json=as_json)
+    bounds = _bounds(settings, markers=bound) if bound is not None else []
     if plot is not None:
         _draw(plot, [(settings, finish.summary), *(_finished(path) for path in beside or [])], markers=bound)
     if as_json:
-        print_json({**msgspec.to_builtins(finish.summary), "against_bound": limits} if limits else finish.summary)
+        print_json({**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary)
         return
     show_summary(finish.summary)
-    if limits:
-        show_against(limits)
+    if bounds:
+        show_bounds(bounds)
     people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
+def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
+    """Say how to continue, and end the command as after Ctrl-C."""
+    from markerseek.cli.terminal import aside, print_json
+
+    said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
+    aside.print(said)
+    if as_json:
+        print_json({"error": said, "kind": "Stopped"})
+    raise Stopped(STOPPED) from None
+
+
 def _require_alone(**given: object) -> None:
-    """Refuse options that say nothing of a single row."""
+    """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
         if value is not None:
             raise ConfigError(f"--{name} {value}: --row runs one row and writes nothing; leave one of them out")
@@ -119,20 +132,20 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     people.print(table)
 
 
-def _against(study: Study, *, markers: int) -> list[Against]:
-    """Each policy in each cell against the bound."""
+def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:
+    """Each policy in each cell compared with the bound."""
     from markerseek.studies import cells
-    from markerseek.studies.posterior import against_bound
+    from markerseek.studies.bound import compare_with_bound
 
     return [
-        against_bound(study, cell, policy=number, markers=min(markers, study.trials))
+        compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
         for cell in cells(study)
         for number in range(len(study.policies))
     ]
 
 
 def _finished(path: Path) -> tuple[Study, Summary]:
-    """A study that was run before, at its usual place or with its files beside it."""
+    """A study and its summary, read from its usual folder, or run there."""
     from markerseek.studies import read_study, run_study
 
     study = read_study(path)
@@ -142,7 +155,8 @@ def _finished(path: Path) -> tuple[Study, Summary]:
 def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> None:
     from markerseek.pictures import save_png, save_svg
     from markerseek.studies import cells
-    from markerseek.studies.posterior import error_figure, mean_bounds
+    from markerseek.studies.bound import mean_bounds
+    from markerseek.studies.error_figure import error_figure
 
     study = runs[0][0]
     counts = study.marks

@@ -1,7 +1,8 @@
-"""What a study's summary looks like in the terminal."""
+"""The summary of a study in the terminal."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -10,17 +11,17 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from markerseek.studies import PolicySummary, Summary
-    from markerseek.studies.posterior import Against
+    from markerseek.studies.bound import BoundComparison
     from markerseek.studies.statistics import Mean, Share
 
 
 def show_summary(summary: Summary) -> None:
-    """The policies by number, tables for each cell, and one of the differences.
+    """Print the policies by number, tables for each cell, and one of the differences.
 
     Parameters
     ----------
     summary
-        What a study's table says.
+        Summary of the study.
     """
     from rich.markup import escape
 
@@ -52,24 +53,27 @@ def show_summary(summary: Summary) -> None:
         table = _table("cell", "policies", "trials", "mean difference")
         for pair in summary.differences:
             table.add_row(
-                str(pair.cell), f"{pair.policy} - {pair.other}", str(pair.error_deg.count), _mean(pair.error_deg)
+                str(pair.cell),
+                f"{pair.policy} - {pair.other}",
+                str(pair.error_deg.count),
+                _mean(pair.error_deg, least=-math.inf),
             )
         people.print(table)
 
 
-def show_against(against: Sequence[Against]) -> None:
-    """Policies against the bound, and the time of their decisions.
+def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
+    """Policies compared with the bound, and the time of their decisions.
 
     Parameters
     ----------
-    against
+    comparisons
         One for each policy and cell.
     """
     from markerseek.cli.terminal import people
 
-    people.print("\nroot mean square error over the bound: of the best angles, and of those taken; time of a decision")
+    people.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
-    for each in against:
+    for each in comparisons:
         median_ms, largest_ms = each.decision_ms
         table.add_row(
             str(each.cell),
@@ -88,7 +92,7 @@ def show_against(against: Sequence[Against]) -> None:
 
 
 def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:
-    """Every marker counts, also those that were not found; without markers, what was found all the same."""
+    """Shares of all searches, also of those without an answer; without a marker, the share that found one."""
     if all(policy.missed.count == 0 for policy in policies):
         table = _table("", "found where nothing is")
         for policy in policies:
@@ -117,12 +121,14 @@ def _table(*names: str) -> Table:
     return table
 
 
-def _mean(mean: Mean) -> str:
+def _mean(mean: Mean, *, least: float = 0.0) -> str:
+    """A mean with its interval, which ends at the least possible value: the magnitude of an error is not negative."""
     if mean.mean is None:
         return "–"
     if mean.interval95 is None:
         return f"{mean.mean:.3g}°"
-    return f"{mean.mean:.3g}° [{mean.interval95[0]:.3g}, {mean.interval95[1]:.3g}]"
+    low, high = mean.interval95
+    return f"{mean.mean:.3g}° [{max(low, least):.3g}, {high:.3g}]"
 
 
 def _plain(mean: Mean, unit: str) -> str:
@@ -137,7 +143,13 @@ def _share(share: Share, *, interval: bool) -> str:
 
 
 def _rare(share: Share) -> str:
-    """A share that ought to be small, with the end of its interval that counts."""
+    """A share that should be small, with the upper end of its interval."""
     if share.share is None or share.interval95 is None:
         return "–"
-    return f"{100 * share.share:.2g} % ≤{100 * share.interval95[1]:.2g}"
+    return f"{_percent(share.share)} % ≤{_percent(share.interval95[1])}"
+
+
+def _percent(share: float) -> str:
+    """Two significant digits, without an exponent."""
+    percent = 100 * share
+    return f"{percent:.2g}" if percent < 9.95 else f"{percent:.0f}"

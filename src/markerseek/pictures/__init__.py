@@ -1,28 +1,28 @@
-"""Pictures of searches and frames, as files. Matplotlib is imported when the first one is drawn."""
+"""Pictures of searches and frames, and pages, as files. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
-from markerseek.pictures.canvas import png_data_uri, require_room_for_pictures, save_png, save_svg
+from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
-from markerseek.pictures.heat_map import HeatMap, heat_maps_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
-from markerseek.pictures.page import write_page
-from markerseek.pictures.panels import Line, Panel, panels_figure
+from markerseek.pictures.page import write_from_template, write_page
 from markerseek.pictures.search_picture import search_figure
+from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
 
 __all__ = [
-    "HeatMap",
-    "Line",
-    "Panel",
+    "ERROR_BARS",
     "b_mode_figure",
     "bank_figure",
     "frame_figure",
-    "heat_maps_figure",
-    "panels_figure",
+    "new_figure",
+    "panel_grid",
     "png_data_uri",
+    "put_heading",
     "require_room_for_pictures",
     "rf_figure",
     "save_png",
     "save_svg",
     "search_figure",
+    "shared_legend",
+    "write_from_template",
     "write_page",
 ]

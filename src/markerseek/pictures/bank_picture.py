@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from markerseek.core import PaImage
-from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 from markerseek.pictures.image_panel import draw_image
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core.shapes import Float32, Float64
-from markerseek.pictures.canvas import ACCENT, new_figure, put_title
 from markerseek.pictures.image_panel import draw_image
+from markerseek.pictures.style import ACCENT, new_figure, put_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

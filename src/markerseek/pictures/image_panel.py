@@ -33,6 +33,7 @@ def draw_image(
     lateral_m, depth_m
         Axes in metres.
     """
+    # An image of zeros is drawn black instead of dividing by 0.
     peak = max(float(envelope.max()), float(np.finfo(np.float32).tiny))
     decibels = 20 * np.log10(np.maximum(envelope / peak, 10 ** (-DYNAMIC_RANGE_DB / 20)))
     extent = (1e3 * lateral_m[0], 1e3 * lateral_m[-1], 1e3 * depth_m[-1], 1e3 * depth_m[0])

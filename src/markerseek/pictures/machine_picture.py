@@ -1,4 +1,4 @@
-"""Pictures of what an ultrasound machine made itself: B-mode images, and radio-frequency lines."""
+"""Pictures of files of an ultrasound machine: B-mode images, and radio-frequency lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core.shapes import Int16, UInt8
-from markerseek.pictures.canvas import new_figure, put_title
+from markerseek.pictures.style import new_figure, put_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float |
     """
     figure = new_figure(width_in=5.6, height_in=7.0)
     axes = figure.add_subplot()
-    # The loudest samples are the skin's: a hundredth of them may be clipped.
+    # The largest samples come from the skin: up to one in a hundred may be clipped.
     most = max(float(np.quantile(np.abs(lines.astype(np.float32)), 0.99)), 1.0)
     count = lines.shape[1] if sampling_hz is None else 1e6 * lines.shape[1] / sampling_hz
     extent = (0.5, lines.shape[0] + 0.5, count, 0.0)

@@ -1,43 +1,69 @@
-"""One HTML file that holds a picture, a table and the numbers, and loads nothing."""
+"""HTML pages that load no other file, from the templates beside this file (Jinja2; every value is escaped)."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, MissingExtraError
 from markerseek.files import replaced
 
-_PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-body {{ font: 15px/1.5 system-ui, sans-serif; color: #1c2026; margin: 2rem auto; max-width: 1120px; padding: 0 1rem; }}
-h1 {{ font-size: 1.35rem; overflow-wrap: anywhere; }} h2 {{ font-size: 1.05rem; margin-top: 2rem; }}
-p.note {{ color: #7a3410; font-weight: 600; }}
-img {{ max-width: 100%; }}
-table {{ border-collapse: collapse; }}
-div {{ overflow-x: auto; }}
-th, td {{ text-align: left; vertical-align: top; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e3e6ea; }}
-th {{ white-space: nowrap; }} td {{ font-variant-numeric: tabular-nums; }}
-details {{ margin-top: 1rem; }} pre {{ overflow-x: auto; background: #f5f6f8; padding: 1rem; font-size: 12px; }}
-</style>
-</head>
-<body>
-<h1>{title}</h1>
-{note}
-<table>{facts}</table>
-<p><img src="{picture}" alt="{alt}"></p>
-<h2>Acquisitions</h2>
-<div><table>{samples}</table></div>
-<details><summary>The result as JSON</summary><pre>{json}</pre></details>
-</body>
-</html>
-"""
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+@cache
+def templates() -> Environment:
+    """Environment of the templates; an unknown name in one of them is an error.
+
+    Raises
+    ------
+    MissingExtraError
+        If Jinja2 is not installed.
+    """
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+    except ImportError as problem:
+        raise MissingExtraError(package="jinja2", extra="plot", purpose="a page") from problem
+    return Environment(
+        loader=PackageLoader("markerseek.pictures"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def write_from_template(path: Path, template: str, **values: object) -> None:
+    """Write one page; the folder is made if need be.
+
+    Parameters
+    ----------
+    path
+        HTML file to write.
+    template
+        Name of the template.
+    **values
+        What the template names.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be written.
+    RecordError
+        If its name is that of a symbolic link, a pipe or a device.
+    MissingExtraError
+        If Jinja2 is not installed.
+    """
+    text = templates().get_template(template).render(values)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ConfigError(f"{path}: the page cannot be written: {problem.strerror}; name another --out") from problem
 
 
 def write_page(
@@ -74,23 +100,17 @@ def write_page(
         If the file cannot be written.
     RecordError
         If its name is that of a symbolic link, a pipe or a device.
+    MissingExtraError
+        If Jinja2 is not installed.
     """
-    text = _PAGE.format(
-        title=html.escape(title),
-        note="" if note is None else f'<p class="note">{html.escape(note)}</p>',
-        facts="".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in facts),
-        picture=picture_uri,
-        alt=html.escape(alt),
-        samples=_row("th", rows[0]) + "".join(_row("td", row) for row in rows[1:]),
-        json=html.escape(json),
+    write_from_template(
+        path,
+        "search.html.jinja",
+        title=title,
+        note=note,
+        facts=facts,
+        picture_uri=picture_uri,
+        alt=alt,
+        rows=rows,
+        json=json,
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
-            part.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise ConfigError(f"{path}: the page cannot be written: {problem.strerror}; name another --out") from problem
-
-
-def _row(kind: str, cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<{kind}>{html.escape(cell)}</{kind}>" for cell in cells) + "</tr>"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import Found, PaImage, Sample
-from markerseek.pictures.canvas import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 from markerseek.pictures.image_panel import draw_image
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
-"""Points and what is written over them."""
+"""Points and their labels."""
 
 _ROOM = (0.013, 0.05)
 """Room for a digit, as shares of the width and the height of its axes, the narrower ones beside an image."""
@@ -86,7 +86,7 @@ def _draw_curve(
 ) -> None:
     angles = np.array([sample.angle_deg for sample in samples])
     intensities = np.array([sample.reading.intensity for sample in samples])
-    # Stems and no line from point to point, which would look like a curve that somebody measured.
+    # Stems, because a line from point to point would look like a measured curve.
     axes.vlines(angles, 0, intensities, color=QUIET, linewidth=1, zorder=1)
     axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, numbered where there is room")
     if confirmation is not None:
@@ -123,7 +123,7 @@ def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
 
 
 def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
-    """Those whose numbers are not written over one that stands there already; the axes must have their final range."""
+    """Points whose labels do not overlap earlier ones; the axes must have their final range."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     digit, line = _ROOM[0] * (right - left), _ROOM[1] * (top - bottom)
     shown: _Numbered = []

@@ -1,7 +1,8 @@
 """Many runs, one table: a study is policies × worlds × trials, run on processes or a cluster, and summarised."""
 
+from markerseek.studies.policies import PolicySettings
 from markerseek.studies.runner import Finish, run_study
-from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, World
+from markerseek.studies.settings import Axis, CurveSettings, World
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.study_file import read_study
 from markerseek.studies.summary import Difference, Summary, summarise

@@ -1,4 +1,4 @@
-"""A study in pieces: chunks of whole trials, each of which is computed anywhere and gives the same lines."""
+"""Chunks of a study: whole trials that are computed together, in any process, with the same result."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from markerseek.studies.table import as_csv, values_of
 from markerseek.studies.trial import run_trial
 
 _ROWS = {"curves": 250, "readings": 64, "frames": 16}
-"""Rows of a chunk, about: a second of work or less, so that little is lost when a study is killed, and no worker waits
-long for the last one."""
+"""Rows of a chunk, about: at most a second of work, so that little is lost when a study is interrupted, and no worker
+waits long for the last one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,9 +20,9 @@ class Chunk:
     Attributes
     ----------
     index
-        Its number, from 0.
+        Its index, from 0.
     first, last
-        First trial, and the one behind the last, counted through all cells.
+        First trial, and the one after the last, counted through all cells.
     """
 
     index: int
@@ -31,17 +31,17 @@ class Chunk:
 
 
 def chunk_count(study: Study) -> int:
-    """Number of chunks of a study; it depends on the study alone, so that a restart finds the same ones."""
+    """Number of chunks of a study; it depends on the study only, so that a continued study has the same ones."""
     return -(-_trials(study) // _size(study))
 
 
 def chunk(study: Study, index: int) -> Chunk:
-    """Chunk of that number.
+    """Chunk with that index.
 
     Parameters
     ----------
     study, index
-        Whose, and which, from 0.
+        The study, and the index of the chunk, from 0.
     """
     first = index * _size(study)
     return Chunk(index=index, first=first, last=min(first + _size(study), _trials(study)))
@@ -53,7 +53,7 @@ def chunk_rows(study: Study, piece: Chunk) -> int:
 
 
 def run_chunk(study: Study, piece: Chunk) -> bytes:
-    """Lines of a chunk's rows, as they stand in the table."""
+    """Lines of a chunk's rows in the table."""
     everything = cells(study)
     lines = []
     for place in range(piece.first, piece.last):
@@ -68,4 +68,5 @@ def _trials(study: Study) -> int:
 
 
 def _size(study: Study) -> int:
+    # Whole trials: the policies of a trial share its window and its curve, which are cached.
     return max(1, _ROWS[study.level] // len(study.policies))

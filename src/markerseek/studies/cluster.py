@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Iterator
-from itertools import islice
-from typing import Any
+from concurrent.futures import CancelledError
+from functools import partial
 
 from markerseek.core import ConfigError, MarkerseekError, MissingExtraError
 from markerseek.studies.chunks import Chunk, run_chunk
 from markerseek.studies.study import Study
+from markerseek.studies.workers import as_ready
 
 _AHEAD = 3
 """Chunks under way for each thread of the cluster."""
@@ -18,12 +19,12 @@ _TIMEOUT_S = 20
 
 
 def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[int, bytes]]:
-    """Numbers of the chunks, from 0, and their lines, each as it is ready; closing the iterator gives up the rest.
+    """Index and lines of each chunk, as it is ready; closing the iterator cancels the rest.
 
     Parameters
     ----------
     study, pieces
-        What to compute; its workers need the same version of this package.
+        The study and its chunks; the workers need the same version of this package.
     address
         Of the scheduler, as in ``tcp://10.0.0.5:8786``.
 
@@ -43,33 +44,11 @@ def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterat
     except (OSError, ValueError, TypeError) as problem:
         raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
     with client:
+        # The study is sent to each worker once, not with every chunk.
+        everywhere = client.scatter(study, broadcast=True, hash=False)
+        submit = partial(client.get_executor(pure=False).submit, run_chunk, everywhere)
+        threads = sum(client.nthreads().values()) or 1
         try:
-            yield from _as_ready(distributed, client, study, enumerate(pieces))
-        except (distributed.KilledWorker, distributed.comm.CommClosedError) as problem:
-            raise MarkerseekError(
-                f"the cluster gave up: {problem}; run the same command again to continue"
-            ) from problem
-
-
-def _as_ready(
-    distributed: Any, client: Any, study: Study, waiting: Iterator[tuple[int, Chunk]]
-) -> Iterator[tuple[int, bytes]]:
-    """Results as they are ready, with a few under way for each thread, so that memory does not grow with the study."""
-    # the study travels once to each worker
-    everywhere = client.scatter(study, broadcast=True, hash=False)
-
-    def submit(number: int, piece: Chunk) -> Any:
-        future = client.submit(run_chunk, everywhere, piece, pure=False)
-        under_way[future.key] = number
-        return future
-
-    under_way: dict[str, int] = {}
-    threads = sum(client.nthreads().values()) or 1
-    ready = distributed.as_completed(
-        [submit(*following) for following in islice(waiting, _AHEAD * threads)], loop=client.loop
-    )
-    for future in ready:
-        number = under_way.pop(future.key)
-        for following in islice(waiting, 1):
-            ready.add(submit(*following))
-        yield number, future.result()
+            yield from as_ready(submit, pieces, ahead=_AHEAD * threads)
+        except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
+            raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem

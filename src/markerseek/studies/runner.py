@@ -1,8 +1,8 @@
-"""Runs a study into a folder, restartably: what is finished is on disk, what is not is computed again the same.
+"""Runs a study into a folder. A study that was interrupted is continued by the same command.
 
-The folder holds ``study.json``, the study that it belongs to; ``parts/``, the lines of each finished chunk; and in the
-end, instead of the parts, ``rows.csv`` and ``summary.json``. All of them are committed whole. A study that was killed
-is continued by the same command, and its files do not differ from those of one that was not.
+The folder holds ``study.json``, the study that it belongs to; ``parts/``, the lines of each finished chunk; and at the
+end, instead of the parts, ``rows.csv`` and ``summary.json``. Each file is written completely or not at all. The files
+of a continued study are those of an uninterrupted one, byte for byte.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import msgspec
@@ -24,7 +25,7 @@ from markerseek.studies.chunks import Chunk, chunk, chunk_count, chunk_rows, run
 from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
-from markerseek.studies.table import as_csv, columns, commit, committed, read_rows
+from markerseek.studies.table import as_csv, columns, read_rows, write_whole
 from markerseek.studies.workers import default_workers, on_processes
 
 ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
@@ -58,25 +59,25 @@ def run_study(
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Finish:
-    """Run a study, or what is left of it, and summarise it.
+    """Run a study, or the rest of it, and summarise it.
 
     Parameters
     ----------
     study
-        What to run.
+        The study.
     folder
-        Where its files are, or shall be; made if need be.
+        Folder of its files; made if need be.
     workers
         Processes of this machine; None: as many as it has cores.
     scheduler
-        Address of a Dask scheduler, on whose workers to run instead.
+        Address of a Dask scheduler, to run on its workers instead.
     progress
-        Hears how many rows are finished, whenever a chunk is.
+        Receives the number of finished rows after each chunk.
 
     Raises
     ------
     RecordError
-        If the folder holds another study or another version's, is being written by somebody else, or cannot be written.
+        If the folder holds another study or another version's, is in use by another process, or cannot be written.
     ConfigError
         If the settings do not fit together, there is no such scheduler, or its workers have another version.
     """
@@ -95,7 +96,7 @@ def run_study(
             progress(study.rows)
         if not (folder / SUMMARY).exists():
             summary = summarise(study, read_rows(folder / ROWS, study))
-            commit(folder / SUMMARY, msgspec.json.format(msgspec.json.encode(summary), indent=1) + b"\n")
+            write_whole(folder / SUMMARY, _json(summary))
         shutil.rmtree(folder / PARTS)
         return Finish(rows=folder / ROWS, summary=_summary(folder / SUMMARY))
 
@@ -108,7 +109,7 @@ def _summary(path: Path) -> Summary:
 
 
 def _claim(folder: Path, study: Study) -> None:
-    """Write down whose folder it is, or refuse one that is another study's; forget what was not committed."""
+    """Record the study of the folder, or refuse the folder of another; remove files that were not finished."""
     claim = {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)}
     path = folder / STUDY
     if path.exists():
@@ -124,9 +125,13 @@ def _claim(folder: Path, study: Study) -> None:
                 "choose another folder, or remove this one"
             )
     else:
-        commit(path, msgspec.json.format(msgspec.json.encode(claim), indent=1) + b"\n")
+        write_whole(path, _json(claim))
     for unfinished in [*folder.glob(".*.part"), *(folder / PARTS).glob(".*.part")]:
         unfinished.unlink()
+
+
+def _json(value: object) -> list[bytes]:
+    return [msgspec.json.format(msgspec.json.encode(value), indent=1), b"\n"]
 
 
 def _run_chunks(
@@ -137,7 +142,7 @@ def _run_chunks(
     scheduler: str | None,
     progress: Callable[[int], None] | None,
 ) -> None:
-    """Compute the chunks whose parts are missing, and commit each as it is ready."""
+    """Compute the chunks whose parts are missing, and write each as it is ready."""
     left = [index for index in range(chunk_count(study)) if not _part(parts, chunk(study, index)).exists()]
     missing = (chunk(study, index) for index in left)
     done = study.rows - sum(chunk_rows(study, chunk(study, index)) for index in left)
@@ -148,34 +153,36 @@ def _run_chunks(
         computed = on_processes(partial(run_chunk, study), missing, workers=count)
     with closing(computed):  # type: ignore[type-var]
         for number, lines in computed:
+            # The hash of a study contains the version of the package that computed it.
             if not lines.startswith(study.digest.encode()):
                 raise ConfigError("a worker has another version of markerseek than this process; install the same one")
             piece = chunk(study, left[number])
-            commit(_part(parts, piece), lines)
+            write_whole(_part(parts, piece), [lines])
             done += chunk_rows(study, piece)
             if progress is not None:
                 progress(done)
 
 
 def _join(study: Study, folder: Path) -> None:
-    """Make the table of its parts."""
-    with committed(folder / ROWS) as table:
-        table.write(as_csv([columns(study)]))
-        for index in range(chunk_count(study)):
-            table.write(read_input(_part(folder / PARTS, chunk(study, index)), most_bytes=_MOST_BYTES))
+    """Write the table from its parts."""
+    parts = (
+        read_input(_part(folder / PARTS, chunk(study, index)), most_bytes=_MOST_BYTES)
+        for index in range(chunk_count(study))
+    )
+    write_whole(folder / ROWS, chain([as_csv([columns(study)])], parts))
 
 
 def _part(parts: Path, piece: Chunk) -> Path:
-    """Named by its trials, so that no part of a version with other chunks is taken for one of these."""
+    """Path of a part. Its name holds its trials, so that a part of chunks of another size is not mistaken for it."""
     return parts / f"{piece.first:09d}-{piece.last - 1:09d}.csv"
 
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Keep everybody else out of the folder; the system lets go of the lock however this process ends."""
+    """Lock the folder; the operating system releases the lock however this process ends."""
     try:
         import fcntl
-    except ImportError:  # not on this system: two runs of one study would only do the work twice
+    except ImportError:  # Windows: without the lock, two runs of one study do the work twice and write the same files
         yield
         return
     try:

@@ -1,12 +1,11 @@
-"""A study: which policies search in which worlds, how often, and from which seed. Frozen, and read from TOML.
+"""A study: policies, simulated worlds, number of trials, and seed.
 
-A world is a simulated rig with its intensity curve. ``vary`` lists settings that take several values; every combination
-of them is a cell of the study. Row k of a study's table is fixed by the study alone: cell by cell, in a cell trial by
-trial, in a trial policy by policy.
+A world is a simulated rig with its intensity curve. ``vary`` lists settings with several values; every combination of
+them is a cell of the study. The rows of its table are in a fixed order: by cell, then by trial, then by policy.
 
 Common random numbers: what a trial draws (marker, spot, noise) depends on the study's seed, the settings of the cell
-and the number of the trial, and never on the policy or on the other cells. Policies are compared on the same worlds,
-and a cell keeps its rows when others are added.
+and the number of the trial, not on the policy or on other cells. Policies are compared on the same draws, and a cell
+keeps its rows when others are added.
 """
 
 from __future__ import annotations
@@ -25,9 +24,10 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.settings_file import require_key
+from markerseek.settings_file import require_choice, require_key
 from markerseek.sim import SimulatedSettings
-from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, Value, World
+from markerseek.studies.policies import PolicySettings
+from markerseek.studies.settings import Axis, CurveSettings, Value, World
 
 VERSION = 1
 """Version of the form of a study."""
@@ -43,9 +43,9 @@ class Study:
     Attributes
     ----------
     name
-        What it is called.
+        Its name.
     policies
-        Who searches.
+        The policies.
     seed
         Seed of everything that is drawn.
     trials
@@ -54,16 +54,16 @@ class Study:
         From intensity curves; from simulated channel data (hundreds of times slower); or from readings of channel data
         that are cut to where the marker is (`markerseek.studies.window_world`).
     drawn
-        What chance decides anew in each trial, besides noise: the marker's angle and place, or everything that the
-        physics table calls unknown (`markerseek.studies.unknowns`), which needs readings or frames.
+        What is drawn in each trial besides noise: the marker's angle and place, or everything that is unknown in the
+        physics table (`markerseek.studies.unknowns`), which needs readings or frames.
     marks
-        Numbers of acquisitions, rising, after which is kept what the search would have answered.
+        Numbers of acquisitions, rising, after which the answer of the search so far is recorded.
     stay
-        Whether the move to the answer and the confirmation there are left out.
+        Whether to leave out the move to the answer and the confirmation there.
     curve, rig
         Settings of the world.
     vary
-        Those that take several values.
+        Settings with several values.
     version
         Version of the form of a study.
     """
@@ -89,6 +89,7 @@ class Study:
         _require_size(self)
         if len(set(self.policies)) < len(self.policies):
             raise ConfigError("study: a policy is named twice; its rows would be the same")
+        # TOML has integers of 64 bits with a sign.
         if not 0 <= self.seed < 2**63:
             raise ConfigError(f"study: seed is {self.seed}, it must be a whole number from 0 to 2**63 - 1")
         keys = [axis.key for axis in self.vary]
@@ -102,7 +103,7 @@ class Study:
                 '"everything", frames can have both'
             )
         if self.level != "curves" and any(key.startswith("curve.") for key in keys):
-            raise ConfigError(f"study: curve settings do nothing at the level of {self.level}; leave them out of vary")
+            raise ConfigError(f"study: curve settings have no effect at the level {self.level}; leave them out of vary")
         cells(self)
 
     @property
@@ -129,7 +130,7 @@ class Cell:
     world
         All settings.
     digest
-        Number made of the settings alone, from which the trials' random numbers come.
+        Hash of the settings, part of the seed of the trials.
     """
 
     index: int
@@ -140,6 +141,7 @@ class Cell:
 
 @lru_cache(maxsize=32)
 def _digest(study: Study) -> str:
+    # With the version: another one may compute other rows.
     return _hashed([msgspec.to_builtins(study), __version__]).hexdigest()[:16]
 
 
@@ -166,6 +168,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
             )
         if study.drawn == "everything":
             _require_default(world.rig)
+        # Of the settings without the version and the index: a cell keeps its markers when others are added.
         digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
@@ -189,7 +192,7 @@ def _require_size(study: Study) -> None:
 
 
 def _require_default(rig: SimulatedSettings) -> None:
-    """Refuse settings that would do nothing because they are drawn."""
+    """Refuse settings that would have no effect because they are drawn."""
     usual = SimulatedSettings()
     given = {
         "rig.tissue": (rig.tissue, usual.tissue),
@@ -202,7 +205,7 @@ def _require_default(rig: SimulatedSettings) -> None:
     }
     for key, (value, default) in given.items():
         if value != default:
-            raise ConfigError(f'{key} is drawn anew in each trial where drawn = "everything"; leave it out')
+            raise ConfigError(f'{key} is drawn in each trial because drawn = "everything"; leave it out')
 
 
 T = typing.TypeVar("T")
@@ -216,8 +219,10 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
         if not dataclasses.is_dataclass(part):
             raise ConfigError(f"vary: {whole}: {name} has no settings of its own")
         return dataclasses.replace(settings, **{name: _changed(part, path[1:], value, whole=whole)})  # type: ignore[type-var]
+    hint = typing.get_type_hints(type(settings))[name]
+    require_choice(value, hint, name=f"vary: {whole}")
     try:
-        fitting = msgspec.convert(value, typing.get_type_hints(type(settings))[name])
+        fitting = msgspec.convert(value, hint)
     except msgspec.ValidationError as problem:
         raise ConfigError(f"vary: {whole} is {value!r}: {problem}") from problem
     return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]

@@ -9,15 +9,15 @@ import msgspec
 
 from markerseek.core import ConfigError
 from markerseek.settings_file import known_keys, read_toml
-from markerseek.studies.settings import PolicySettings
+from markerseek.studies.policies import PolicySettings
 from markerseek.studies.study import Study
 
 
 def read_study(path: Path) -> Study:
     """Study of a TOML file.
 
-    Its keys are the fields of `Study`. In ``[vary]`` stand lists, by dotted keys; ``acquisitions`` of a policy may be a
-    list, which stands for as many policies; the word ``"none"`` stands for a value left out on purpose.
+    Its keys are the fields of `Study`. ``[vary]`` has lists under dotted keys; a list as ``acquisitions`` of a policy
+    makes one policy of each number; the word ``"none"`` is the value None.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def read_study(path: Path) -> Study:
     """
     table = read_toml(path, what="study file")
     try:
-        # lists of tables are not dataclasses to the check of keys: each is checked on its own
+        # The check of keys does not look into lists of tables: each policy is checked by itself.
         policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
         settings = known_keys(table, Study)

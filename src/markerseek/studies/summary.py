@@ -1,10 +1,10 @@
-"""What a study's table says: per cell and policy errors, failures, answers, cost; and policies against one another.
+"""Summary of a study's table: errors, failures, answers and cost by policy and cell, and differences of errors.
 
-Two sets of figures stand beside one another. Of the searches that say `Found`: error, and failures, errors beyond
-`FAILURE_DEG` or something found where there is no marker. Of every search with a marker, whatever it answers: error of
-``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed ("not found" of a marker that is there), and
-found and off by more than `CLAIM_DEG` (promise P10); and how often a 95 % interval covers (P11). Memory does not grow
-with the table.
+There are two sets of figures. Of the searches that answer `Found`: error, and failures, which are errors beyond
+`FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
+``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
+more than `CLAIM_DEG` (promise P10); and how often a 95 % interval covers the truth (P11). Memory does not grow with the
+table.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from itertools import combinations, groupby
 
 import msgspec
 
-from markerseek.studies.settings import PolicySettings
+from markerseek.studies.policies import PolicySettings
 from markerseek.studies.statistics import Mean, Moments
 from markerseek.studies.study import Study, cells
 from markerseek.studies.tally import FAILURE_DEG, PolicySummary, Tally, found_error
 from markerseek.studies.trial import Row
 
 ALL_PAIRS = 6
-"""Most policies of which every pair is compared; of more, those with the same number of acquisitions."""
+"""Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
 
 _BLOCK = 4096
-"""Trials that are gathered before they are merged."""
+"""Rows whose moments are computed together: NumPy is slow on a few values, and memory must not grow."""
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
-    """Error of one policy less that of another, over the trials of a cell in which both found."""
+    """Error of one policy minus that of another, over the trials of a cell in which both found."""
 
     cell: int
     policy: int
@@ -38,7 +38,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a study's table says."""
+    """Summary of a study's table."""
 
     study: str
     name: str
@@ -55,7 +55,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     Parameters
     ----------
     study
-        Whose they are.
+        The study.
     rows
         In the order of the table: a trial's policies one after another.
     """
@@ -63,6 +63,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     policies: list[PolicySummary] = []
     differences: list[Difference] = []
     count = 0
+    # The table is in the order of the cells, so that a cell is finished before the next begins.
     for index, of_cell in groupby(rows, key=lambda row: row.cell):
         tallies = [Tally(len(study.marks)) for _ in study.policies]
         apart = [Moments() for _ in pairs]
@@ -76,7 +77,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
             count += len(block) * len(study.policies)
         settings = dict(cells(study)[index].varied)
         policies += [
-            tally.summary(cell=index, settings=settings, policy=policy, said=study.policies[policy])
+            tally.summary(cell=index, settings=settings, policy=policy, policy_settings=study.policies[policy])
             for policy, tally in enumerate(tallies)
         ]
         differences += [

@@ -1,7 +1,7 @@
-"""A study's table on disk: rows as CSV, in parts that are committed whole or not at all.
+"""The table of a study on disk: rows as CSV.
 
-A number is written with as many digits as bring it back exactly, so that equal rows are equal bytes. An empty field is
-a value that does not exist.
+Numbers have all digits, so that reading gives the same numbers and equal rows are equal bytes. An empty field is a
+missing value.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 import msgspec
 
@@ -22,7 +20,7 @@ from markerseek.studies.study import Study, cells
 from markerseek.studies.trial import Row
 
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
-"""Columns of every table; behind them stand the varied settings of the study, by their keys."""
+"""Columns of every table; the varied settings of the study follow, by their keys."""
 
 _MOST_BYTES = 1 << 40
 """Largest table that is read; it is read line by line."""
@@ -53,7 +51,7 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
     path
         The table.
     study
-        The study whose table it is.
+        The study of the table.
 
     Raises
     ------
@@ -77,23 +75,15 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
         raise RecordError(f"{path}: it is not a study's table: {problem}") from problem
 
 
-def commit(path: Path, content: bytes) -> None:
-    """Write a file so that, whatever happens, it is there whole or not at all.
+def write_whole(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a file so that it is there completely or not at all, whatever happens.
 
     Parameters
     ----------
     path
-        The file; one that exists is replaced.
-    content
-        What it holds.
-    """
-    with committed(path) as file:
-        file.write(content)
-
-
-@contextmanager
-def committed(path: Path) -> Iterator[BinaryIO]:
-    """A file to write, which takes its name only when the block ends well.
+        The file; an existing one is replaced.
+    parts
+        Its content, in order.
 
     Raises
     ------
@@ -101,8 +91,8 @@ def committed(path: Path) -> Iterator[BinaryIO]:
         If it cannot be written.
     """
     try:
-        with replaced(path) as part, part.open("xb") as file:
-            yield file
+        with replaced(path) as unfinished, unfinished.open("xb") as file:
+            file.writelines(parts)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
 

@@ -1,12 +1,14 @@
-"""What is kept of one policy in one cell while its rows pass by, and what is said of them in the end."""
+"""Counts and moments of one policy in one cell, added up row by row, and the summary of them."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 
 import msgspec
 
-from markerseek.studies.settings import PolicySettings, Value
+from markerseek.studies.policies import PolicySettings
+from markerseek.studies.settings import Value
 from markerseek.studies.statistics import Mean, Moments, Share
 from markerseek.studies.trial import ANSWERS, Row
 
@@ -14,7 +16,7 @@ FAILURE_DEG = 4.33
 """Error beyond which a search failed: the half range within which a tool tip is seen (paper, section 2.5 D)."""
 
 CLAIM_DEG = 1.0
-"""Error beyond which a search that says `Found` claimed what is wrong (promise P10)."""
+"""Error beyond which the claim of a `Found` is wrong (promise P10)."""
 
 
 class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,7 +56,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def failed(row: Row) -> bool:
-    """Whether a search found what is not there: too far from the marker, or where there is none."""
+    """Whether a search found something wrong: too far from the marker, or without a marker."""
     return row.answer == "found" and (row.error_deg is None or not row.error_deg <= FAILURE_DEG)
 
 
@@ -73,88 +75,92 @@ class Tally:
     """
 
     def __init__(self, marks: int) -> None:
-        self._trials = self._failures = self._refused = 0
+        self._marks = range(marks)
+        self._counts: Counter[str] = Counter()
         self._answers = dict.fromkeys(ANSWERS, 0)
-        self._error, self._acquisitions, self._travel, self._elapsed = Moments(), Moments(), Moments(), Moments()
-        self._any_error, self._any_square = Moments(), Moments()
-        self._marks = [Moments()] * marks
-        self._with_marker = self._off = self._found = self._missed = self._wrong = 0
-        self._intervals = self._covered = self._without = self._false = 0
+        self._moments: defaultdict[str | int, Moments] = defaultdict(Moments)
 
     def add(self, rows: list[Row]) -> None:
-        """Take in some rows."""
-        self._trials += len(rows)
-        for row in rows:
-            self._answers[row.answer] += 1
-            self._failures += failed(row)
-            self._refused += row.refused
-            self._count(row)
-        self._error = self._error.merged(Moments.of([e for row in rows if (e := found_error(row)) is not None]))
-        known = [row.error_deg for row in rows if row.error_deg is not None]
-        self._any_error = self._any_error.merged(Moments.of(known))
-        self._any_square = self._any_square.merged(Moments.of([error**2 for error in known]))
-        for mark, moments in enumerate(self._marks):
-            here = [
+        """Add some rows."""
+        errors = [row.error_deg for row in rows if row.error_deg is not None]
+        values: dict[str | int, list[float]] = {
+            "found error": [error for row in rows if (error := found_error(row)) is not None],
+            "error": errors,
+            "square": [error**2 for error in errors],
+            "acquisitions": [float(row.acquisitions) for row in rows if row.acquisitions is not None],
+            "travel": [row.travel_deg for row in rows if row.travel_deg is not None],
+            "elapsed": [row.elapsed_s for row in rows if row.elapsed_s is not None],
+        }
+        for mark in self._marks:
+            values[mark] = [
                 abs(row.marks_deg[mark] - row.truth_deg) for row in rows if row.truth_deg is not None and row.marks_deg
             ]
-            self._marks[mark] = moments.merged(Moments.of(here))
-        self._acquisitions = self._acquisitions.merged(
-            Moments.of([float(row.acquisitions) for row in rows if row.acquisitions is not None])
-        )
-        self._travel = self._travel.merged(Moments.of([row.travel_deg for row in rows if row.travel_deg is not None]))
-        self._elapsed = self._elapsed.merged(Moments.of([row.elapsed_s for row in rows if row.elapsed_s is not None]))
+        for name, numbers in values.items():
+            self._moments[name] = self._moments[name].merged(Moments.of(numbers))
+        for row in rows:
+            self._answers[row.answer] += 1
+            self._counts.update(trials=1, failed=failed(row), refused=row.refused)
+            self._count(row)
 
     def _count(self, row: Row) -> None:
+        found = row.answer == "found"
         if row.truth_deg is None:
-            self._without += 1
-            self._false += row.answer == "found"
+            self._counts.update(no_marker=1, false_found=found)
             return
-        self._with_marker += 1
-        error_deg = row.error_deg
-        self._off += error_deg is None or not error_deg <= FAILURE_DEG
-        self._found += row.answer == "found"
-        self._missed += row.answer == "not found"
-        self._wrong += row.answer == "found" and (error_deg is None or not error_deg <= CLAIM_DEG)
+        # A search that a device ended has no error: it is off, and nothing was claimed.
+        error_deg = math.inf if row.error_deg is None else row.error_deg
+        self._counts.update(
+            marker=1,
+            off=not error_deg <= FAILURE_DEG,
+            not_found=not found,
+            missed=row.answer == "not found",
+            wrong=found and not error_deg <= CLAIM_DEG,
+        )
         if row.low_deg is not None and row.high_deg is not None:
-            self._intervals += 1
-            self._covered += row.low_deg <= row.truth_deg <= row.high_deg
+            self._counts.update(intervals=1, covered=row.low_deg <= row.truth_deg <= row.high_deg)
 
-    def summary(self, *, cell: int, settings: dict[str, Value], policy: int, said: PolicySettings) -> PolicySummary:
-        """What all rows so far say.
+    def summary(
+        self, *, cell: int, settings: dict[str, Value], policy: int, policy_settings: PolicySettings
+    ) -> PolicySummary:
+        """Return the summary of all rows so far.
 
         Parameters
         ----------
         cell, settings
             Which cell, and its varied settings.
-        policy, said
-            Which policy, and how it is set.
+        policy, policy_settings
+            Which policy, and its settings.
         """
-        there = self._with_marker
-        mean_square = self._any_square.mean if self._any_square.count else None
+        counts = self._counts
+
+        def mean(name: str | int) -> Mean:
+            return Mean.of(self._moments[name])
+
+        mean_square = mean("square").mean
         return PolicySummary(
             cell=cell,
             settings=settings,
             policy=policy,
-            label=str(said),
-            method=said.method,
-            acquisitions_most=said.most,
-            as_published=said.as_published,
-            early_end=said.early_end,
-            trials=self._trials,
-            error_deg=Mean.of(self._error),
-            failures=Share.of(self._failures, self._answers["found"]),
-            any_error_deg=Mean.of(self._any_error),
+            label=str(policy_settings),
+            method=policy_settings.method,
+            acquisitions_most=policy_settings.most,
+            as_published=policy_settings.as_published,
+            early_end=policy_settings.early_end,
+            trials=counts["trials"],
+            error_deg=mean("found error"),
+            failures=Share.of(counts["failed"], self._answers["found"]),
+            any_error_deg=mean("error"),
             rmse_deg=None if mean_square is None else math.sqrt(mean_square),
-            off=Share.of(self._off, there),
-            not_found=Share.of(there - self._found, there),
-            missed=Share.of(self._missed, there),
-            wrong_claims=Share.of(self._wrong, there),
-            covered=Share.of(self._covered, self._intervals),
-            false_found=Share.of(self._false, self._without),
-            marks_deg=[Mean.of(moments) for moments in self._marks],
-            answers={answer: Share.of(hits, self._trials) for answer, hits in self._answers.items()},
-            acquisitions=Mean.of(self._acquisitions),
-            travel_deg=Mean.of(self._travel),
-            elapsed_s=Mean.of(self._elapsed),
-            refused=self._refused,
+            off=Share.of(counts["off"], counts["marker"]),
+            not_found=Share.of(counts["not_found"], counts["marker"]),
+            missed=Share.of(counts["missed"], counts["marker"]),
+            wrong_claims=Share.of(counts["wrong"], counts["marker"]),
+            covered=Share.of(counts["covered"], counts["intervals"]),
+            false_found=Share.of(counts["false_found"], counts["no_marker"]),
+            marks_deg=[mean(mark) for mark in self._marks],
+            answers={answer: Share.of(hits, counts["trials"]) for answer, hits in self._answers.items()},
+            acquisitions=mean("acquisitions"),
+            travel_deg=mean("travel"),
+            elapsed_s=mean("elapsed"),
+            refused=counts["refused"],
         )

@@ -1,4 +1,4 @@
-"""One search, one row: drawn from the study, the cell and the number of the trial, and drawn again the same."""
+"""One search and its row; the study, the cell and the index of the trial determine everything that is drawn."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from markerseek import rigs
 from markerseek.core import Asked, ConfigError, DeviceError, Finished, Found, Refused, Unsure
 from markerseek.records.result import answer_name
 from markerseek.scan import run
-from markerseek.studies.policies import build_policy
-from markerseek.studies.settings import PolicySettings, Value
+from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.worlds import draw_trial, study_rig
 
 ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
-"""What a row's search can have ended with; "failed" is a fault of a device, which ends it without an angle."""
+"""Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One search of a study.
 
-    ``row`` of the study with the hash ``study`` is all that is needed to run it again (`run_row`); the columns after it
-    say what that was, those after ``noise_seed`` what came out. ``settings`` holds the varied settings of the cell;
-    ``acquisitions_most`` was allowed and ``acquisitions`` made. What does not exist is None: the truth where there is
-    no marker, everything where a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
-    ``marks_deg`` the angles that it would have answered after so many acquisitions as the study's marks say.
+    ``study`` (its hash) and ``row`` are all that is needed to repeat the search (`run_row`). The columns up to
+    ``noise_seed`` are its settings, the others its result. ``settings`` holds the varied settings of the cell;
+    ``acquisitions_most`` were allowed and ``acquisitions`` made. None is a missing value: the truth without a marker,
+    and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
+    ``marks_deg`` the answers after as many acquisitions as the study's marks.
     """
 
     study: str
@@ -56,12 +56,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
-    """One search and its row.
+    """Run one search, and return its row.
 
     Parameters
     ----------
     study, cell, trial, policy
-        Which: the last is the number of one of the study's policies.
+        Which; the policy by its index in the study.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
 
 
 def run_row(study: Study, row: int) -> Row:
-    """Row of a study's table by its number, from nothing but the study.
+    """Run the search of a row again, by its index in the table of the study.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def run_row(study: Study, row: int) -> Row:
 
 @dataclass(slots=True, kw_only=True)
 class _Course:
-    """How a search went: its end (None after a fault of a device), frames refused, and what it would have answered."""
+    """Course of a search: its end (None after a fault of a device), refused frames, and answers at the marks."""
 
     finished: Finished | None = None
     refused: int = 0
@@ -139,9 +139,10 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> _Course:
                 course.marks_deg.append(policy.estimate().mean_deg)
             elif isinstance(event, Finished):
                 course.finished = event
-                # a search that ends before a mark would answer the same there
+                # A search that ended before a mark has its final answer there.
                 missing = len(study.marks) - len(course.marks_deg)
                 course.marks_deg += [event.estimate.mean_deg] * missing
+    # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
     except DeviceError:
         return _Course(refused=course.refused)
     return course

@@ -1,7 +1,7 @@
-"""Everything that nobody knows of a rig, drawn anew: each row of the physics table over the range that stands there.
+"""Unknown properties of a rig and its marker, drawn for each trial over the ranges of the physics table.
 
-Policies are told none of it. Beside the table's rows the medium's attenuation is drawn, from that of a gel pad to that
-of soft tissue. The receiver's settings (sampling, samples, noise) stay those of the study.
+Policies receive none of them. In addition to the table the attenuation of the medium is drawn, from that of a gel pad
+to that of soft tissue. The receiver's settings (sampling, samples, noise) are those of the study.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Unknowns:
     Attributes
     ----------
     model
-        How the marker is heard.
+        The acoustic model of the rig.
     marker
         The marker, of strength 1.
     pulses
@@ -93,6 +93,7 @@ def draw_unknowns(
     sampling_hz, samples
         Of the receiver.
     """
+    # The order of the draws is part of the study: another order would give other markers.
     focus_m = None if rng.random() < NO_LENS else float(rng.uniform(*FOCUS_M))
     probe = Probe(
         element_height_m=float(rng.uniform(*ELEMENT_HEIGHT_M)),

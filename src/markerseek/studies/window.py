@@ -1,6 +1,6 @@
-"""Where in the record a marker can be heard: the window that is kept of each frame, and how it is read.
+"""Time window in which the signal of a marker can arrive, and the imaging chain for frames cut to it.
 
-Shared by all searches for one marker on one rig, of which everything was drawn.
+It is computed once for a drawn rig and marker, and shared by all searches of a trial.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Window:
     Attributes
     ----------
     model
-        How the marker is heard.
+        The acoustic model of the rig.
     marker
         The marker, scaled to `PEAK_COUNTS`.
     first, last
@@ -48,7 +48,7 @@ class Window:
     cells
         Independent cells of a whole image.
     share
-        Share of the image's depths that lies in the window.
+        Share of the image's depths that is in the window.
     """
 
     model: AcousticModel
@@ -76,23 +76,27 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     Raises
     ------
     ConfigError
-        If the marker is not heard with the probe on it.
+        If there is no signal with the probe on the marker.
     """
     model, marker, preset = unknowns.model, unknowns.marker, imaging.preset
     on_marker = model.channel_data([marker], angle_deg=marker.angle_deg)
-    loudest = float(np.abs(on_marker).max())
-    if not loudest > 0:
-        raise ConfigError(f"marker: at radius_m {marker.radius_m} m it is not heard in {model.samples} samples")
-    marker = replace(marker, strength=marker.strength * PEAK_COUNTS / loudest)
-    frame = frame_of(on_marker * (PEAK_COUNTS / loudest), sampling_hz=preset.sampling_hz)
+    strongest = float(np.abs(on_marker).max())
+    if not strongest > 0:
+        raise ConfigError(
+            f"marker: at radius_m {marker.radius_m} m its signal arrives after the {model.samples} samples of a frame"
+        )
+    marker = replace(marker, strength=marker.strength * PEAK_COUNTS / strongest)
+    frame = frame_of(on_marker * (PEAK_COUNTS / strongest), sampling_hz=preset.sampling_hz)
     reading = imaging.read(frame)
     farthest_deg = max(abs(travel.low_deg - marker.angle_deg), abs(travel.high_deg - marker.angle_deg))
+    # The path grows with the angle off the marker: the first arrival is at 0, the last at the farthest angle.
     arrivals = [_arrival_s(unknowns, off_deg) for off_deg in (0.0, min(farthest_deg, 90.0))]
     rate = preset.sampling_hz
     metres = preset.sound_speed_m_s
     low_s, high_s = min(arrivals) - _BEFORE_S, max(arrivals) + _AFTER_S
     first = max(0, math.floor(low_s * rate) - _MARGIN_SAMPLES)
     last = min(model.samples, math.ceil(1.04 * high_s * rate) + _MARGIN_SAMPLES)
+    # The reader's least depth excludes the laser's pick-up, and the counts of a cut use all 16 bits.
     cut = replace(preset, pickup_samples=0, trigger_offset_s=preset.trigger_offset_s - first / rate, full_scale=32767)
     whole_m = (model.samples - preset.pickup_samples) / rate * metres
     low_m = max(low_s * metres, preset.pickup_samples / rate * metres)
@@ -119,8 +123,10 @@ def noise_free(window: Window, *, off_deg: float) -> float:
     off_deg
         Angle of the probe less that of the marker, in degrees.
     """
-    heard = window.model.channel_data([window.marker], angle_deg=window.marker.angle_deg + off_deg)
-    reading = window.reader.read(frame_of(heard[:, window.first : window.last], sampling_hz=window.model.sampling_hz))
+    channels = window.model.channel_data([window.marker], angle_deg=window.marker.angle_deg + off_deg)
+    reading = window.reader.read(
+        frame_of(channels[:, window.first : window.last], sampling_hz=window.model.sampling_hz)
+    )
     return reading.intensity / window.peak
 
 
@@ -134,6 +140,7 @@ def frame_of(counts: Float32[np.ndarray, "channels samples"], *, sampling_hz: fl
     sampling_hz
         Sampling frequency in Hz.
     """
+    # Clipped like a converter: an overflow of int16 would change the sign.
     held = np.clip(np.rint(counts), -32767, 32767).astype(np.int16)
     return ChannelFrame(header=_NO_HEADER, samples=held, sampling_hz=sampling_hz)
 

@@ -1,15 +1,15 @@
-"""A world of readings: frames cut to where the marker can be heard, and the noise of the rest of the image drawn.
+"""A simulated world that computes only the time window of the marker, and draws the noise of the rest of the image.
 
-At each angle the channels are computed as for a whole frame, kept from shortly before the earliest to shortly after the
-latest arrival that the marker can have, given noise, and read by the imaging chain itself, whose trigger is moved by
-what was cut away. What the reader finds there is therefore real: intensity, place, arrival, coherence. Drawn are
+At each angle the channels are computed as for a whole frame, cut to the window (`markerseek.studies.window`), given
+noise, and read by the imaging chain itself with its trigger moved accordingly. Intensity, place, arrival and coherence
+in the window are therefore those of the imaging chain. Drawn are
 
-- the largest peak that noise has in the rest of the image, from the law of `markerseek.sim.curve_world`; where it
-  exceeds the window's, the reading is that of noise somewhere else. A dark frame is nothing but that;
-- the noise floor that a whole frame would have told, which scatters by `FLOOR_SCATTER`.
+- the largest peak of the noise in the rest of the image, from the law of `markerseek.sim.curve_world`; if it exceeds
+  the window's, it is the reading. A dark frame consists of it only;
+- the noise floor that a whole frame would give, with the scatter `FLOOR_SCATTER`.
 
-Not here: the converter (rounding to 12 bits and full scale), coloured noise, clutter, reverberation and bursts. Tests
-hold it against frames.
+Not modelled: the converter (rounding to 12 bits and full scale), coloured noise, clutter, reverberation and bursts.
+Tests compare it with frames.
 """
 
 from __future__ import annotations
@@ -28,54 +28,54 @@ from markerseek.sim.world import flash_of
 from markerseek.studies.window import Window, frame_of
 
 FLOOR_SCATTER = 0.01
-"""Relative standard deviation of the noise floor that one frame tells."""
+"""Relative standard deviation of the noise floor of one frame."""
 
 NOISE_COUNTS = 20.0
 """Noise of a channel in counts, less where the marker would not fit into 16 bits: rounding does not count."""
 
 _COHERENCE = 0.3
-"""Coherence of a noise peak of height uσ heard by n elements, over u²/n: the median of 150 dark frames."""
+"""Coherence of a noise peak of height uσ in n elements, over u²/n: the median of 150 dark frames."""
 
 _SPREAD_S, _WIDE_SPREAD_S, _WIDE = 0.083e-6, 0.7e-6, 0.15
 """Spread of the energy about a noise peak in seconds: usually, where a second peak is near, and how often that is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeardFrame(ReadingFrame):
-    """A frame of which only the reading was kept.
+class PrecomputedFrame(ReadingFrame):
+    """A frame that holds its reading instead of channel data.
 
     Attributes
     ----------
     reading
-        What it said.
+        The reading.
     """
 
     reading: Reading
 
 
-class HeardReader:
-    """Hands out the readings of `HeardFrame`."""
+class PrecomputedReader:
+    """Returns the readings of `PrecomputedFrame`."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading that the frame carries.
+        """Reading of the frame.
 
         Raises
         ------
         ConfigError
-            If it carries none.
+            If it holds none.
         """
-        if not isinstance(frame, HeardFrame):
-            raise ConfigError(f"a {type(frame).__name__} carries no reading")
+        if not isinstance(frame, PrecomputedFrame):
+            raise ConfigError(f"a {type(frame).__name__} holds no reading")
         return frame.reading
 
 
 class WindowWorld:
-    """Tissue of which only the marker's window is heard.
+    """Tissue of which only the marker's window is computed.
 
     Parameters
     ----------
     window
-        What was prepared.
+        The window of the marker.
     present
         Whether there is a marker.
     peak_snr_db
@@ -105,6 +105,7 @@ class WindowWorld:
         self._energy_jitter = energy_jitter
         self._rng = rng
         sigma = window.peak / 10 ** (peak_snr_db / 20)
+        # Peak SNR is defined in the image; the noise is added to the channels.
         white_sigma = sigma / beamformed_sigma(1.0, preset=window.reader.preset)
         gain = min(1.0, NOISE_COUNTS / white_sigma)
         self._sigma = gain * sigma
@@ -115,10 +116,10 @@ class WindowWorld:
         """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
-    def frame(self, flash: Flash | None, *, header: FrameHeader) -> HeardFrame:
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> PrecomputedFrame:
         """Frame with the reading after a flash; after none, that of noise alone."""
-        reading = self._heard(flash)
-        return HeardFrame(
+        reading = self._reading(flash)
+        return PrecomputedFrame(
             header=header,
             intensity=reading.intensity,
             noise_sigma=reading.noise_sigma,
@@ -126,7 +127,7 @@ class WindowWorld:
             reading=reading,
         )
 
-    def _heard(self, flash: Flash | None) -> Reading:
+    def _reading(self, flash: Flash | None) -> Reading:
         window, rng = self._window, self._rng
         floor = self._sigma * (1 + FLOOR_SCATTER * rng.standard_normal())
         if flash is None or not self._present:
@@ -134,18 +135,20 @@ class WindowWorld:
         else:
             reading = self._in_window(flash)
             cells = max(10, round((1 - window.share) * window.cells))
+            # The reading is the largest peak of the image: that of the window, or of the independent rest.
             elsewhere = self._noise_peak(self._sigma * largest_noise(rng, cells=cells))
             reading = max(reading, elsewhere, key=lambda each: each.intensity)
         return replace(reading, noise_sigma=floor, cells=window.cells)
 
     def _in_window(self, flash: Flash) -> Reading:
-        """What the reader says of the cut frame, its moments counted from the trigger."""
+        """Reading of the cut frame, with its times from the trigger."""
         window, model = self._window, self._window.model
         elements, kept = model.probe.array.elements, window.last - window.first
         counts = self._noise.sample(self._rng, channels=elements, samples=kept, sampling_hz=model.sampling_hz)
-        heard = model.channel_data([self._marker], angle_deg=self.angle_deg)
-        counts += np.float32(flash.energy) * heard[:, window.first : window.last]
+        signal = model.channel_data([self._marker], angle_deg=self.angle_deg)
+        counts += np.float32(flash.energy) * signal[:, window.first : window.last]
         reading = window.reader.read(frame_of(counts, sampling_hz=model.sampling_hz))
+        # The reader counts time from the first sample of the cut.
         cut_s = window.first / model.sampling_hz
         arrival_s, centroid_s = reading.arrival_s, reading.centroid_s
         return replace(
@@ -162,8 +165,8 @@ class WindowWorld:
         depth_m = float(rng.uniform(5e-3, reach_m))
         lateral_m = float(rng.uniform(array.lateral_m[0], array.lateral_m[-1]))
         half_m = depth_m / (2 * preset.f_number)
-        heard_by = int(np.sum(np.abs(array.lateral_m - lateral_m) <= half_m))
-        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(LEAST_CHANNELS, heard_by)
+        elements = int(np.sum(np.abs(array.lateral_m - lateral_m) <= half_m))
+        coherence = _COHERENCE * (intensity / self._sigma) ** 2 / max(LEAST_CHANNELS, elements)
         wide = rng.random() < _WIDE
         return Reading(
             intensity=intensity,

@@ -1,4 +1,4 @@
-"""Work on processes of this machine: chunks of a study, parts of a reproduction.
+"""Jobs on processes of this machine: chunks of a study, parts of a reproduction.
 
 At most a few jobs for each process are under way, so that memory does not grow with their number.
 """
@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from itertools import islice
 from typing import TypeVar
 
@@ -30,12 +31,12 @@ def default_workers() -> int:
 
 
 def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int) -> Iterator[tuple[int, Done]]:
-    """Numbers of the jobs, from 0, and their results, each as it is ready; closing the iterator ends the processes.
+    """Index and result of each job, as it is ready; closing the iterator ends the processes.
 
     Parameters
     ----------
     function
-        What is done with a job; one of a module, or `functools.partial` of one, so that other processes find it.
+        A function of a module, or `functools.partial` of one, which other processes can import.
     jobs
         Its arguments, one after another.
     workers
@@ -53,22 +54,46 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         return
     # The command that starts a worker would import from the current folder, before it takes over our own path.
     os.environ["PYTHONSAFEPATH"] = "1"
-    # Processes are started anew: a fork would copy the locks of threads that this one has.
+    # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from _as_ready(lambda job: pool.submit(function, job), jobs, ahead=_AHEAD * workers)
+        yield from as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
-            "a worker process was ended from outside, perhaps for want of memory; run the same command again with "
+            "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
             "fewer --workers (a study continues where it was)"
         ) from problem
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
-    """Results of submitted jobs as they are ready, with so many under way at most."""
+def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
+    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that.
+
+    A Ctrl-C goes to all processes of a terminal. One that is still importing would print a traceback.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        return pool.submit(function, job)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return pool.submit(function, job)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
+    """Index and result of each submitted job, as it is ready.
+
+    Parameters
+    ----------
+    submit
+        Starts a job.
+    jobs
+        The jobs, one after another.
+    ahead
+        Most jobs under way, so that memory does not grow with their number.
+    """
     waiting = enumerate(jobs)
     under_way = {submit(job): number for number, job in islice(waiting, ahead)}
     while under_way:
@@ -80,7 +105,7 @@ def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahe
 
 
 def _begin() -> None:
-    """In a new worker: leave the keyboard's interrupt to the parent, and end when the parent is gone."""
+    """In a new worker: leave Ctrl-C to the parent, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -1,4 +1,4 @@
-"""The worlds of a study: what chance decides in a trial, and the rig on which it searches."""
+"""The simulated worlds of a study: what is drawn for a trial, and the rig of its searches."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns, draw_unknowns
 from markerseek.studies.window import Window, window_of
-from markerseek.studies.window_world import HeardReader, WindowWorld
+from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
-_LOUDEST_COUNTS = 1800.0
+_LARGEST_COUNTS = 1800.0
 """Largest count of a marker in a channel, noise apart, that the converter's full scale of 2047 allows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Draw:
-    """What chance decides in a trial, the same for every policy.
+    """What is drawn for a trial, the same for every policy.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Draw:
     noise_seed
         Seed of all noise; at the level of frames also of the spot.
     unknowns
-        The rig and the marker, where a study draws them anew for each trial; else None.
+        The rig and the marker, if the study draws everything; else None.
     """
 
     marker_deg: float
@@ -59,16 +59,17 @@ class Draw:
 
 
 def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
-    """Draw what chance decides in a trial.
+    """Draw the marker and the seeds of a trial.
 
     Parameters
     ----------
     study, cell, trial
-        Whose; of the study only the seed counts, and of the cell only its settings.
+        Which trial; only the seed of the study and the settings of the cell have an effect.
     """
     world = cell.world
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
     search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
+    # Drawn also where the settings give them: the other random numbers must not depend on that.
     angle_deg, place_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
@@ -86,12 +87,12 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
 
 
 def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
-    """The rig on which a trial searches, at rest at its start.
+    """Return the rig of a trial, at rest at its start.
 
     Parameters
     ----------
     study, cell, draw
-        Whose, and what chance decided.
+        The study, its cell, and what was drawn.
     """
     settings = cell.world.rig
     if draw.unknowns is not None:
@@ -106,13 +107,13 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
 
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *, noise_seed: int) -> rigs.Rig:
-    """A rig of which everything was drawn, of frames or of readings."""
+    """Rig with everything drawn, with frames or with readings."""
     model, rng = unknowns.model, np.random.default_rng(noise_seed)
     settings = replace(settings, probe=model.probe, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     reader: Reader
     if study.level == "frames":
-        spot, noise = _audible(unknowns, settings)
+        spot, noise = _with_gain(unknowns, settings)
         reader = imaging
         world: SimulatedWorld = World(
             model=model,
@@ -124,7 +125,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
             rng=rng,
         )
     else:
-        reader = HeardReader()
+        reader = PrecomputedReader()
         world = WindowWorld(
             marker_window(unknowns, settings),
             present=settings.marker.present,
@@ -144,11 +145,12 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
     )
 
 
-def _audible(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
-    """Marker and noise in counts, the gain turned up until rounding the noise does not show, or full scale is near."""
+def _with_gain(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
+    """Marker and noise in counts, with a gain that makes the rounding of the noise negligible, up to full scale."""
     marker, model = unknowns.marker, unknowns.model
     spot, noise, _ = scaled_spot([marker], marker, settings, model)
-    gain = max(1.0, min(2.0 / noise.white_sigma, _LOUDEST_COUNTS / settings.receiver.peak_counts))
+    # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it.
+    gain = max(1.0, min(2.0 / noise.white_sigma, _LARGEST_COUNTS / settings.receiver.peak_counts))
     return [replace(each, strength=each.strength * gain) for each in spot], replace(
         noise, white_sigma=noise.white_sigma * gain
     )
@@ -163,7 +165,7 @@ def marker_window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
     unknowns
         The rig and the marker.
     settings
-        Those that were not drawn.
+        The settings that are not drawn.
     """
     model = unknowns.model
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
@@ -175,7 +177,7 @@ def intensity_curve(
 ) -> tuple[IntensityCurve | None, int]:
     """Noise-free curve of a world over the angle off the marker, and the independent cells of its images.
 
-    An acoustic curve is computed once for settings that sound alike and kept in memory; the marker lies in the middle
+    An acoustic curve is computed once for settings with the same curve, and cached; the marker is at the middle
     of the array. None is a closed form without a marker.
 
     Parameters
@@ -187,8 +189,9 @@ def intensity_curve(
     """
     if curve.family == "acoustic":
         tissue = tissue_named(rig.tissue)
+        # One spot without clutter has no randomness: all draws share one curve.
         drawn = tissue.clutter is not None or (tissue.spot.count > 1 and rig.marker.source_radius_m is None)
-        return _acoustic_curve(_as_heard(rig), seed, draw if drawn else 0)
+        return _acoustic_curve(_same_curve(rig), seed, draw if drawn else 0)
     if not rig.marker.present:
         return None, rigs.USUAL_CELLS
     if curve.family == "gaussian":
@@ -198,8 +201,8 @@ def intensity_curve(
     return PowerCurve(fwhm_deg=curve.fwhm_deg, power=curve.power), rigs.USUAL_CELLS
 
 
-def _as_heard(rig: SimulatedSettings) -> SimulatedSettings:
-    """The settings with all that does not change the curve at its default, so that equal curves are made once."""
+def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
+    """The settings with everything that does not change the curve at its default: the key of the cache."""
     return SimulatedSettings(
         tissue=rig.tissue,
         marker=replace(rig.marker, angle_deg=0.0, lateral_m=0.0),

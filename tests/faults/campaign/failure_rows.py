@@ -11,11 +11,11 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.progress import Progress
 
-from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.failure_kinds import FAULTS
-from markerseek.studies.paper.failure_runs import METHODS, Method, Outcome, outcomes_of_ours
+from markerseek.studies.paper import RunOptions
+from markerseek.studies.paper.failure_runs import CASES, METHODS, AnyMethod, FaultRun, Outcome, draw_runs, outcomes_of
 from markerseek.studies.paper.failures import CLOSE_DEG, share_off
 
 from .commit import commit_made_from
@@ -27,11 +27,17 @@ HEAD = (
 )
 
 
-def row(words: str, seen: bool | None, method: Method, outcomes: Sequence[Outcome]) -> str:
+def row(words: str, seen: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
     """Line of the table for one method under one fault."""
     off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
     told, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
     return f"| {words} | {told} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
+
+
+def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:
+    """Runs of some methods with our rules; each case has a seed of its own, so that any of them can be made alone."""
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 10, list(CASES).index(name)])))
+    return draw_runs(name, count, rng, rules=("ours",), methods=methods)
 
 
 def main() -> None:
@@ -40,7 +46,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=3700, help="markers of each fault")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--faults", nargs="+", choices=tuple(FAULTS), default=tuple(FAULTS))
+    parser.add_argument("--faults", nargs="+", choices=tuple(CASES), default=tuple(CASES))
     parser.add_argument("--out", type=Path, required=True, help="page of the table")
     words = parser.parse_args()
     head = (
@@ -53,19 +59,19 @@ def main() -> None:
     page = done if done.startswith(head) else head
     with Progress() as progress:
         for name in words.faults:
-            fault = FAULTS[name]
-            if f"| {fault.words} |" in page:
+            case = CASES[name]
+            if f"| {case.words} |" in page:
                 continue
-            methods: tuple[Method, ...] = ("posterior",) if fault.frames else METHODS["ours"]
-            bar = progress.add_task(fault.words)
-            effort = Effort(
+            methods: tuple[AnyMethod, ...] = ("posterior",) if case.frames else METHODS["ours"]
+            bar = progress.add_task(case.words)
+            options = RunOptions(
                 seed=words.seed,
                 workers=words.workers,
-                advance=lambda _what, part, parts, bar=bar: progress.update(bar, completed=part, total=parts),
+                progress=lambda _what, part, parts, bar=bar: progress.update(bar, completed=part, total=parts),
             )
-            outcomes = outcomes_of_ours(name, methods=methods, count=words.count, effort=effort)
+            outcomes = outcomes_of(runs_of_ours(name, methods, count=words.count, seed=words.seed), options)
             for method in methods:
-                page += row(fault.words, fault.observable, method, [o for o in outcomes if o.method == method])
+                page += row(case.words, case.observable, method, [o for o in outcomes if o.method == method])
             words.out.write_text(page)
 
 

@@ -1,29 +1,27 @@
-"""Lower bounds on the error of the marker's angle: Cramér–Rao, Van Trees, Ziv–Zakai. Pure."""
+"""Lower bounds on the error of the marker's angle: Cramér and Rao's, with and without a prior (Van Trees). Pure."""
 
 from markerseek.search.bounds.best_angles import BestAngles, best_angles
 from markerseek.search.bounds.curves import SampledCurve, SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
+    IntensityNoise,
     Nuisance,
-    ObservationNoise,
     Prior,
     angle_bound_deg,
     sample_information,
 )
-from markerseek.search.bounds.ziv_zakai import ziv_zakai_deg
 
 __all__ = [
     "NUISANCES",
     "TABLE_PRIOR",
     "BestAngles",
+    "IntensityNoise",
     "Nuisance",
-    "ObservationNoise",
     "Prior",
     "SampledCurve",
     "SlopedCurve",
     "angle_bound_deg",
     "best_angles",
     "sample_information",
-    "ziv_zakai_deg",
 ]

@@ -1,4 +1,4 @@
-"""The most informative angles for a known marker: a lower bound for every search."""
+"""The angles with the smallest bound for a marker whose place is known: no search can do better."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from markerseek.core.shapes import Float64, Int64
 from markerseek.search.bounds.curves import SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
+    IntensityNoise,
     Nuisance,
-    ObservationNoise,
     Prior,
     angle_bound_deg,
     sample_information,
 )
 
 STEP_DEG = 0.25
-"""Step of the angles among which the best are sought, in degrees."""
+"""Step of the candidate angles, in degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestAngles:
-    """The best angles, and their bound.
+    """The best angles and their bound.
 
     Attributes
     ----------
     angles_deg
-        Angles, ascending, in degrees; one may occur several times.
+        Angles, rising, in degrees; the same angle may occur several times.
     bound_deg
         Least standard deviation of the marker's angle, in degrees.
     """
@@ -42,19 +42,23 @@ def best_angles(
     curve: SlopedCurve,
     *,
     marker_deg: float,
-    noise: ObservationNoise,
+    noise: IntensityNoise,
     acquisitions: int,
     limits: Interval = PAPER_RANGE,
     unknown: tuple[Nuisance, ...] = NUISANCES,
     prior: Prior | None = None,
     step_deg: float = STEP_DEG,
 ) -> BestAngles:
-    """Return the best angles for a marker, by exchange: each in turn moves to where the bound is least, and again.
+    """Return the best angles for a marker by coordinate exchange (Meyer and Nachtsheim, Technometrics 37, 60 (1995)).
+
+    Each angle in turn moves to where the bound is least, until a round changes nothing.
 
     Parameters
     ----------
-    curve, marker_deg, noise
-        The marker, and the noise of its intensities.
+    curve, marker_deg
+        The marker.
+    noise
+        Noise of the intensities.
     acquisitions
         Number of angles.
     limits
@@ -62,7 +66,7 @@ def best_angles(
     unknown, prior
         As for `angle_bound_deg`.
     step_deg
-        Step of the angles among which they are sought, in degrees.
+        Step of the candidate angles, in degrees.
 
     Raises
     ------
@@ -75,12 +79,15 @@ def best_angles(
         raise ConfigError(f"best angles: step_deg is {step_deg} deg, it must lie in (0, {limits.width_deg:g}] deg")
     angle_deg = np.linspace(limits.low_deg, limits.high_deg, round(limits.width_deg / step_deg) + 1)
     each = sample_information(curve, angle_deg, marker_deg=marker_deg, noise=noise)
-    # A little of every angle makes the first choices possible while the samples settle nothing yet.
+    # With few samples the matrix is singular and every choice has an infinite bound: this small share of every
+    # angle's information makes the first choices comparable. The returned bound is without it.
     hint = 1e-6 * each.mean(axis=0)
+    # Start near the marker, where the information is.
     chosen = _spread(angle_deg, marker_deg, acquisitions)
     best = np.inf
     for _ in range(50):
         for place in range(acquisitions):
+            # Information adds up: the other samples plus each candidate, all at once.
             others = each[np.delete(chosen, place)].sum(axis=0) + hint
             chosen[place] = int(np.argmin(angle_bound_deg(others + each, unknown=unknown, prior=prior)))
         now = float(angle_bound_deg(each[chosen].sum(axis=0) + hint, unknown=unknown, prior=prior))
@@ -92,6 +99,6 @@ def best_angles(
 
 
 def _spread(angle_deg: Float64[np.ndarray, " angles"], marker_deg: float, count: int) -> Int64[np.ndarray, " count"]:
-    """Numbers of angles about the marker, to begin with."""
+    """Indices of the initial angles, spread about the marker."""
     offsets = np.linspace(-6.0, 6.0, count) if count > 1 else np.array([2.0])
     return np.asarray(np.abs(angle_deg[:, None] - marker_deg - offsets).argmin(axis=0), dtype=np.int64)

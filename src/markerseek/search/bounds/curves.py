@@ -1,4 +1,4 @@
-"""Intensity curves with their slope, for the bounds."""
+"""Intensity curves with their derivative, as the bounds need them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from markerseek.core.shapes import Float64
 
 @runtime_checkable
 class SlopedCurve(Protocol):
-    """Noise-free intensity over the angle t off the marker, 1 at t = 0."""
+    """Noise-free intensity S over the angle t off the marker, 1 at t = 0."""
 
     def value(self, off_deg: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
         """S(t)."""
@@ -22,16 +22,16 @@ class SlopedCurve(Protocol):
 
 
 class SampledCurve:
-    """A symmetric curve through the computed points of one side: monotone cubic pieces (PCHIP) and their derivative.
+    """A symmetric curve through computed points of one side: monotone cubic interpolation (PCHIP).
 
-    Beyond the last point it keeps the value of that point.
+    Beyond the last point the curve is constant.
 
     Parameters
     ----------
     off_deg
         Angles t from 0 upwards, rising, in degrees.
     height
-        S there, positive, shape (points,).
+        S at these angles, positive, shape (points,).
     """
 
     def __init__(self, off_deg: Float64[np.ndarray, " points"], height: Float64[np.ndarray, " points"]) -> None:
@@ -39,11 +39,13 @@ class SampledCurve:
             raise ConfigError("sampled curve: off_deg must begin at 0 and rise, with at least three angles")
         if height.shape != off_deg.shape or not np.all((height > 0) & np.isfinite(height)):
             raise ConfigError("sampled curve: height must hold one positive finite number for each angle")
-        # Imported here: it takes a third of a second, which a search would pay for nothing.
+        # Imported here because it takes a third of a second, and searches do not need it.
         from scipy.interpolate import PchipInterpolator
 
         mirrored = np.concatenate([-off_deg[:0:-1], off_deg])
         self._last_deg = float(off_deg[-1])
+        # Monotone pieces: a cubic spline would overshoot beside the peak, and the bound would use slopes that
+        # the curve does not have.
         self._value = PchipInterpolator(mirrored, np.concatenate([height[:0:-1], height]) / height[0])
         self._slope = self._value.derivative()
 

@@ -1,9 +1,9 @@
-"""Cramér–Rao bound on the marker's angle from intensities at given angles.
+"""Cramér and Rao's bound on the marker's angle, from intensities at chosen angles.
 
 A sample at θ is normal with mean μ = A·S(t) + b, t = θ − θp, and variance v = σ² + (jμ)²: noise of the receiver and
-jitter of the laser. (A peak-picked envelope holds less information: near the noise its largest peak is somewhere else.
-So the bound holds for it, too.) Unknown beside θp are nuisance parameters (Van Trees, Detection, Estimation, and
-Modulation Theory I, section 2.4), which change μ by
+jitter of the laser. (The peak of an envelope carries less information, because near the noise the largest peak is
+somewhere else; the bound holds for it, too.) The nuisances beside θp (Van Trees, Detection, Estimation, and Modulation
+Theory I, section 2.4) change μ by
 
     amplitude   ∂μ/∂ln A = A·S          width   ∂μ/∂ln F = −A·t·S'(t)
     tail        ∂μ/∂ε    = A·S·ln S, of S^(1+ε)        floor   ∂μ/∂b = 1
@@ -31,16 +31,20 @@ NUISANCES: tuple[Nuisance, ...] = ("amplitude", "width", "tail", "floor")
 """All nuisances, in the order of the information matrix behind the angle."""
 
 
+_SINGULAR = 1e12
+"""Condition number from which an information matrix counts as singular: the inverse has no correct digit left."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ObservationNoise:
-    """Noise of the observed intensities.
+class IntensityNoise:
+    """Noise of the receiver and jitter of the laser.
 
     Attributes
     ----------
     snr
         Amplitude A over σ, the noise of one quadrature: 100 is a peak SNR of 40 dB.
     jitter
-        Relative standard deviation j of the light from one acquisition to the next.
+        Relative standard deviation j of the pulse energy from one acquisition to the next.
     """
 
     snr: float
@@ -48,14 +52,14 @@ class ObservationNoise:
 
     def __post_init__(self) -> None:
         if not 0 < self.snr < math.inf:
-            raise ConfigError(f"observation noise: snr is {self.snr}, it must be positive and finite")
+            raise ConfigError(f"intensity noise: snr is {self.snr}, it must be positive and finite")
         if not 0 <= self.jitter < 1:
-            raise ConfigError(f"observation noise: jitter is {self.jitter}, it is a share between 0 and 1")
+            raise ConfigError(f"intensity noise: jitter is {self.jitter}, it is a share between 0 and 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """Standard deviations of what is known before the first sample; infinite is nothing.
+    """Standard deviations of the prior; infinite for no prior knowledge.
 
     Attributes
     ----------
@@ -99,7 +103,7 @@ height of the largest noise in an image."""
 
 
 def sample_information(
-    curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, noise: ObservationNoise
+    curve: SlopedCurve, angle_deg: Float64[np.ndarray, " angles"], *, marker_deg: float, noise: IntensityNoise
 ) -> Float64[np.ndarray, "angles 5 5"]:
     """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`.
 
@@ -110,14 +114,14 @@ def sample_information(
     angle_deg
         Angles of the samples, in degrees.
     marker_deg
-        Angle of the marker, in degrees.
+        Where the marker is, in degrees.
     noise
         Noise and jitter.
     """
     off_deg = angle_deg - marker_deg
     snr = noise.snr
     height, slope = curve.value(off_deg), curve.slope(off_deg)
-    # S·ln S tends to 0 with S.
+    # ∂μ/∂ε = A·S·ln S goes to 0 with S, where NumPy has 0·(−∞).
     with np.errstate(divide="ignore", invalid="ignore"):
         tail = np.where(height > 0, height * np.log(height), 0.0)
     mean_change = np.stack(
@@ -146,25 +150,22 @@ def angle_bound_deg(
     information
         Sum over the samples taken (`sample_information`).
     unknown
-        Nuisances that are not known.
+        The unknown nuisances.
     prior
-        What was known before (Van Trees' Bayesian bound); None: nothing, and the bound is infinite where the samples
-        do not settle all that is unknown.
+        Prior (Van Trees' Bayesian bound); None: no prior, and the bound is infinite where the samples do not determine
+        all unknowns.
     """
     total = information if prior is None else information + prior.information()
     kept = [0] + [1 + NUISANCES.index(name) for name in unknown]
     part = total[..., kept, :][..., kept]
-    # Each row and column by its own scale: the parameters have units of their own.
+    # Scaled to a unit diagonal, because the parameters have different units and the condition number depends on them.
     scale = np.sqrt(np.einsum("...ii->...i", part))
     known = scale > 0
     scale = np.where(known, scale, 1.0)
     relative = part / scale[..., :, None] / scale[..., None, :]
     relative = relative + np.einsum("...i,ij->...ij", (~known).astype(np.float64), np.eye(len(kept)))
+    # `inv` raises on the first singular matrix of a batch; here such a matrix means an infinite bound.
     singular = np.linalg.cond(relative) > _SINGULAR
     safe = np.where(singular[..., None, None], np.eye(len(kept)), relative)
     variance = np.linalg.inv(safe)[..., 0, 0] / scale[..., 0] ** 2
     return np.asarray(np.where(singular | ~known[..., 0], math.inf, np.sqrt(np.abs(variance))))
-
-
-_SINGULAR = 1e12
-"""Condition number from which an information matrix settles nothing."""

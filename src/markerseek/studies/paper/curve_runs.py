@@ -1,8 +1,7 @@
-"""Trials of a study in which one search of TS or GSS stands for all shorter ones.
+"""Errors of the paper's methods on simulated intensity curves, or on frames: the trials of Fig. 5 and of the map.
 
-Markers, noise and rigs are those of `markerseek.studies.trial`, so that every method meets the same ones, and a study
-from curves the same as one from frames. A study's own rows have one search each; here the shorter searches of Fig. 5
-and Fig. 7 are cut from the longest, which asks the same questions.
+Markers, noise and rigs are those of `markerseek.studies.trial`: every method searches for the same markers, from curves
+as from frames. A row of a study is one search; here the longest search of TS and GSS also gives all shorter ones.
 """
 
 from __future__ import annotations
@@ -15,31 +14,32 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
-from markerseek.search import build, equal_steps
+from markerseek.search import equal_steps
 from markerseek.search.average import weighted_average
 from markerseek.search.curve import Curve
 from markerseek.search.peak import peak_of
 from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
-from markerseek.studies.paper.effort import Effort
+from markerseek.studies.paper.banks import PEAK_COUNTS
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,
     BRACKETS,
     BUILT,
-    NAMES,
     ONLINE_STEPS,
-    Name,
+    PAPER_METHODS,
+    PaperMethod,
     searched,
     shorter,
 )
-from markerseek.studies.paper.positions import PEAK_COUNTS
-from markerseek.studies.settings import CurveSettings, PolicySettings
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.worlds import Draw, draw_trial, intensity_curve, study_rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A curve's width, by the absorber that gives it, and a noise.
+    """Width of the intensity curve, as the radius of the absorber, and noise.
 
     Attributes
     ----------
@@ -54,9 +54,9 @@ class Condition:
 
     @property
     def settings(self) -> SimulatedSettings:
-        """Simulated rig of this condition: the probe begins at −35°, the marker lies anywhere in the array's middle.
+        """Simulated rig of this condition: the probe begins at −35°, the marker lies at the middle of the array.
 
-        The energy of the pulses does not vary: the paper's simulation names white Gaussian noise and nothing else.
+        The energy of the pulses does not vary, because the paper's simulation has white Gaussian noise only.
         """
         return SimulatedSettings(
             start_deg=PAPER_RANGE.low_deg,
@@ -68,7 +68,7 @@ class Condition:
 
     @property
     def words(self) -> str:
-        """Width and noise as people read them."""
+        """Width and noise in words."""
         return f"FWHM {fwhm_deg(self.source_radius_m):.1f}°, {self.peak_snr_db:g} dB"
 
 
@@ -85,6 +85,7 @@ def fwhm_deg(source_radius_m: float) -> float:
     curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
     if curve is None:
         return float("nan")
+    # Steps of 0.05°, a hundredth of the narrowest width.
     angles = np.linspace(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 1401)
     heights = np.array([max(curve.peaks(float(angle))) for angle in angles])
     return peak_of(Curve(angle_deg=angles, intensity=heights)).fwhm_deg or float("nan")
@@ -107,7 +108,7 @@ def study_of(
     condition
         Width and noise.
     seed, trials
-        Seed, and number of markers.
+        Seed and number of markers.
     sweeps
         Acquisitions of the full scans of WA.
     level
@@ -115,7 +116,7 @@ def study_of(
     marker_deg
         Angle of the marker in degrees; None draws it for each trial.
     early
-        Whether WA also runs as it did online: 5° steps, and an end once the peak is passed.
+        Whether WA also runs as online: 5° steps, and an early end once the peak is passed.
     """
     most = max(BRACKET_ACQUISITIONS)
     settings = condition.settings
@@ -137,58 +138,54 @@ def study_of(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trials:
-    """Some trials of the first cell of a study: from ``first`` to before ``last``."""
+TrialsOf: TypeAlias = tuple[Study, range]
+"""Some trials of the first cell of a study."""
 
-    study: Study
-    first: int
-    last: int
-
-
-MarkerErrors: TypeAlias = dict[tuple[Name, int], float]
+MarkerErrors: TypeAlias = dict[tuple[PaperMethod, int], float]
 """Absolute errors of one marker in degrees, by method and number of acquisitions."""
 
 
-def errors_of_studies(studies: Sequence[Study], effort: Effort, *, what: str) -> list[list[MarkerErrors]]:
+def errors_of_studies(studies: Sequence[Study], options: RunOptions, *, stage: str) -> list[list[MarkerErrors]]:
     """Errors of each trial of each study.
 
     Parameters
     ----------
     studies
         Of `study_of`.
-    effort
+    options
         What may be used.
-    what
-        What is being done, in words.
+    stage
+        What is done, in words.
     """
-    parts = [part for study in studies for part in _parts(study)]
-    found = iter(effort.each(errors_of_trials, parts, what=what))
-    return [[errors for _ in _parts(study) for errors in next(found)] for study in studies]
+    parts = [_parts(study) for study in studies]
+    errors = iter(options.each(errors_of_trials, [part for of_study in parts for part in of_study], stage=stage))
+    return [[of_marker for _ in of_study for of_marker in next(errors)] for of_study in parts]
 
 
-def _parts(study: Study) -> list[Trials]:
+def _parts(study: Study) -> list[TrialsOf]:
+    # About a second of work each: a trial from frames takes fifty times as long as one from curves.
     size = 2 if study.level == "frames" else 20
-    return [
-        Trials(study=study, first=first, last=min(first + size, study.trials)) for first in range(0, study.trials, size)
-    ]
+    trials = range(study.trials)
+    return [(study, trials[first : first + size]) for first in range(0, study.trials, size)]
 
 
-def errors_of_trials(part: Trials) -> list[MarkerErrors]:
-    """Errors of each of these trials.
+def errors_of_trials(part: TrialsOf) -> list[MarkerErrors]:
+    """Errors of each of these trials, with all methods of the study.
 
     Parameters
     ----------
     part
-        Which trials, of which study.
+        The study and the numbers of the trials.
     """
-    return [_errors(part.study, trial) for trial in range(part.first, part.last)]
+    study, trials = part
+    return [_errors(study, trial) for trial in trials]
 
 
 def _errors(study: Study, trial: int) -> MarkerErrors:
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
-    names = {BUILT[name]: name for name in NAMES}
+    names = {BUILT[name]: name for name in PAPER_METHODS}
+    # From frames every search runs in the loop: it is what the curves are compared with.
     at_once = [settings for settings in study.policies if _is_full_scan(settings) and study.level == "curves"]
     errors = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
     for settings in study.policies:
@@ -196,13 +193,7 @@ def _errors(study: Study, trial: int) -> MarkerErrors:
             continue
         name = names[settings.method]
         rig = study_rig(study, cell, draw)
-        policy = build(
-            settings.method,
-            limits=rig.limits.search,
-            acquisitions=settings.most,
-            as_published=True,
-            early_end=settings.early_end,
-        )
+        policy = build_policy(settings, limits=rig.limits.search, start_deg=None)
         samples, finished = searched(policy, rig.scanner)
         if name == "WA":
             errors[name, settings.most] = abs(finished.estimate.mean_deg - draw.marker_deg)
@@ -216,10 +207,11 @@ def _is_full_scan(settings: PolicySettings) -> bool:
 
 
 def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerErrors:
-    """Errors of full scans of WA, which are those of the loop to rounding, without the loop.
+    """Errors of full scans of WA without the search loop; equal to those of the loop to rounding.
 
-    A full scan asks nothing of what it heard, so that all of it can be drawn at once; it rises, so that the probe
-    stands where the encoder does. All policies of a trial meet the same noise, scans of any length among them.
+    The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of each
+    marker would otherwise take most of the time. The probe only moves upwards, so that there is no play, and stands at
+    the encoder count. All policies of a trial have the same noise, also scans of different lengths.
     """
     settings = cell.world.rig
     limits, counts_per_deg = settings.limits.search, settings.stage.counts_per_deg
@@ -233,8 +225,8 @@ def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> 
     )
     reached = [np.round(equal_steps(limits, acquisitions=count) * counts_per_deg) / counts_per_deg for count in counts]
     scans = world.scans([np.maximum(at, settings.start_deg) for at in reached], pulses=settings.laser.pulses)
-    found: MarkerErrors = {}
-    for count, at, heard in zip(counts, reached, scans, strict=True):
-        angle_deg = float(np.clip(weighted_average(at, heard), limits.low_deg, limits.high_deg))
-        found["WA", count] = abs(angle_deg - draw.marker_deg)
-    return found
+    errors: MarkerErrors = {}
+    for count, at, intensities in zip(counts, reached, scans, strict=True):
+        angle_deg = float(np.clip(weighted_average(at, intensities), limits.low_deg, limits.high_deg))
+        errors["WA", count] = abs(angle_deg - draw.marker_deg)
+    return errors

@@ -1,4 +1,4 @@
-"""Searches under faults: the paper's rules as a bare program has them, and ours as they stand."""
+"""Searches under faults: the cases of the table of failures, and their runs with unguarded rules and with ours."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek import rigs
+from markerseek.acoustics import Bursts
 from markerseek.core import MarkerseekError, Receiver
 from markerseek.core.estimate import Found
 from markerseek.guard import Admission, FiringLimits, Guard
@@ -17,38 +18,156 @@ from markerseek.records.replay import IntensityReader
 from markerseek.scan import Scanner
 from markerseek.search import build
 from markerseek.sim import IntensityCurve, SimulatedSettings
-from markerseek.studies.paper import faults
-from markerseek.studies.paper.bare_rules import bare_answer, bare_listener
-from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
-from markerseek.studies.paper.failure_kinds import FAULTS, MOVED_AFTER
-from markerseek.studies.paper.methods import BUILT, NAMES, Name, searched
+from markerseek.sim.faults import Fault
+from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
+from markerseek.studies.paper.curve_runs import Condition
+from markerseek.studies.paper.methods import BUILT, PAPER_METHODS, PaperMethod, searched
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.paper.unguarded_rules import unguarded_acquisition, unguarded_answer
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.worlds import intensity_curve
 
+WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
+"""Curve and noise of all cases but one: without a fault, neither set of rules fails on it."""
+
+FRAMED = Condition(source_radius_m=0.35e-3, peak_snr_db=50.0)
+"""Curve and noise of the cases from frames: noise that is larger than the steps of a 12-bit converter."""
+
+NARROW = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+"""The default of the simulated rig."""
+
+MOVED_DEG, MOVED_AFTER = 5.0, 8
+"""How far, and after how many acquisitions, a moving marker moves."""
+
+FADING = 0.97
+"""Factor on the intensity from one acquisition to the next: half is left after 23."""
+
 MARKERS_DEG = 30.0
-"""Markers lie within this of the middle, in degrees, so that no failure is owed to the end of the range."""
-
-RUNS, FRAMED_RUNS = 120, 30
-"""Markers of each fault, and of one that needs frames, for as many markers as the paper has."""
-
-PART = 3
-"""Runs that one process makes in a row: from frames they take seconds, and none should wait for another."""
+"""Largest angle of a marker from the middle, in degrees: no failure comes from the ends of the range."""
 
 Rules: TypeAlias = Literal["the paper's", "ours"]
 
-Method: TypeAlias = Name | Literal["posterior"]
+AnyMethod: TypeAlias = PaperMethod | Literal["posterior"]
 
-METHODS: dict[Rules, tuple[Method, ...]] = {"the paper's": NAMES, "ours": (*NAMES, "posterior")}
-"""Who searches by which rules."""
+METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": (*PAPER_METHODS, "posterior")}
+"""Methods by rules."""
+
+_PART = 3
+"""Runs of one job: a run from frames takes seconds, and no process should wait long for another at the end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Run:
-    """One marker searched for under one fault, by bare rules and by ours."""
+class FaultCase:
+    """One case of the table of failures.
 
-    fault: str
-    bare: tuple[Name, ...]
-    ours: tuple[Method, ...]
+    Attributes
+    ----------
+    words
+        What goes wrong.
+    condition
+        Curve and noise.
+    present
+        Whether there is a marker.
+    receiver
+        Fault of the receiver; None for none.
+    one_frame
+        Whether the receiver's fault holds for a single acquisition, one of the first 14, which differs from run to run.
+    shift_deg, fading
+        See `ChangingCurve`.
+    frames
+        Whether it runs on frames of channel data instead of the curve.
+    peak_counts, bursts
+        Settings of a run on frames; None: the usual ones.
+    observable
+        Whether the evidence is in what the devices send; None without a fault.
+    """
+
+    words: str
+    condition: Condition = WIDE
+    present: bool = True
+    receiver: Fault | None = None
+    one_frame: bool = False
+    shift_deg: float = 0.0
+    fading: float = 1.0
+    frames: bool = False
+    peak_counts: float | None = None
+    bursts: Bursts | None = None
+    observable: bool | None = True
+
+
+_NAN = RECEIVER_FAULTS["NaN"]
+# Intensities on curves are in units of the noise: this is half the height of the marker.
+_CLIPPED = replace(RECEIVER_FAULTS["clipped"], amount=0.5 * 10 ** (WIDE.peak_snr_db / 20))
+
+CASES: dict[str, FaultCase] = {
+    "none": FaultCase(words="no fault", observable=None),
+    "no marker": FaultCase(words="no marker", present=False),
+    "one NaN": FaultCase(words="one frame NaN", receiver=_NAN, one_frame=True),
+    "all NaN": FaultCase(words="all frames NaN", receiver=_NAN),
+    "dead": FaultCase(words="dead receiver: all intensities 0", receiver=RECEIVER_FAULTS["dead"]),
+    "late": FaultCase(words="frames one step late", receiver=RECEIVER_FAULTS["late frames"]),
+    "clipped": FaultCase(words="intensities clipped at 50 %", receiver=_CLIPPED),
+    "narrow": FaultCase(words="narrow curve over a noise floor, no fault", condition=NARROW, observable=None),
+    "fading": FaultCase(
+        words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING, observable=False
+    ),
+    "moving": FaultCase(
+        words=f"marker moves by {MOVED_DEG:g}° after {MOVED_AFTER} acquisitions", shift_deg=MOVED_DEG, observable=False
+    ),
+    "frames": FaultCase(words="no fault (from frames)", condition=FRAMED, frames=True, observable=None),
+    "clipped channels": FaultCase(
+        # Twice the full scale of the converter, 2047 counts.
+        words="channels clipped at 50 % (from frames)",
+        condition=FRAMED,
+        frames=True,
+        peak_counts=4094.0,
+    ),
+    "bursts": FaultCase(
+        words="bursts of noise in one frame of ten (from frames)",
+        condition=FRAMED,
+        frames=True,
+        bursts=Bursts(frame_probability=0.1, gain=20.0),
+    ),
+}
+"""All cases by name."""
+
+
+@dataclass(slots=True, kw_only=True)
+class ChangingCurve:
+    """A curve that moves, or fades, from one acquisition to the next.
+
+    Attributes
+    ----------
+    inner
+        The curve at first.
+    shift_deg
+        Angle by which the marker moves after `MOVED_AFTER` acquisitions, in degrees.
+    fading
+        Factor on the intensity from each acquisition to the next; 1 does not fade.
+    acquisitions
+        Acquisitions so far.
+    """
+
+    inner: IntensityCurve
+    shift_deg: float = 0.0
+    fading: float = 1.0
+    acquisitions: int = 0
+
+    def peaks(self, off_plane_deg: float) -> Sequence[float]:
+        """Heights of the peaks now; see `markerseek.sim.IntensityCurve`."""
+        moved_deg = self.shift_deg if self.acquisitions >= MOVED_AFTER else 0.0
+        strength = self.fading**self.acquisitions
+        self.acquisitions += 1
+        return [strength * height for height in self.inner.peaks(off_plane_deg - moved_deg)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultRun:
+    """One marker, searched for under one fault with the methods of some rules."""
+
+    case: str
+    rules: tuple[Rules, ...]
+    methods: tuple[AnyMethod, ...] | None
     marker_deg: float
     number: int
     seed: int
@@ -60,91 +179,94 @@ class Outcome:
 
     Attributes
     ----------
-    fault, rules, method
-        What went wrong, and who searched.
+    case, rules, method
+        Case of `CASES`, rules and method.
     error_deg
-        Angle answered less the marker's, in degrees; None where no angle was claimed.
+        Angle of the answer minus the marker's, in degrees; None where no angle was claimed.
     """
 
-    fault: str
+    case: str
     rules: Rules
-    method: Method
+    method: AnyMethod
     error_deg: float | None
 
 
-def outcomes_of(effort: Effort) -> list[Outcome]:
-    """Outcomes of every method under every fault, with both sets of rules.
+def draw_runs(
+    case: str,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    rules: tuple[Rules, ...] = ("the paper's", "ours"),
+    methods: tuple[AnyMethod, ...] | None = None,
+) -> list[FaultRun]:
+    """Draw the runs of a case.
 
     Parameters
     ----------
-    effort
-        What may be used.
-    """
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 9])))
-    runs: list[_Run] = []
-    for name, fault in FAULTS.items():
-        count = max(1, round((FRAMED_RUNS if fault.frames else RUNS) * effort.markers / PAPER_MARKERS))
-        runs += _runs(name, count, rng, bare=NAMES, ours=METHODS["ours"])
-    return _of_all(runs, effort)
-
-
-def outcomes_of_ours(fault: str, *, methods: tuple[Method, ...], count: int, effort: Effort) -> list[Outcome]:
-    """Outcomes of some methods, by our rules, under one fault.
-
-    Parameters
-    ----------
-    fault
-        Its name in `FAULTS`.
-    methods
-        Who searches.
+    case
+        Its name in `CASES`.
     count
-        Markers.
-    effort
-        What may be used; its markers do not count.
+        Number of markers.
+    rng
+        Source of markers and seeds.
+    rules, methods
+        Rules, and their methods; None: all of `METHODS`.
     """
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 10, list(FAULTS).index(fault)])))
-    return _of_all(_runs(fault, count, rng, bare=(), ours=methods), effort)
-
-
-def _runs(
-    fault: str, count: int, rng: np.random.Generator, *, bare: tuple[Name, ...], ours: tuple[Method, ...]
-) -> list[_Run]:
-    places_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
+    markers_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
     return [
-        _Run(fault=fault, bare=bare, ours=ours, marker_deg=float(place), number=number, seed=int(rng.integers(2**31)))
-        for number, place in enumerate(places_deg)
+        FaultRun(
+            case=case,
+            rules=rules,
+            methods=methods,
+            marker_deg=float(marker_deg),
+            number=number,
+            seed=int(rng.integers(2**31)),
+        )
+        for number, marker_deg in enumerate(markers_deg)
     ]
 
 
-def _of_all(runs: Sequence[_Run], effort: Effort) -> list[Outcome]:
-    parts = [tuple(runs[first : first + PART]) for first in range(0, len(runs), PART)]
-    return [outcome for part in effort.each(_outcomes, parts, what="failures") for outcome in part]
+def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
+    """Outcomes of all searches of the runs, in their order.
+
+    Parameters
+    ----------
+    runs
+        Of `draw_runs`.
+    options
+        What may be used.
+    """
+    parts = [tuple(runs[first : first + _PART]) for first in range(0, len(runs), _PART)]
+    return [outcome for part in options.each(_outcomes, parts, stage="failures") for outcome in part]
 
 
-def _outcomes(runs: tuple[_Run, ...]) -> list[Outcome]:
+def _outcomes(runs: tuple[FaultRun, ...]) -> list[Outcome]:
     outcomes = []
     for run in runs:
-        truth_deg = run.marker_deg + FAULTS[run.fault].shift_deg
-        answers: list[tuple[Rules, Method, float | None]] = [
-            ("the paper's", name, _bare(run, name)) for name in run.bare
-        ]
-        answers += [("ours", method, _guarded(run, method)) for method in run.ours]
-        for rules, method, angle_deg in answers:
-            error_deg = None if angle_deg is None else angle_deg - truth_deg
-            outcomes.append(Outcome(fault=run.fault, rules=rules, method=method, error_deg=error_deg))
+        # The last place of the marker: a search is used after it has ended.
+        truth_deg = run.marker_deg + CASES[run.case].shift_deg
+        for rules in run.rules:
+            for method in run.methods or METHODS[rules]:
+                if rules == "ours" or method == "posterior":
+                    angle_deg = _guarded(run, method)
+                else:
+                    angle_deg = _unguarded(run, method)
+                error_deg = None if angle_deg is None else angle_deg - truth_deg
+                outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
     return outcomes
 
 
-def _bare(run: _Run, name: Name) -> float | None:
+def _unguarded(run: FaultRun, method: PaperMethod) -> float | None:
     rig, receiver, settings = _rig(run)
-    hear = bare_listener(rig.stage, rig.laser, receiver, rig.imaging or IntensityReader(), pulses=settings.laser.pulses)
-    # What numpy says about NaN the program does not read.
+    reader = rig.imaging or IntensityReader()
+    acquire = unguarded_acquisition(rig.stage, rig.laser, receiver, reader, pulses=settings.laser.pulses)
+    # A program without checks does not see NumPy's warnings about NaN.
     with np.errstate(invalid="ignore"):
-        angle_deg = bare_answer(name, hear)
+        angle_deg = unguarded_answer(method, acquire)
     return None if math.isnan(angle_deg) else angle_deg
 
 
-def _guarded(run: _Run, method: Method) -> float | None:
+def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
     rig, receiver, settings = _rig(run)
     scanner = Scanner(
         stage=rig.stage,
@@ -160,36 +282,36 @@ def _guarded(run: _Run, method: Method) -> float | None:
     policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
         _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
+    # A refusal of the guard, of the policy or of a device: none of them claims an angle.
     except MarkerseekError:
         return None
     return finished.estimate.mean_deg if isinstance(finished.estimate, Found) else None
 
 
-def _rig(run: _Run) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:
-    """Fresh rig of a run, and its receiver with the fault in it."""
-    fault = FAULTS[run.fault]
-    settings = fault.condition.settings
-    settings = replace(settings, marker=replace(settings.marker, angle_deg=run.marker_deg, present=fault.present))
-    if fault.frames:
-        settings = replace(settings, noise=replace(settings.noise, bursts=fault.bursts))
-        if fault.peak_counts is not None:
-            settings = replace(settings, receiver=replace(settings.receiver, peak_counts=fault.peak_counts))
+def _rig(run: FaultRun) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:
+    """New rig of a run, its receiver with the fault, and its settings."""
+    case = CASES[run.case]
+    settings = case.condition.settings
+    settings = replace(settings, marker=replace(settings.marker, angle_deg=run.marker_deg, present=case.present))
+    if case.frames:
+        settings = replace(settings, noise=replace(settings.noise, bursts=case.bursts))
+        if case.peak_counts is not None:
+            settings = replace(settings, receiver=replace(settings.receiver, peak_counts=case.peak_counts))
         rig = rigs.simulated(seed=run.seed, settings=settings)
     else:
-        curve, cells = intensity_curve(CurveSettings(), fault.condition.settings, seed=0)
-        changing: IntensityCurve | None = curve
-        if curve is not None and (fault.shift_deg or fault.fading != 1.0):
-            changing = faults.ChangingCurve(
-                inner=curve, shift_deg=fault.shift_deg, after=MOVED_AFTER, fading=fault.fading
-            )
+        curve, cells = intensity_curve(CurveSettings(), case.condition.settings, seed=0)
+        if curve is not None and (case.shift_deg or case.fading != 1.0):
+            curve = ChangingCurve(inner=curve, shift_deg=case.shift_deg, fading=case.fading)
         rig = rigs.of_intensities(
             seed=run.seed,
-            curve=changing if fault.present else None,
+            curve=curve if case.present else None,
             marker_deg=run.marker_deg,
             cells=cells,
             settings=settings,
         )
     receiver: Receiver = rig.receiver
-    if fault.spoil is not None:
-        receiver = faults.FaultyReceiver(receiver, fault.spoil(run.number % 14))
+    if case.receiver is not None:
+        step = 1 + run.number % 14
+        fault = replace(case.receiver, from_step=step, to_step=step + 1) if case.one_frame else case.receiver
+        receiver = FaultyReceiver(receiver, fault)
     return rig, receiver, settings

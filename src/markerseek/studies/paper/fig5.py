@@ -1,25 +1,40 @@
-"""Fig. 5: the three searches on 1000 random markers (section 2.4), from curves; `agreement` has a part from frames."""
+"""Fig. 5: the three searches on 1000 random markers (section 2.4), from curves; a tenth of them also from frames."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
 from markerseek.core.shapes import Float64
-from markerseek.pictures import Line, Panel, panels_figure
-from markerseek.studies.paper.agreement import agreement
+from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_studies, study_of
-from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.look import COLOURS, MARKS, error_line
-from markerseek.studies.paper.methods import AVERAGE_ACQUISITIONS, BRACKET_ACQUISITIONS, BRACKETS, NAMES, Name
-from markerseek.studies.paper.reported import reported
-from markerseek.studies.paper.rotation import quiet_track
-from markerseek.studies.paper.section import Beside, Cell, Errors, Picture, Section, Table, beside, errors_of
+from markerseek.studies.paper.methods import (
+    AVERAGE_ACQUISITIONS,
+    BRACKET_ACQUISITIONS,
+    BRACKETS,
+    PAPER_METHODS,
+    PaperMethod,
+    noise_free_track,
+)
+from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
+from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.section import (
+    ERROR_COLUMNS,
+    Cell,
+    Comparison,
+    Errors,
+    Picture,
+    Section,
+    Table,
+    compared,
+    errors_of,
+)
+from markerseek.studies.paper.style import COLOURS, draw_errors, draw_paper
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,8 +43,20 @@ USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 """The defaults of the simulated rig (physics notes)."""
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
-"""The combination of width and noise whose Fig. 5 comes nearest to the paper's: not picked by hand, but what
-`reproduce consistency` finds with its usual seed and number of markers; that section says which it finds."""
+"""The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of
+`reproduce consistency` with its usual seed and number of markers, which also prints it."""
+
+FRAME_SHARE = 0.1
+"""Share of the markers that are also searched from frames."""
+
+FRAME_SNR_DB = 50.0
+"""Peak SNR from frames: noise that is larger than the steps of a 12-bit converter."""
+
+FRAME_SWEEPS = (8, 18, 28)
+"""N of the full scans of WA from frames: all of them would take ten times as long."""
+
+FRAME_BRACKETS = (2, 8, 16, 28)
+"""N of TS and GSS that are compared between curves and frames."""
 
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "
@@ -37,175 +64,195 @@ _METHOD = (
     "drawn with the statistics of the peak of a noisy envelope image."
 )
 
+_Summary: TypeAlias = Mapping[tuple[PaperMethod, int], Errors]
+"""Errors over the markers, by method and number of acquisitions."""
 
-def fig5(effort: Effort) -> Section:
-    """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for what comes nearest.
+_NoiseFree: TypeAlias = Mapping[PaperMethod, Mapping[int, Errors]]
+"""Errors without noise, by method and number of acquisitions."""
+
+
+def fig5(options: RunOptions) -> Section:
+    """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition.
 
     Parameters
     ----------
-    effort
+    options
         What may be used.
     """
     conditions = (FITTED, USUAL)
     studies = [
-        study_of(condition, seed=effort.seed, trials=effort.markers, sweeps=AVERAGE_ACQUISITIONS)
+        study_of(condition, seed=options.seed, trials=options.markers, sweeps=AVERAGE_ACQUISITIONS)
         for condition in conditions
     ]
-    found = dict(zip(conditions, errors_of_studies(studies, effort, what="Fig. 5 from curves"), strict=True))
-    rng = np.random.Generator(np.random.PCG64(effort.seed))
-    markers = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 500)
-    cells = {condition: _cells(errors) for condition, errors in found.items()}
-    quiet = {name: _quiet(name, markers) for name in BRACKETS}
+    by_marker = errors_of_studies(studies, options, stage="Fig. 5 from curves")
+    errors = {condition: _summary(found) for condition, found in zip(conditions, by_marker, strict=True)}
+    rng = np.random.Generator(np.random.PCG64(options.seed))
+    markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 500)
+    noise_free = {name: _noise_free_errors(name, markers_deg) for name in BRACKETS}
     return Section(
         name="fig5",
-        title=f"Fig. 5: {effort.markers} random markers, mean error over the number of acquisitions",
+        title=f"Fig. 5: {options.markers} random markers, mean error over the number of acquisitions",
         method=(
             _METHOD,
             (
-                f"Two conditions: {USUAL.words}, the defaults of the simulated rig; and {FITTED.words}, whose numbers "
-                "come nearest to the paper's in the sweep of the section on consistency."
+                f"Two conditions: {USUAL.words}, the defaults of the simulated rig; and {FITTED.words}, the condition "
+                "with the numbers nearest to the paper's in the sweep of the section on consistency."
             ),
         ),
-        besides=_besides(cells),
+        comparisons=_comparisons(errors),
         tables=(
-            _error_table(cells),
-            _quiet_table(quiet),
-            agreement(effort, source_radius_m=FITTED.source_radius_m),
+            _error_table(errors),
+            _noise_free_table(noise_free),
+            _frames_and_curves(options),
         ),
         pictures=(
             Picture(
                 name="fig5",
                 alt="Mean error of TS, GSS and WA over the number of acquisitions, one panel for each condition",
-                draw=partial(_draw, cells),
+                draw=partial(_draw, errors),
             ),
         ),
-        remarks=_remarks(quiet),
+        remarks=_remarks(noise_free),
     )
 
 
-def _cells(found: Sequence[MarkerErrors]) -> dict[tuple[Name, int], Errors]:
-    """Summary over the markers, by method and number of acquisitions."""
-    return {key: errors_of(np.array([errors[key] for errors in found])) for key in found[0]}
+def _summary(by_marker: Sequence[MarkerErrors]) -> _Summary:
+    return {key: errors_of(errors[key] for errors in by_marker) for key in by_marker[0]}
 
 
-def _over_n(cells: Mapping[tuple[Name, int], Errors]) -> tuple[float, float]:
-    """Mean over N of WA's mean error, and its scatter over N, in degrees."""
-    means = [cells["WA", count].mean_deg for count in AVERAGE_ACQUISITIONS]
-    return float(np.mean(means)), float(np.std(means, ddof=1))
-
-
-def _besides(cells: Mapping[Condition, Mapping[tuple[Name, int], Errors]]) -> tuple[Beside, ...]:
-    besides = []
-    for condition, found in cells.items():
-        mean_deg, scatter_deg = _over_n(found)
-        failed = float(np.mean([found["WA", count].failed for count in AVERAGE_ACQUISITIONS]))
-        besides.append(
-            Beside(
-                paper=reported("fig5/WA"), ours=mean_deg, spread=scatter_deg, failed=failed, condition=condition.words
+def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison, ...]:
+    comparisons = []
+    for condition, errors in by_condition.items():
+        # The paper prints one number for WA: the mean of its mean errors over N, and their scatter over N.
+        sweeps = [errors["WA", count] for count in AVERAGE_ACQUISITIONS]
+        means_deg = [sweep.mean_deg for sweep in sweeps]
+        comparisons.append(
+            Comparison(
+                paper=paper_number("fig5/WA"),
+                ours=float(np.mean(means_deg)),
+                sd=float(np.std(means_deg, ddof=1)),
+                failed=float(np.mean([sweep.failed for sweep in sweeps])),
+                condition=condition.words,
             )
         )
-        besides += [
-            beside(f"fig5/{name}", found[name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
+        comparisons += [
+            compared(f"fig5/{name}", errors[name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
             for name in BRACKETS
         ]
-    return tuple(besides)
+    return tuple(comparisons)
 
 
-def _error_table(cells: Mapping[Condition, Mapping[tuple[Name, int], Errors]]) -> Table:
-    rows: list[tuple[Cell, ...]] = [
-        (
-            1e3 * condition.source_radius_m,
-            condition.peak_snr_db,
-            name,
-            count,
-            errors.count,
-            errors.mean_deg,
-            errors.spread_deg,
-            errors.half_deg,
-            errors.failed,
-        )
-        for condition, found in cells.items()
-        for (name, count), errors in found.items()
-    ]
+def _error_table(by_condition: Mapping[Condition, _Summary]) -> Table:
     return Table(
         name="fig5",
         caption="Errors over the number of acquisitions",
-        columns=(
-            "source_radius_mm",
-            "peak_snr_db",
-            "method",
-            "acquisitions",
-            "searches",
-            "mean_error_deg",
-            "spread_deg",
-            "half_interval95_deg",
-            "share_off_by_more_than_4.33_deg",
+        columns=("source_radius_mm", "peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS),
+        rows=tuple(
+            (1e3 * condition.source_radius_m, condition.peak_snr_db, name, count, *each.cells)
+            for condition, errors in by_condition.items()
+            for (name, count), each in errors.items()
         ),
-        rows=tuple(rows),
         shown=False,
     )
 
 
-def _quiet(name: Name, markers: Float64[np.ndarray, " markers"]) -> dict[int, Errors]:
-    """Errors without noise, by number of acquisitions: what the bracket alone leaves."""
+def _noise_free_errors(name: PaperMethod, markers_deg: Float64[np.ndarray, " markers"]) -> dict[int, Errors]:
+    """Errors without noise, by number of acquisitions: what the width of the last bracket leaves."""
     return {
-        count: errors_of(np.array([abs(quiet_track(name, float(at), acquisitions=count)[1] - at) for at in markers]))
+        count: errors_of(abs(noise_free_track(name, at, acquisitions=count)[1] - at) for at in markers_deg.tolist())
+        # The counts of section 4, of Table 1 and 2, and of Fig. 5.
         for count in (2, 16, 28)
     }
 
 
-def _quiet_table(quiet: Mapping[Name, Mapping[int, Errors]]) -> Table:
-    """The line without noise beside the mean error of a marker anywhere in the last bracket."""
+def _noise_free_table(noise_free: _NoiseFree) -> Table:
+    """Errors without noise, beside the mean error of a marker that is equally likely anywhere in the last bracket."""
     ratios = {"TS": 2 / 3, "GSS": (math.sqrt(5) - 1) / 2}
     return Table(
         name="fig5_without_noise",
         caption="Without noise, on any symmetric unimodal curve",
         columns=("method", "acquisitions", "mean_error_deg", "spread_deg", "quarter_of_the_last_bracket_deg"),
         rows=tuple(
-            (name, count, errors.mean_deg, errors.spread_deg, 70 * ratios[name] ** (count // 2) / 4)
-            for name, cells in quiet.items()
-            for count, errors in cells.items()
+            (name, count, errors.mean_deg, errors.sd_deg, 70 * ratios[name] ** (count // 2) / 4)
+            for name, by_count in noise_free.items()
+            for count, errors in by_count.items()
         ),
     )
 
 
-def _remarks(quiet: Mapping[Name, Mapping[int, Errors]]) -> tuple[str, ...]:
+def _frames_and_curves(options: RunOptions) -> Table:
+    """Errors of the same markers from curves and from frames: paired differences; whether their interval covers 0."""
+    condition = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=FRAME_SNR_DB)
+    markers = max(4, round(FRAME_SHARE * min(options.markers, PAPER_MARKERS)))
+    levels: tuple[Literal["frames", "curves"], ...] = ("frames", "curves")
+    studies = [
+        study_of(condition, seed=options.seed, trials=markers, sweeps=FRAME_SWEEPS, level=level) for level in levels
+    ]
+    frames, curves = errors_of_studies(studies, options, stage=f"Fig. 5 from frames, {markers} markers")
+    rows: list[tuple[Cell, ...]] = []
+    keys: list[tuple[PaperMethod, int]] = [(name, count) for name in BRACKETS for count in FRAME_BRACKETS]
+    keys += [("WA", count) for count in FRAME_SWEEPS]
+    for key in keys:
+        by_curve = np.array([errors[key] for errors in curves])
+        by_frame = np.array([errors[key] for errors in frames])
+        paired = by_frame - by_curve
+        # Paired, because markers and noise seeds are the same: most of the scatter cancels.
+        half = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size)
+        mean = float(paired.mean())
+        # 1e-3 deg for rounding: bracket searches that compare alike have equal errors, and an interval of no width.
+        agree = "yes" if abs(mean) <= half + 1e-3 else "no"
+        rows.append((*key, paired.size, float(by_curve.mean()), float(by_frame.mean()), mean, half, agree))
+    return Table(
+        name="fig5_frames",
+        caption=f"The same markers from curves and from frames of channel data ({condition.words}); of these lines "
+        "one in twenty may disagree by chance",
+        columns=(
+            "method",
+            "acquisitions",
+            "markers",
+            "from_curves_deg",
+            "from_frames_deg",
+            "difference_deg",
+            "half_interval95_deg",
+            "agree",
+        ),
+        rows=tuple(rows),
+    )
+
+
+def _remarks(noise_free: _NoiseFree) -> tuple[str, ...]:
     last = max(BRACKET_ACQUISITIONS)
     exact = 70 * (2 / 3) ** (last // 2) / 4
     return (
         (
-            f"The paper's TS error at {last}, {reported('fig5/TS')}, is 70°·(2/3)^14/4 = {exact:.3f}°: what a marker "
-            f"anywhere in the last bracket with equal chance gives. Without noise a replay gives "
-            f"{quiet['TS'][last].mean_deg:.3f}° for TS and {quiet['GSS'][last].mean_deg:.3f}° for GSS."
+            f"The paper's TS error after {last} acquisitions, {paper_number('fig5/TS')}, is 70°·(2/3)^14/4 = "
+            f"{exact:.3f}°: the mean error of a marker that is equally likely anywhere in the last bracket. Searches "
+            f"without noise give {noise_free['TS'][last].mean_deg:.3f}° for TS and "
+            f"{noise_free['GSS'][last].mean_deg:.3f}° for GSS."
         ),
         (
             "A bracket search that once drops the part with the marker never finds it again: where the share of "
-            "searches that are off by more than 4.33° is not zero, those few make the mean error."
+            "searches that are off by more than 4.33° is not zero, the mean error comes from those few."
         ),
     )
 
 
-def _draw(cells: Mapping[Condition, Mapping[tuple[Name, int], Errors]]) -> Figure:
-    panels = []
-    for condition, found in cells.items():
-        lines = [
-            error_line(name, {count: errors for (method, count), errors in found.items() if method == name})
-            for name in NAMES
-        ]
-        for name in BRACKETS:
-            mean = reported(f"fig5/{name}").mean
-            lines.append(
-                Line(label=f"{name}, paper", x=(28.0,), y=(mean,), colour=COLOURS[name], form="mark", mark=MARKS[name])
-            )
-        mean = reported("fig5/WA").mean
-        lines.append(Line(label="WA, paper (mean over N)", x=(18.0,), y=(mean,), colour=COLOURS["WA"], form="level"))
-        panels.append(Panel(title=condition.words, lines=tuple(lines)))
-    return panels_figure(
-        panels,
-        title="Random markers, searched on simulated intensity curves",
-        across="acquisitions N",
-        up="mean error [deg]",
+def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
+    figure, panels = panel_grid(
+        [condition.words for condition in by_condition],
+        heading="Random markers, searched on simulated intensity curves",
+        x_label="acquisitions N",
+        y_label="mean error [deg]",
         columns=2,
-        scale="log",
         panel_in=(5.2, 3.8),
+        y_scale="log",
     )
+    for axes, errors in zip(panels, by_condition.values(), strict=True):
+        for name in PAPER_METHODS:
+            draw_errors(axes, name, {count: each for (method, count), each in errors.items() if method == name})
+        for name in BRACKETS:
+            draw_paper(axes, name, [28], [paper_number(f"fig5/{name}").value], f"{name}, paper")
+        mean_deg = paper_number("fig5/WA").value
+        axes.axhline(mean_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)")
+    shared_legend(figure)
+    return figure

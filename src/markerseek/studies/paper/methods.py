@@ -1,22 +1,22 @@
-"""The paper's three methods as it ran them, and one run for all numbers of acquisitions."""
+"""The paper's three methods in their published form, and how they are run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import Literal, TypeAlias
 
-from markerseek.core import PAPER_RANGE, Interval, Policy, Sample, SearchError
+from markerseek.core import PAPER_RANGE, Interval, Policy, Reading, Sample, SearchError
 from markerseek.core.estimate import Estimate
 from markerseek.core.events import Finished, Measured
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import StageMotion
 
-Name: TypeAlias = Literal["TS", "GSS", "WA"]
+PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
 
-NAMES: tuple[Name, ...] = ("TS", "GSS", "WA")
-BRACKETS: tuple[Name, ...] = ("TS", "GSS")
+PAPER_METHODS: tuple[PaperMethod, ...] = ("TS", "GSS", "WA")
+BRACKETS: tuple[PaperMethod, ...] = ("TS", "GSS")
 
 BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
 """N of TS and GSS in Fig. 5 to 7."""
@@ -30,11 +30,13 @@ TABLE_ACQUISITIONS = 16
 ONLINE_STEPS = 15
 """Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
 
-BUILT: dict[Name, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
-"""What each is called in `markerseek.search`."""
+BUILT: dict[PaperMethod, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
+"""Names in `markerseek.search`."""
 
 
-def published(name: Name, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False) -> Policy:
+def published(
+    name: PaperMethod, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False
+) -> Policy:
     """Policy of a method in its published form, which always answers.
 
     Parameters
@@ -51,27 +53,23 @@ def published(name: Name, *, acquisitions: int, limits: Interval = PAPER_RANGE, 
     return build(BUILT[name], limits=limits, acquisitions=acquisitions, as_published=True, early_end=early_end)
 
 
-class OnCounts:
-    """A policy whose angles are those that the motor's encoder can stand at.
+class OnEncoderCounts:
+    """A policy whose angles are rounded to the encoder counts of the motor.
 
     Section 2.5 gives offline searches the numerical precision of the motor, by interpolating the bank.
 
     Parameters
     ----------
     policy
-        What searches.
+        The policy.
     limits
-        Range recorded, which no rounding leaves.
-    counts_per_deg
-        Encoder counts for one degree.
+        Range of the bank; an angle that rounding would move out of it is not rounded.
     """
 
-    def __init__(
-        self, policy: Policy, *, limits: Interval, counts_per_deg: float = StageMotion().counts_per_deg
-    ) -> None:
+    def __init__(self, policy: Policy, *, limits: Interval) -> None:
         self._policy = policy
         self._limits = limits
-        self._counts_per_deg = counts_per_deg
+        self._counts_per_deg = StageMotion().counts_per_deg
 
     def ask(self) -> float | None:
         """Next angle of the policy at the nearest count, in degrees; None at its end."""
@@ -93,14 +91,14 @@ class OnCounts:
 def searched(
     policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0
 ) -> tuple[list[Sample], Finished]:
-    """Samples of a search on a rig, in order, and how it ended.
+    """Run a search on a rig, and return its samples in order and its end.
 
     Parameters
     ----------
     policy, scanner
-        What searches, on what.
+        The policy, and the scanner of its rig.
     stay
-        Whether the last move to the angle found, and the confirmation there, are left out.
+        Whether to leave out the last move to the angle found, and the confirmation there.
     dark_frames
         Acquisitions without laser before the first.
 
@@ -118,11 +116,13 @@ def searched(
     raise SearchError("the run ended without an answer")
 
 
-def shorter(name: Name, samples: Sequence[Sample], *, limits: Interval = PAPER_RANGE) -> Iterator[tuple[int, float]]:
+def shorter(
+    name: PaperMethod, samples: Sequence[Sample], *, limits: Interval = PAPER_RANGE
+) -> Iterator[tuple[int, float]]:
     """Answers of all shorter searches that one search of TS or GSS contains.
 
-    A bracket search asks the same questions however long it will be, so that its first N samples are those of a search
-    of N acquisitions.
+    The angles of a bracket search do not depend on its length: its first N samples are those of a search of N
+    acquisitions.
 
     Parameters
     ----------
@@ -131,15 +131,41 @@ def shorter(name: Name, samples: Sequence[Sample], *, limits: Interval = PAPER_R
     samples
         Samples of the longest search, in order.
     limits
-        Range searched.
+        Range to search.
 
     Yields
     ------
     tuple of int and float
         N = 2, 4, … and the angle answered, in degrees.
     """
+    # The samples are replayed into a new policy, whose answers on the way are those of the shorter searches.
     policy = published(name, acquisitions=len(samples), limits=limits)
     for count, sample in enumerate(samples, start=1):
         policy.tell(sample)
         if count % 2 == 0:
             yield count, policy.estimate().mean_deg
+
+
+def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int) -> tuple[list[float], float]:
+    """Angles that a method requests without noise, in order, and its answer, in degrees.
+
+    They follow from the marker's angle alone: of two angles the one nearer to the marker is the stronger, on every
+    symmetric unimodal curve.
+
+    Parameters
+    ----------
+    name
+        The method; a full scan for WA.
+    marker_deg
+        Angle of the marker in degrees.
+    acquisitions
+        Number N of acquisitions.
+    """
+    policy = published(name, acquisitions=acquisitions)
+    track: list[float] = []
+    while (angle_deg := policy.ask()) is not None:
+        track.append(angle_deg)
+        # Any curve that falls with the distance: bracket searches only compare intensities.
+        reading = Reading(intensity=1.0 / (1.0 + (angle_deg - marker_deg) ** 2))
+        policy.tell(Sample(angle_deg=angle_deg, reading=reading))
+    return track, policy.estimate().mean_deg

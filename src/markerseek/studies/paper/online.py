@@ -1,69 +1,198 @@
-"""Table 2 and Fig. 7: errors of the online searches."""
+"""The online analysis (section 2.5 C) and Table 2: the searches drive the simulated rig, in virtual time.
+
+Stage motion, play, pulses, noise and averaging are those of the simulated rig; each acquisition is a frame of channel
+data. The probe begins at −35°, and a search ends with a move to the angle found.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.pictures import Line, Panel, panels_figure
-from markerseek.studies.paper.look import COLOURS, MARKS, error_line
-from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, NAMES, TABLE_ACQUISITIONS, Name
-from markerseek.studies.paper.online_runs import OnlineRun
-from markerseek.studies.paper.reported import reported
-from markerseek.studies.paper.section import Beside, Cell, Errors, Picture, Section, Table, beside, errors_of
+from markerseek import rigs
+from markerseek.core import SearchError
+from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
+from markerseek.studies.paper.methods import (
+    BRACKET_ACQUISITIONS,
+    BRACKETS,
+    ONLINE_STEPS,
+    PAPER_METHODS,
+    TABLE_ACQUISITIONS,
+    PaperMethod,
+    published,
+    searched,
+    shorter,
+)
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.section import (
+    ERROR_COLUMNS,
+    Cell,
+    Comparison,
+    Section,
+    Table,
+    compared,
+    errors_of,
+    table_of,
+)
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+REPEATS = 4
+"""Times that the nine positions are visited, each time with another grid, other spots and other noise."""
+
+TISSUE = "plastisol-phantom"
+"""The simulated stand-in for the phantom of the online analysis."""
 
 METHOD = (
     (
         "The searches drive the simulated rig in virtual time, from −35°: stage with its encoder, play and approach "
         "from below, laser pulses with jitter, 16 of them averaged, frames of 128 channels with noise, beamforming. "
-        "The phantom is a simulated stand-in. TS and GSS make 28 acquisitions; what shorter searches would have "
-        "answered is cut from the same run, because a bracket search asks the same questions however long it will be. "
-        "WA steps by 5° and ends once the peak is recorded and passed. The reference is the true angle."
+        "The phantom is a simulated stand-in. TS and GSS make 28 acquisitions; the answers of shorter searches are "
+        "those of the same run, because the angles of a bracket search do not depend on its length. WA steps by 5° and "
+        "ends once the peak is recorded and passed. The reference is the true angle."
     ),
 )
 
 
-def table2(runs: Sequence[OnlineRun]) -> Section:
-    """Table 2: errors of WA with its early end, and of TS and GSS at 16 acquisitions.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnlineSearch:
+    """One search on the rig.
+
+    Attributes
+    ----------
+    method, peak_snr_db, repeat, position
+        Method, noise and place: the position is counted from 1, the repeat from 0.
+    truth_deg
+        Angle of the marker in degrees.
+    track_deg
+        Angles reached, one for each acquisition, in degrees.
+    answers_deg
+        Answers by number of acquisitions, in degrees; of WA the last only.
+    travel_deg
+        Rotation from −35° to the angle found, in degrees.
+    elapsed_s, acquiring_s
+        Virtual time from the first move to the end, and the part of it that acquisitions took, in seconds.
+    """
+
+    method: PaperMethod
+    peak_snr_db: float
+    repeat: int
+    position: int
+    truth_deg: float
+    track_deg: tuple[float, ...]
+    answers_deg: dict[int, float]
+    travel_deg: float
+    elapsed_s: float
+    acquiring_s: float
+
+    @property
+    def table_acquisitions(self) -> int:
+        """Acquisitions of Table 2: 16 of a bracket search, all of WA."""
+        return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
+
+    def error_deg(self, acquisitions: int) -> float:
+        """Absolute error of the answer after so many acquisitions, in degrees."""
+        return abs(self.answers_deg[acquisitions] - self.truth_deg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Job:
+    method: PaperMethod
+    peak_snr_db: float
+    repeat: int
+    position: int
+    marker: MarkerSettings
+    seed: int
+
+
+def online_searches(options: RunOptions) -> list[OnlineSearch]:
+    """Searches of TS, GSS (28 acquisitions) and WA (5° steps, early end) at the nine positions under each noise.
+
+    The markers are the same for all methods and noises. With fewer markers than the paper's there are fewer repeats.
 
     Parameters
     ----------
-    runs
-        Of `markerseek.studies.paper.online_runs.online_runs`.
+    options
+        What may be used.
     """
-    besides: list[Beside] = []
+    jobs = []
+    for repeat in range(max(1, round(REPEATS * options.share))):
+        seeds = np.random.SeedSequence([options.seed, 77, repeat])
+        for position, marker in enumerate(grid(np.random.Generator(np.random.PCG64(seeds))), start=1):
+            # The seed depends on the place only: methods and noises are compared on the same random numbers.
+            seed = int(seeds.generate_state(1)[0]) + position
+            jobs += [
+                _Job(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
+                for level_db in LEVELS_DB
+                for name in PAPER_METHODS
+            ]
+    return options.each(_search, jobs, stage="online searches, from channel data")
+
+
+def _search(job: _Job) -> OnlineSearch:
+    settings = SimulatedSettings(
+        tissue=TISSUE,
+        marker=job.marker,
+        noise=NoiseSettings(peak_snr_db=job.peak_snr_db),
+        receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
+        start_deg=-35.0,
+    )
+    rig = rigs.simulated(seed=job.seed, settings=settings)
+    if rig.truth_deg is None:
+        raise SearchError("online: the rig has no marker, so that there is no error")
+    bracket = job.method in BRACKETS
+    policy = published(
+        job.method, acquisitions=max(BRACKET_ACQUISITIONS) if bracket else ONLINE_STEPS, early_end=not bracket
+    )
+    samples, finished = searched(policy, rig.scanner, stay=False)
+    last = {len(samples): finished.estimate.mean_deg}
+    each_s = settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz
+    return OnlineSearch(
+        method=job.method,
+        peak_snr_db=job.peak_snr_db,
+        repeat=job.repeat,
+        position=job.position,
+        truth_deg=rig.truth_deg,
+        track_deg=tuple(sample.angle_deg for sample in samples),
+        answers_deg=dict(shorter(job.method, samples)) if bracket else last,
+        travel_deg=finished.travel_deg,
+        elapsed_s=finished.elapsed_s,
+        # The confirmation at the end is one more acquisition.
+        acquiring_s=each_s * (len(samples) + 1),
+    )
+
+
+def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
+    """Peak SNR of the searches in dB, each once."""
+    return list(dict.fromkeys(search.peak_snr_db for search in searches))
+
+
+def table2(searches: Sequence[OnlineSearch]) -> Section:
+    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions.
+
+    Parameters
+    ----------
+    searches
+        Of `online_searches`.
+    """
+    comparisons: list[Comparison] = []
     rows: list[tuple[Cell, ...]] = []
-    for level_db in levels_of(runs):
-        for name in NAMES:
-            found = [run for run in runs if (run.method, run.peak_snr_db) == (name, level_db)]
-            errors = errors_of(np.array([_answer_error(run) for run in found]))
-            counts = errors_of(np.array([float(_answered_after(run)) for run in found]))
-            rows.append(
-                (
-                    name,
-                    level_db,
-                    counts.mean_deg,
-                    errors.count,
-                    errors.mean_deg,
-                    errors.spread_deg,
-                    errors.half_deg,
-                    errors.failed,
-                )
-            )
+    for level_db in levels_of(searches):
+        for name in PAPER_METHODS:
+            found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
+            errors = errors_of(search.error_deg(search.table_acquisitions) for search in found)
+            counts = errors_of(float(search.table_acquisitions) for search in found)
+            rows.append((name, level_db, counts.mean_deg, *errors.cells))
             condition = f"{level_db:g} dB"
-            besides.append(beside(f"table2/{name}", errors, condition=condition))
+            comparisons.append(compared(f"table2/{name}", errors, condition=condition))
             if name == "WA":
-                besides.append(
-                    Beside(
-                        paper=reported("table2/WA/N"),
+                comparisons.append(
+                    Comparison(
+                        paper=paper_number("table2/WA/N"),
                         ours=counts.mean_deg,
-                        spread=counts.spread_deg,
+                        sd=counts.sd_deg,
                         half=counts.half_deg,
                         condition=condition,
                     )
@@ -72,163 +201,29 @@ def table2(runs: Sequence[OnlineRun]) -> Section:
         name="table2",
         title="Table 2: online analysis",
         method=METHOD,
-        besides=tuple(besides),
+        comparisons=tuple(comparisons),
         tables=(
             Table(
                 name="table2",
                 caption="Errors of the online searches",
-                columns=(
-                    "method",
-                    "peak_snr_db",
-                    "acquisitions",
-                    "searches",
-                    "mean_error_deg",
-                    "spread_deg",
-                    "half_interval95_deg",
-                    "share_off_by_more_than_4.33_deg",
-                ),
+                columns=("method", "peak_snr_db", "acquisitions", *ERROR_COLUMNS),
                 rows=tuple(rows),
             ),
-            _every_run(runs),
+            table_of(searches, _SEARCH_CELLS, name="table2_searches", caption="Every online search", shown=False),
         ),
     )
 
 
-def fig7(runs: Sequence[OnlineRun]) -> Section:
-    """Fig. 7: mean error of TS and GSS over the number of acquisitions.
-
-    Parameters
-    ----------
-    runs
-        Of `markerseek.studies.paper.online_runs.online_runs`.
-    """
-    cells = {
-        (level_db, name, count): errors_of(
-            np.array([r.error_deg(count) for r in runs if (r.method, r.peak_snr_db) == (name, level_db)])
-        )
-        for level_db in levels_of(runs)
-        for name in BRACKETS
-        for count in BRACKET_ACQUISITIONS
-    }
-    return Section(
-        name="fig7",
-        title="Fig. 7: online analysis, mean error over the number of acquisitions",
-        method=METHOD,
-        besides=tuple(
-            beside(f"fig7/{name}/{count}", cells[level_db, name, count], condition=f"{level_db:g} dB")
-            for count in (2, 28)
-            for name in BRACKETS
-            for level_db in levels_of(runs)
-        ),
-        tables=(
-            Table(
-                name="fig7",
-                caption="Errors of TS and GSS online",
-                columns=(
-                    "peak_snr_db",
-                    "method",
-                    "acquisitions",
-                    "searches",
-                    "mean_error_deg",
-                    "spread_deg",
-                    "half_interval95_deg",
-                    "share_off_by_more_than_4.33_deg",
-                ),
-                rows=tuple((*key, e.count, e.mean_deg, e.spread_deg, e.half_deg, e.failed) for key, e in cells.items()),
-                shown=False,
-            ),
-        ),
-        pictures=(
-            Picture(
-                name="fig7",
-                alt="Mean error of TS and GSS online over the number of acquisitions, one panel for each noise",
-                draw=partial(_draw_errors, cells),
-            ),
-        ),
-    )
-
-
-def levels_of(runs: Sequence[OnlineRun]) -> list[float]:
-    """Peak SNR of the runs in dB, each once.
-
-    Parameters
-    ----------
-    runs
-        Of `markerseek.studies.paper.online_runs.online_runs`.
-    """
-    return list(dict.fromkeys(run.peak_snr_db for run in runs))
-
-
-def _answered_after(run: OnlineRun) -> int:
-    """Acquisitions after which Table 2 asks: 16 of a bracket search, all that WA made."""
-    return TABLE_ACQUISITIONS if run.method in BRACKETS else len(run.track_deg)
-
-
-def _answer_error(run: OnlineRun) -> float:
-    return run.error_deg(_answered_after(run))
-
-
-def _every_run(runs: Sequence[OnlineRun]) -> Table:
-    return Table(
-        name="table2_searches",
-        caption="Every online search",
-        columns=(
-            "method",
-            "peak_snr_db",
-            "repeat",
-            "position",
-            "truth_deg",
-            "acquisitions",
-            "answer_deg",
-            "error_deg",
-            "travel_of_whole_run_deg",
-            "elapsed_s",
-            "acquiring_s",
-        ),
-        rows=tuple(
-            (
-                run.method,
-                run.peak_snr_db,
-                run.repeat,
-                run.position,
-                run.truth_deg,
-                _answered_after(run),
-                run.answers_deg[_answered_after(run)],
-                _answer_error(run),
-                run.travel_deg,
-                run.elapsed_s,
-                run.acquiring_s,
-            )
-            for run in runs
-        ),
-        shown=False,
-    )
-
-
-def _draw_errors(cells: dict[tuple[float, Name, int], Errors]) -> Figure:
-    panels = []
-    for level_db in dict.fromkeys(level_db for level_db, _, _ in cells):
-        lines = []
-        for name in BRACKETS:
-            lines.append(error_line(name, {n: e for (db, m, n), e in cells.items() if (db, m) == (level_db, name)}))
-            paper = [reported(f"fig7/{name}/{count}").mean for count in (2, 28)] + [reported(f"table2/{name}").mean]
-            lines.append(
-                Line(
-                    label=f"{name}, paper",
-                    x=(2.0, 28.0, 16.0),
-                    y=tuple(paper),
-                    colour=COLOURS[name],
-                    form="mark",
-                    mark=MARKS[name],
-                )
-            )
-        panels.append(Panel(title=f"simulated rig, {level_db:g} dB", lines=tuple(lines)))
-    return panels_figure(
-        panels,
-        title="Online searches on the simulated rig",
-        across="acquisitions N",
-        up="mean error [deg]",
-        columns=2,
-        scale="log",
-        panel_in=(5.0, 3.6),
-    )
+_SEARCH_CELLS: dict[str, Callable[[OnlineSearch], Cell]] = {
+    "method": lambda each: each.method,
+    "peak_snr_db": lambda each: each.peak_snr_db,
+    "repeat": lambda each: each.repeat,
+    "position": lambda each: each.position,
+    "truth_deg": lambda each: each.truth_deg,
+    "acquisitions": lambda each: each.table_acquisitions,
+    "answer_deg": lambda each: each.answers_deg[each.table_acquisitions],
+    "error_deg": lambda each: each.error_deg(each.table_acquisitions),
+    "travel_of_whole_run_deg": lambda each: each.travel_deg,
+    "elapsed_s": lambda each: each.elapsed_s,
+    "acquiring_s": lambda each: each.acquiring_s,
+}

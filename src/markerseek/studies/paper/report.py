@@ -1,28 +1,22 @@
-"""Sections as files: CSV, PNG and SVG for each, and one HTML page that holds all of them and loads nothing."""
+"""Sections as files: a CSV for each table, PNG and SVG for each picture, and one HTML page with all of them."""
 
 from __future__ import annotations
 
 import csv
-import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.files import replaced
-from markerseek.pictures import png_data_uri, save_png, save_svg
-from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
-from markerseek.studies.paper.page import PAGE
-from markerseek.studies.paper.reported import REPORTED, Reported, reported
-from markerseek.studies.paper.section import Cell, Section, Table
-from markerseek.studies.paper.stopwatch import Took
+from markerseek.pictures import png_data_uri, save_png, save_svg, write_from_template
+from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
+from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
+from markerseek.studies.paper.section import Cell, Comparison, Section, Table, table_of
 
 REPORT = "report.html"
 """Name of the page."""
-
-_UNBROKEN = 22
-"""Most letters of a cell that is kept on one line."""
 
 
 def write_section(section: Section, folder: Path) -> list[Path]:
@@ -33,96 +27,80 @@ def write_section(section: Section, folder: Path) -> list[Path]:
     ConfigError
         If a file cannot be written.
     """
-    paths = []
     for table in _tables(section):
-        path = folder / f"{table.name}.csv"
-        _write_csv(table, path)
-        paths.append(path)
+        _write_csv(table, folder / f"{table.name}.csv")
     for picture in section.pictures:
+        # Drawn again for the page: a figure holds megabytes, and sections are kept until the end.
         figure = picture.draw()
-        for save, ending in ((save_png, "png"), (save_svg, "svg")):
-            path = folder / f"{picture.name}.{ending}"
-            save(figure, path)
-            paths.append(path)
-    return paths
+        save_png(figure, folder / f"{picture.name}.png")
+        save_svg(figure, folder / f"{picture.name}.svg")
+    return [folder / name for name in _file_names(section)]
 
 
-def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort, times: Sequence[Took] = ()) -> Path:
+def write_report(
+    sections: Sequence[Section], folder: Path, *, options: RunOptions, durations: Sequence[Duration] = ()
+) -> Path:
     """Write the page of all sections, and return its path.
 
     Parameters
     ----------
     sections
-        In the order in which they stand there.
+        In the order of the page.
     folder
         Where `write_section` put their files.
-    effort
+    options
         What they used.
-    times
-        How long each took; empty where nobody measured it.
+    durations
+        How long each took; empty if not measured.
 
     Raises
     ------
     ConfigError
         If the file cannot be written.
     """
-    thinned = f"Made with {effort.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles to match."
-    sensitive = reported("sensitive")
-    text = PAGE.format(
-        note=thinned if effort.markers < PAPER_MARKERS else "",
+    reduced = f"Made with {options.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles to match."
+    write_from_template(
+        folder / REPORT,
+        "paper.html.jinja",
+        title="The paper, reproduced",
+        note=reduced if options.markers < PAPER_MARKERS else "",
         version=__version__,
-        seed=effort.seed,
-        markers=effort.markers,
-        contents="".join(f'<a href="#{each.name}">{html.escape(each.name)}</a>' for each in sections)
-        + '<a href="#fig9">fig9</a><a href="#limits">limits</a>',
-        sections="\n".join(_section(each, took) for each, took in zip_longest(sections, times)),
-        fig9=html.escape(f"Not made. {sensitive.limits} The paper has {sensitive} for {sensitive.what}."),
-        limits="".join(_limit(number) for number in _limited()),
+        seed=options.seed,
+        markers=options.markers,
+        sections=list(zip_longest(sections, durations)),
+        sensitive=paper_number("sensitive"),
+        limitations=_limitations(),
+        shown=shown,
+        comparison_table=comparison_table,
+        file_names=_file_names,
+        png_data_uri=png_data_uri,
+        reasons=_reasons,
     )
-    path = folder / REPORT
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
-            part.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise ConfigError(f"{path}: the report cannot be written: {problem.strerror}; name another --out") from problem
-    return path
+    return folder / REPORT
 
 
-def beside_table(section: Section) -> Table:
+_COMPARISON_CELLS: dict[str, Callable[[Comparison], Cell]] = {
+    "number": lambda each: each.paper.quantity,
+    "place": lambda each: each.paper.place,
+    "unit": lambda each: each.paper.unit,
+    "condition": lambda each: each.condition,
+    "paper": lambda each: each.paper.value,
+    "paper_spread": lambda each: each.paper.sd,
+    "ours": lambda each: each.ours,
+    "ours_spread": lambda each: each.sd,
+    "half_interval95": lambda each: each.half,
+    "difference": lambda each: each.difference,
+    "off": lambda each: each.failed,
+}
+
+
+def comparison_table(section: Section) -> Table:
     """The paper's numbers and ours, as a table of the section."""
-    return Table(
+    return table_of(
+        section.comparisons,
+        _COMPARISON_CELLS,
         name=f"{section.name}_beside_the_paper",
         caption="The paper's numbers beside ours",
-        columns=(
-            "number",
-            "place",
-            "unit",
-            "condition",
-            "paper",
-            "paper_spread",
-            "ours",
-            "ours_spread",
-            "half_interval95",
-            "difference",
-            "off",
-        ),
-        rows=tuple(
-            (
-                each.paper.what,
-                each.paper.place,
-                each.paper.unit,
-                each.condition,
-                each.paper.mean,
-                each.paper.spread,
-                each.ours,
-                each.spread,
-                each.half,
-                each.difference,
-                each.failed,
-            )
-            for each in section.besides
-        ),
     )
 
 
@@ -136,7 +114,12 @@ def shown(cell: Cell) -> str:
 
 
 def _tables(section: Section) -> list[Table]:
-    return [*([beside_table(section)] if section.besides else []), *section.tables]
+    return [*([comparison_table(section)] if section.comparisons else []), *section.tables]
+
+
+def _file_names(section: Section) -> list[str]:
+    pictures = [f"{picture.name}.{ending}" for picture in section.pictures for ending in ("png", "svg")]
+    return [*(f"{table.name}.csv" for table in _tables(section)), *pictures]
 
 
 def _write_csv(table: Table, path: Path) -> None:
@@ -150,71 +133,21 @@ def _write_csv(table: Table, path: Path) -> None:
         raise ConfigError(f"{path}: the table cannot be written: {problem.strerror}; name another --out") from problem
 
 
-def _section(section: Section, took: Took | None) -> str:
-    parts = [f'<h2 id="{html.escape(section.name)}">{html.escape(section.title)}</h2>']
-    parts += [f"<p>{html.escape(paragraph)}</p>" for paragraph in section.method]
-    if section.besides:
-        parts.append(_table(beside_table(section)))
-    for picture in section.pictures:
-        uri = png_data_uri(picture.draw())
-        parts.append(f'<p><img src="{uri}" alt="{html.escape(picture.alt)}"></p>')
-    parts += [f"<p>{html.escape(remark)}</p>" for remark in section.remarks]
-    numbers = list(dict.fromkeys(each.paper for each in section.besides))
-    for heading, said in (
-        ("What of these numbers cannot be had", {number: number.limits for number in numbers}),
-        ("What else is known of them", {number: number.note for number in numbers}),
-    ):
-        lines = _by_reason(said)
-        parts += [f"<h3>{heading}</h3><ul>{lines}</ul>"] if lines else []
-    parts += [_table(table) for table in section.tables if table.shown]
-    names = ", ".join(f"{table.name}.csv" for table in _tables(section))
-    pictures = "".join(f", {picture.name}.png, {picture.name}.svg" for picture in section.pictures)
-    spent = "" if took is None else f". Made in {took}."
-    parts.append(f'<p class="files">Files: {html.escape(names + pictures + spent)}</p>')
-    return "\n".join(parts)
+def _reasons(section: Section) -> list[tuple[str, dict[str, list[str]]]]:
+    """Headings, and under each the sentences about the section's numbers, with the numbers of each sentence."""
+    limitations: dict[str, list[str]] = {}
+    notes: dict[str, list[str]] = {}
+    for number in dict.fromkeys(each.paper for each in section.comparisons):
+        for sentence, sentences in ((number.limitation, limitations), (number.note, notes)):
+            if sentence is not None:
+                sentences.setdefault(sentence, []).append(f"{number.quantity} ({number})")
+    return [("What cannot be reproduced, and why", limitations), ("What else is known of these numbers", notes)]
 
 
-def _by_reason(said: Mapping[Reported, str | None]) -> str:
-    """One line for each sentence, with the numbers of which it holds."""
-    held: dict[str, list[str]] = {}
-    for number, sentence in said.items():
-        if sentence is not None:
-            held.setdefault(sentence, []).append(f"{number.what} ({number})")
-    return "".join(f"<li>{html.escape(_few(names))}: {html.escape(sentence)}</li>" for sentence, names in held.items())
-
-
-def _few(names: Sequence[str]) -> str:
-    return "; ".join(names) if len(names) <= 3 else f"{names[0]}, and {len(names) - 1} like it"
-
-
-def _table(table: Table) -> str:
-    head = ""
-    for place, name in enumerate(table.columns):
-        kind = ' class="n"' if any(isinstance(row[place], float | int) for row in table.rows) else ""
-        head += f"<th{kind}>{html.escape(name.replace('_', ' '))}</th>"
-    body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in table.rows)
-    return (
-        f'<div class="wide"><table id="{html.escape(table.name)}"><caption>{html.escape(table.caption)}</caption>'
-        f"<tr>{head}</tr>{body}</table></div>"
-    )
-
-
-def _cell(cell: Cell) -> str:
-    kind = ""
-    if isinstance(cell, float | int):
-        kind = ' class="n"'
-    elif cell is not None and len(cell) <= _UNBROKEN:
-        kind = ' class="s"'
-    return f"<td{kind}>{html.escape(shown(cell))}</td>"
-
-
-def _limited() -> list[Reported]:
-    """Numbers with a reason why they cannot be had, one for each reason."""
-    return list({number.limits: number for number in reversed(REPORTED.values()) if number.limits}.values())[::-1]
-
-
-def _limit(number: Reported) -> str:
-    same = sum(other.limits == number.limits for other in REPORTED.values())
-    more = "" if same == 1 else f", and {same - 1} more"
-    said = f"{number.place}, {number.what}: {number}{more}. {number.limits}"
-    return f"<li>{html.escape(said)}</li>"
+def _limitations() -> list[tuple[PaperNumber, int]]:
+    """The first number with each limitation, and how many more have the same."""
+    by_sentence: dict[str, list[PaperNumber]] = {}
+    for number in PAPER_NUMBERS.values():
+        if number.limitation is not None:
+            by_sentence.setdefault(number.limitation, []).append(number)
+    return [(numbers[0], len(numbers) - 1) for numbers in by_sentence.values()]

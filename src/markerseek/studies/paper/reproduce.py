@@ -1,4 +1,4 @@
-"""All figures and tables by name; what several of them share is made once."""
+"""All figures and tables by name; what several of them share is computed once."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from functools import cached_property
 from pathlib import Path
 
 from markerseek.core import ConfigError
+from markerseek.studies.paper.banks import OfflineBank, as_intensities, simulated_banks
 from markerseek.studies.paper.consistency import consistency
-from markerseek.studies.paper.effort import Effort
 from markerseek.studies.paper.failures import failures
 from markerseek.studies.paper.fig5 import fig5
-from markerseek.studies.paper.fig6 import fig6, table1
-from markerseek.studies.paper.fig8 import fig8
-from markerseek.studies.paper.offline import Answer, answers
-from markerseek.studies.paper.online import fig7, table2
-from markerseek.studies.paper.online_runs import OnlineRun, online_runs
-from markerseek.studies.paper.recordings import Recording, as_intensities, simulated_banks
-from markerseek.studies.paper.reported import reported
+from markerseek.studies.paper.offline import OfflineSearch, fig6, offline_searches, table1
+from markerseek.studies.paper.online import OnlineSearch, online_searches, table2
+from markerseek.studies.paper.online_figures import fig7, fig8
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.paper.printed import paper_number
 from markerseek.studies.paper.section import Section
 from markerseek.studies.paper.travel import travel
 
@@ -30,42 +28,42 @@ class Reproduction:
 
     Parameters
     ----------
-    effort
+    options
         What may be used.
     folder
         Where banks are written.
     own_bank
-        A user's bank in place of the simulated ones; None for those.
+        A user's bank instead of the simulated ones; None for those.
     """
 
-    def __init__(self, *, effort: Effort, folder: Path, own_bank: Recording | None = None) -> None:
-        self._effort = effort
+    def __init__(self, *, options: RunOptions, folder: Path, own_bank: OfflineBank | None = None) -> None:
+        self._options = options
         self._folder = folder
         self._own_bank = own_bank
 
     @cached_property
-    def _answers(self) -> list[Answer]:
-        own, folder, effort = self._own_bank, self._folder / "banks", self._effort
-        banks = simulated_banks(folder, effort) if own is None else [as_intensities(own, folder, effort)]
-        return answers(banks, effort)
+    def _offline(self) -> list[OfflineSearch]:
+        own, folder, options = self._own_bank, self._folder / "banks", self._options
+        banks = simulated_banks(folder, options) if own is None else [as_intensities(own, folder, options)]
+        return offline_searches(banks, options)
 
     @cached_property
-    def _runs(self) -> list[OnlineRun]:
-        return online_runs(self._effort)
+    def _online(self) -> list[OnlineSearch]:
+        return online_searches(self._options)
 
     @property
     def makers(self) -> dict[str, Callable[[], Section]]:
-        """What can be made, by name, in the order of the report."""
+        """Functions that make the sections, by name, in the order of the report."""
         return {
-            "fig5": lambda: fig5(self._effort),
-            "fig6": lambda: fig6(self._answers),
-            "table1": lambda: table1(self._answers),
-            "table2": lambda: table2(self._runs),
-            "fig7": lambda: fig7(self._runs),
-            "fig8": lambda: fig8(self._runs),
-            "travel": lambda: travel(self._effort),
-            "consistency": lambda: consistency(self._effort),
-            "failures": lambda: failures(self._effort),
+            "fig5": lambda: fig5(self._options),
+            "fig6": lambda: fig6(self._offline),
+            "table1": lambda: table1(self._offline),
+            "table2": lambda: table2(self._online),
+            "fig7": lambda: fig7(self._online),
+            "fig8": lambda: fig8(self._online),
+            "travel": lambda: travel(self._options),
+            "consistency": lambda: consistency(self._options),
+            "failures": lambda: failures(self._options),
         }
 
     def sections(self, names: Sequence[str]) -> Iterator[Section]:
@@ -79,9 +77,9 @@ class Reproduction:
         makers = self.makers
         for name in names:
             if name == "fig9":
-                raise ConfigError(f"reproduce: fig9 waits. {reported('sensitive').limits}")
+                raise ConfigError(f"reproduce: fig9 is not made. {paper_number('sensitive').limitation}")
             if name not in makers:
                 raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(makers)}, all")
             if self._own_bank is not None and name not in OFFLINE:
-                raise ConfigError(f"reproduce: {name} searches on no bank; give --bank with {' or '.join(OFFLINE)}")
+                raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
         return (makers[name]() for name in names)

@@ -1,16 +1,15 @@
-"""What the reproduction of one figure or table delivers: tables, numbers beside the paper's, pictures, plain words."""
+"""What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
-from markerseek.studies.paper.reported import SENSITIVE_DEG, Reported, reported
+from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
 from markerseek.studies.statistics import Moments
 
 if TYPE_CHECKING:
@@ -52,81 +51,118 @@ class Table:
                 )
 
 
+Item = TypeVar("Item")
+
+
+def table_of(
+    items: Iterable[Item], cells: Mapping[str, Callable[[Item], Cell]], *, name: str, caption: str, shown: bool = True
+) -> Table:
+    """Return a table with a row for each item.
+
+    Parameters
+    ----------
+    items
+        What the rows are of.
+    cells
+        By the name of each column, the function that takes its cell from an item.
+    name, caption, shown
+        As for `Table`.
+    """
+    rows = tuple(tuple(cell(item) for cell in cells.values()) for item in items)
+    return Table(name=name, caption=caption, columns=tuple(cells), rows=rows, shown=shown)
+
+
+ERROR_COLUMNS = (
+    "searches",
+    "mean_error_deg",
+    "spread_deg",
+    "half_interval95_deg",
+    "share_off_by_more_than_4.33_deg",
+)
+"""Columns of `Errors.cells`."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Errors of many searches, summed up.
+    """Summary of the errors of many searches.
 
     Attributes
     ----------
     count
         Number of searches.
-    mean_deg, spread_deg
-        Mean and standard deviation of the absolute error in degrees; the spread of one search is None.
+    mean_deg, sd_deg
+        Mean and standard deviation of the absolute error in degrees; the latter is None for one search.
     half_deg
         Half the width of the 95 % interval of the mean in degrees; None for one search.
     failed
-        Share of searches that are off by more than the sensitive range, 4.33°.
+        Share of searches with an error beyond `SENSITIVE_DEG`.
     """
 
     count: int
     mean_deg: float
-    spread_deg: float | None
+    sd_deg: float | None
     half_deg: float | None
     failed: float
 
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The summary as cells under `ERROR_COLUMNS`."""
+        return self.count, self.mean_deg, self.sd_deg, self.half_deg, self.failed
 
-def errors_of(error_deg: Float64[np.ndarray, " searches"]) -> Errors:
+
+def errors_of(errors_deg: Iterable[float]) -> Errors:
     """Summary of the absolute errors of one search or more, in degrees."""
-    if error_deg.size == 0:
-        raise ConfigError("errors: there are none to be summed up; run one search at least")
-    moments = Moments.of(error_deg.tolist())
+    errors = np.array(list(errors_deg))
+    if errors.size == 0:
+        raise ConfigError("errors: there is no search to summarise; run one at least")
+    moments = Moments.of(errors.tolist())
     interval = moments.interval
     return Errors(
         count=moments.count,
         mean_deg=moments.mean,
-        spread_deg=moments.sd,
+        sd_deg=moments.sd,
         half_deg=None if interval is None else (interval[1] - interval[0]) / 2,
-        failed=float(np.mean(error_deg > SENSITIVE_DEG)),
+        failed=float(np.mean(errors > SENSITIVE_DEG)),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """A number of the paper and the same one of ours.
+class Comparison:
+    """A number of the paper and ours.
 
     Attributes
     ----------
     paper
         The paper's.
-    ours, spread
-        Ours, and what stands behind its ±.
+    ours, sd
+        Ours, and its standard deviation.
     half
         Half the width of the 95 % interval of ours; None where there is none.
     failed
-        Share of our searches that are off by more than 4.33°; None where that is no question.
+        Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors.
     condition
-        Under what ours was found, such as a noise; empty where there is one only.
+        Condition of ours, such as the noise; empty where there is only one.
     """
 
-    paper: Reported
+    paper: PaperNumber
     ours: float
-    spread: float | None = None
+    sd: float | None = None
     half: float | None = None
     failed: float | None = None
     condition: str = ""
 
     @property
     def difference(self) -> float:
-        """Ours less the paper's."""
-        return self.ours - self.paper.mean
+        """Ours minus the paper's."""
+        return self.ours - self.paper.value
 
 
-def beside(key: str, ours: Errors, *, condition: str = "") -> Beside:
-    """Our errors beside the paper's number of that key."""
-    return Beside(
-        paper=reported(key),
+def compared(key: str, ours: Errors, *, condition: str = "") -> Comparison:
+    """Return our errors beside the paper's number with that key."""
+    return Comparison(
+        paper=paper_number(key),
         ours=ours.mean_deg,
-        spread=ours.spread_deg,
+        sd=ours.sd_deg,
         half=ours.half_deg,
         failed=ours.failed,
         condition=condition,
@@ -135,7 +171,7 @@ def beside(key: str, ours: Errors, *, condition: str = "") -> Beside:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
-    """A picture that is drawn when it is wanted.
+    """A picture, drawn on demand.
 
     Attributes
     ----------
@@ -164,18 +200,18 @@ class Section:
         Its heading.
     method
         What was done, in paragraphs.
-    besides
+    comparisons
         The paper's numbers beside ours.
     tables, pictures
         See the classes.
     remarks
-        Plain sentences about what it shows and what cannot be had.
+        Sentences about the results and their limits.
     """
 
     name: str
     title: str
     method: tuple[str, ...]
-    besides: tuple[Beside, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
-    remarks: tuple[str, ...] = field(default=())
+    remarks: tuple[str, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,14 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
-from markerseek.pictures import Line, Panel, panels_figure
+from markerseek.pictures import panel_grid, shared_legend
 from markerseek.sim import LaserSettings, ReceiverSettings, StageMotion
-from markerseek.studies.paper.effort import Effort
-from markerseek.studies.paper.look import COLOURS
-from markerseek.studies.paper.methods import NAMES, TABLE_ACQUISITIONS, Name
-from markerseek.studies.paper.reported import reported
-from markerseek.studies.paper.rotation import quiet_track, rotation_s, shortest_order, travel_deg
-from markerseek.studies.paper.section import Beside, Cell, Picture, Section, Table
+from markerseek.studies.paper.methods import BRACKETS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod, noise_free_track
+from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.section import Cell, Comparison, Picture, Section, Table, table_of
+from markerseek.studies.paper.style import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,62 +26,119 @@ FASTEST = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
 """The stage at the limits of its data sheet."""
 
 
+def shortest_order(track_deg: Sequence[float], *, start_deg: float) -> list[float]:
+    """The same pairs of angles, each in the order that makes the whole way shortest.
+
+    A search cannot travel so, because it would have to know the later pairs; it is the lower limit of the travel of
+    every search that measures these pairs.
+
+    Parameters
+    ----------
+    track_deg
+        Angles of a bracket search in degrees, two for each iteration.
+    start_deg
+        Where the probe is at first, in degrees.
+    """
+    ways: list[tuple[float, list[float]]] = [(0.0, [start_deg])]
+    for left_deg, right_deg in zip(track_deg[::2], track_deg[1::2], strict=True):
+        # Dynamic programming: of all ways that end at the same angle only the shortest can be part of the answer.
+        ways = [
+            min(
+                ((length + abs(first - way[-1]) + abs(last - first), [*way, first, last]) for length, way in ways),
+                key=lambda way: way[0],
+            )
+            for first, last in ((left_deg, right_deg), (right_deg, left_deg))
+        ]
+    return min(ways, key=lambda way: way[0])[1][1:]
+
+
+def travel_deg(track_deg: Sequence[float]) -> float:
+    """Rotation from the first angle of a track to its last, in degrees."""
+    return float(np.abs(np.diff(track_deg)).sum())
+
+
+def rotation_s(track_deg: Sequence[float], *, motion: StageMotion) -> float:
+    """Time that the stage takes from the first angle of a track to its last, resting at each, in seconds.
+
+    A move downwards goes beyond its target and comes back from below, as `markerseek.sim.SimulatedStage` does.
+
+    Parameters
+    ----------
+    track_deg
+        Angles in degrees, beginning with that of the probe.
+    motion
+        How the stage moves.
+    """
+    total_s = 0.0
+    for here_deg, there_deg in itertools.pairwise(track_deg):
+        below_deg = motion.approach_deg if there_deg < here_deg else 0.0
+        # Down beyond the target, and back up: play is always taken up from below.
+        moved_s = motion.duration_s(abs(there_deg - here_deg) + below_deg) + motion.duration_s(below_deg)
+        total_s += moved_s + motion.settle_s
+    return total_s
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Way:
-    """One way to count: which method, in which order, from where."""
-
-    name: Name
-    order: str
-    start: str
-    travel: Mean
-    rotation: Mean
-    fastest: Mean
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mean:
-    """Mean, standard deviation, and half the 95 % interval of the mean."""
+class _Mean:
+    """Mean, standard deviation, and half the 95 % interval of the mean, which is normal for this many values."""
 
     value: float
-    spread: float
+    sd: float
     half: float
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Mean:
-        """Summary of two values or more."""
-        spread = float(np.std(values, ddof=1))
-        return cls(value=float(np.mean(values)), spread=spread, half=1.96 * spread / float(np.sqrt(len(values))))
+    def of(cls, values: Sequence[float]) -> _Mean:
+        sd = float(np.std(values, ddof=1))
+        return cls(value=float(np.mean(values)), sd=sd, half=1.96 * sd / float(np.sqrt(len(values))))
+
+    def beside(self, key: str, condition: str) -> Comparison:
+        return Comparison(paper=paper_number(key), ours=self.value, sd=self.sd, half=self.half, condition=condition)
 
 
-def travel(effort: Effort) -> Section:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Way:
+    """One way to count: a method, an order within each pair, and a start."""
+
+    name: PaperMethod
+    order: str
+    start: str
+    travel: _Mean
+    rotation: _Mean
+    fastest: _Mean
+
+
+def travel(options: RunOptions) -> Section:
     """Rotation travel and time of 16 acquisitions, for markers spread evenly over ±35°.
 
     Parameters
     ----------
-    effort
+    options
         What may be used: its number of markers.
     """
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([effort.seed, 4])))
-    markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, effort.markers)
-    effort.advance("travel", 0, len(NAMES))
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 4])))
+    markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, options.markers)
+    options.progress("travel", 0, len(PAPER_METHODS))
     ways: list[_Way] = []
-    for number, name in enumerate(NAMES, start=1):
-        tracks = [quiet_track(name, float(marker), acquisitions=TABLE_ACQUISITIONS)[0] for marker in markers_deg]
+    for number, name in enumerate(PAPER_METHODS, start=1):
+        tracks = [noise_free_track(name, float(at), acquisitions=TABLE_ACQUISITIONS)[0] for at in markers_deg]
         ways += _ways(name, tracks)
-        effort.advance("travel", number, len(NAMES))
+        options.progress("travel", number, len(PAPER_METHODS))
     return Section(
         name="travel",
         title=f"Rotation travel and time of {TABLE_ACQUISITIONS} acquisitions",
         method=(
             (
-                f"{effort.markers} markers spread evenly over ±35°, without noise: the angles asked for then follow "
-                "from the marker's angle alone, whatever symmetric unimodal curve is searched. Time of rotation is "
+                f"{options.markers} markers spread evenly over ±35°, without noise: the angles of the acquisitions "
+                "then follow from the marker's angle alone, on every symmetric unimodal curve. Time of rotation is "
                 "that of a stage with a trapezoidal speed that comes to rest at each angle and approaches it from "
                 "below: at 10°/s and 10°/s², the defaults, and at 25°/s and 25°/s², the largest of its data sheet."
             ),
         ),
-        besides=_besides(ways),
-        tables=(_travel_table(ways), _time_table(ways)),
+        comparisons=_comparisons(ways),
+        tables=(
+            table_of(ways, _WAY_CELLS, name="travel", caption="Rotation travel and time of rotation"),
+            _time_table(ways),
+        ),
         pictures=(
             Picture(
                 name="travel",
@@ -93,11 +150,11 @@ def travel(effort: Effort) -> Section:
     )
 
 
-def _ways(name: Name, tracks: Sequence[list[float]]) -> list[_Way]:
+def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
     low_deg = PAPER_RANGE.low_deg
     orders: dict[str, Callable[[list[float]], list[float]]] = {"as printed": lambda track: track}
-    if name != "WA":
-        orders["shortest order"] = lambda track: shortest_order(track, start_deg=low_deg)
+    if name in BRACKETS:
+        orders["shortest order"] = partial(shortest_order, start_deg=low_deg)
     ways = []
     for order, ordered in orders.items():
         for start, before in {"from the first angle": [], "from -35 deg": [low_deg]}.items():
@@ -107,90 +164,53 @@ def _ways(name: Name, tracks: Sequence[list[float]]) -> list[_Way]:
                     name=name,
                     order=order,
                     start=start,
-                    travel=Mean.of([travel_deg(track) for track in whole]),
-                    rotation=Mean.of([rotation_s(track, motion=StageMotion()) for track in whole]),
-                    fastest=Mean.of([rotation_s(track, motion=FASTEST) for track in whole]),
+                    travel=_Mean.of([travel_deg(track) for track in whole]),
+                    rotation=_Mean.of([rotation_s(track, motion=StageMotion()) for track in whole]),
+                    fastest=_Mean.of([rotation_s(track, motion=FASTEST) for track in whole]),
                 )
             )
     return ways
 
 
-def _besides(ways: Sequence[_Way]) -> tuple[Beside, ...]:
-    besides = []
-    for way in ways:
-        condition = f"{way.name}, {way.order}, {way.start}"
-        if way.name != "WA":
-            paper = reported(f"travel/{way.name}")
-            besides.append(
-                Beside(
-                    paper=paper,
-                    ours=way.travel.value,
-                    spread=way.travel.spread,
-                    half=way.travel.half,
-                    condition=condition,
-                )
-            )
-    for way in ways:
-        if way.name != "WA" and way.order == "as printed" and way.start == "from the first angle":
-            for motion, spent in (("10°/s", way.rotation), ("25°/s", way.fastest)):
-                besides.append(
-                    Beside(
-                        # the shorter of the paper's two times belongs to its shorter travel
-                        paper=reported("travel/high" if way.name == "TS" else "travel/low"),
-                        ours=spent.value,
-                        spread=spent.spread,
-                        half=spent.half,
-                        condition=f"{way.name}, {motion}",
-                    )
-                )
-    return tuple(besides)
+def _comparisons(ways: Sequence[_Way]) -> tuple[Comparison, ...]:
+    bracket = [way for way in ways if way.name in BRACKETS]
+    comparisons = [way.travel.beside(f"travel/{way.name}", f"{way.name}, {way.order}, {way.start}") for way in bracket]
+    for way in bracket:
+        if (way.order, way.start) == ("as printed", "from the first angle"):
+            # The shorter of the paper's two times is that of its shorter travel.
+            key = "travel/high" if way.name == "TS" else "travel/low"
+            comparisons.append(way.rotation.beside(key, f"{way.name}, 10°/s"))
+            comparisons.append(way.fastest.beside(key, f"{way.name}, 25°/s"))
+    return tuple(comparisons)
 
 
-def _travel_table(ways: Sequence[_Way]) -> Table:
-    rows: list[tuple[Cell, ...]] = [
-        (
-            way.name,
-            way.order,
-            way.start,
-            way.travel.value,
-            way.travel.spread,
-            way.travel.half,
-            way.rotation.value,
-            way.fastest.value,
-        )
-        for way in ways
-    ]
-    return Table(
-        name="travel",
-        caption="Rotation travel and time of rotation",
-        columns=(
-            "method",
-            "order",
-            "counted",
-            "travel_deg",
-            "spread_deg",
-            "half_interval95_deg",
-            "rotation_at_10_deg_s_s",
-            "rotation_at_25_deg_s_s",
-        ),
-        rows=tuple(rows),
-    )
+_WAY_CELLS: dict[str, Callable[[_Way], Cell]] = {
+    "method": lambda way: way.name,
+    "order": lambda way: way.order,
+    "counted": lambda way: way.start,
+    "travel_deg": lambda way: way.travel.value,
+    "spread_deg": lambda way: way.travel.sd,
+    "half_interval95_deg": lambda way: way.travel.half,
+    "rotation_at_10_deg_s_s": lambda way: way.rotation.value,
+    "rotation_at_25_deg_s_s": lambda way: way.fastest.value,
+}
 
 
 def _time_table(ways: Sequence[_Way]) -> Table:
     """Whole searches from −35°, with acquisitions read as files and in real time, beside manual search."""
     laser = LaserSettings()
-    lit_s = laser.pulses / laser.rate_hz
+    # The pulses take the same time with both kinds of reading.
+    pulses_s = laser.pulses / laser.rate_hz
     readings = {"SonixDAQ files": ReceiverSettings().readout_s, "real time": 0.0}
     rows: list[tuple[Cell, ...]] = []
     for way in ways:
-        if way.order == "as printed" and way.start == "from -35 deg":
+        if (way.order, way.start) == ("as printed", "from -35 deg"):
             for kind, readout_s in readings.items():
-                acquiring_s = TABLE_ACQUISITIONS * (readout_s + lit_s)
+                acquiring_s = TABLE_ACQUISITIONS * (readout_s + pulses_s)
                 rows.append((way.name, kind, way.rotation.value, acquiring_s, way.rotation.value + acquiring_s))
     for key in ("manual/low", "manual/high", "manual/registration"):
-        number = reported(key)
-        rows.append((f"paper: {number.what}", None, None, None, number.mean))
+        number = paper_number(key)
+        rows.append((f"paper: {number.quantity}", None, None, None, number.value))
     return Table(
         name="travel_time",
         caption=f"Time of a whole search of {TABLE_ACQUISITIONS} acquisitions from -35 deg at 10 deg/s, 16 pulses at "
@@ -201,47 +221,49 @@ def _time_table(ways: Sequence[_Way]) -> Table:
 
 
 def _remarks(ways: Sequence[_Way]) -> tuple[str, ...]:
-    shortest = {name: min(way.travel.value for way in ways if way.name == name) for name in ("TS", "GSS")}
-    ts, gss = reported("travel/TS").mean, reported("travel/GSS").mean
+    shortest = {name: min(way.travel.value for way in ways if way.name == name) for name in BRACKETS}
+    ts, gss = paper_number("travel/TS").value, paper_number("travel/GSS").value
     speed = FASTEST.speed_deg_s
     return (
         (
-            f"The paper's travel, {ts:g}° and {gss:g}°, does not replay. Even if the order within each pair "
-            f"were chosen for the shortest way, TS turns by {shortest['TS']:.0f}° and GSS by {shortest['GSS']:.0f}° on "
+            f"The paper's travel, {ts:g}° and {gss:g}°, cannot be reproduced. Even if the order within each pair were "
+            f"chosen for the shortest way, TS would turn by {shortest['TS']:.0f}° and GSS by {shortest['GSS']:.0f}° on "
             "average."
         ),
         (
-            f"Its 1 to 2 s are what {ts:g}° and {gss:g}° take at {speed:g}°/s without a single stop: {ts / speed:.1f} "
-            f"s and {gss / speed:.1f} s. A stage that stops for each of 16 acquisitions takes longer."
+            f"Its 1 to 2 s are the times for {ts:g}° and {gss:g}° at {speed:g}°/s without a single stop: "
+            f"{ts / speed:.1f} s and {gss / speed:.1f} s. A stage that stops for each of 16 acquisitions takes longer."
         ),
         (
-            "The advantage over manual search does not hang on it: with acquisitions in real time a whole search stays "
-            "far below 2 to 3 min. With files of 10 s each, reading takes nearly all of the time, as the paper says."
+            "The advantage over manual search does not depend on it: with acquisitions in real time a whole search "
+            "takes far less than 2 to 3 min. With files of 10 s each, reading takes nearly all of the time, as the "
+            "paper says."
         ),
     )
 
 
 def _draw(ways: Sequence[_Way]) -> Figure:
-    panels = []
-    for name in ("TS", "GSS"):
-        here = [way for way in ways if way.name == name]
-        bars = Line(
-            label=f"{name}, ours",
-            x=tuple(float(number) for number in range(1, len(here) + 1)),
-            y=tuple(way.travel.value for way in here),
-            half=tuple(way.travel.half for way in here),
-            colour=COLOURS["TS" if name == "TS" else "GSS"],
-            form="bar",
-        )
-        paper = reported(f"travel/{name}").mean
-        level = Line(label="paper", x=(0.0,), y=(paper,), colour="#222222", form="level")
-        ticks = tuple(f"{way.order},\n{way.start}" for way in here)
-        panels.append(Panel(title=name, lines=(bars, level), ticks=ticks))
-    return panels_figure(
-        panels,
-        title=f"Rotation travel of {TABLE_ACQUISITIONS} acquisitions",
-        across="order within a pair, and where the travel is counted from",
-        up="travel [deg]",
+    figure, panels = panel_grid(
+        list(BRACKETS),
+        heading=f"Rotation travel of {TABLE_ACQUISITIONS} acquisitions",
+        x_label="order within a pair, and start of the travel",
+        y_label="travel [deg]",
         columns=2,
         panel_in=(5.2, 3.2),
     )
+    for axes, name in zip(panels, BRACKETS, strict=True):
+        here = [way for way in ways if way.name == name]
+        axes.bar(
+            range(1, len(here) + 1),
+            [way.travel.value for way in here],
+            yerr=[way.travel.half for way in here],
+            label=f"{name}, ours",
+            color=COLOURS[name],
+            ecolor="#444444",
+            capsize=2,
+        )
+        paper_deg = paper_number(f"travel/{name}").value
+        axes.axhline(paper_deg, color="#222222", linestyle="--", linewidth=1.2, label="paper")
+        axes.set_xticks(range(1, len(here) + 1), [f"{way.order},\n{way.start}" for way in here], fontsize=8)
+    shared_legend(figure)
+    return figure

@@ -1,10 +1,11 @@
-"""How near a policy comes to the bound, marker by marker, and how long it takes to decide.
+"""Errors of a policy compared with the bound of each marker, and the time of its decisions.
 
-The bound of a marker is Van Trees' Bayesian one (`markerseek.search.bounds`) with the marker's own noise-free curve,
-all nuisances unknown and the physics table's ranges as the prior: once for the best angles that there are for this
-marker, once for those that the policy took. Both need a study in which everything is drawn.
+The bound is Van Trees' Bayesian one (`markerseek.search.bounds`) with the marker's own noise-free curve, all nuisances
+unknown and the ranges of the physics table as the prior: for the best angles of this marker, and for the angles of the
+policy. Both need a study in which everything is drawn.
 
-Times are the process's own, of ``tell`` and ``ask`` together, and depend on the machine: no row of a study holds them.
+A decision is ``tell`` and ``ask`` together, in CPU time of the thread; it depends on the machine, and is in no row of a
+study.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from markerseek.core.reading import Sample
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
-    ObservationNoise,
+    IntensityNoise,
     SampledCurve,
     angle_bound_deg,
     best_angles,
@@ -38,17 +39,17 @@ from markerseek.studies.worlds import draw_trial, marker_window, study_rig
 _OFF_DEG = np.concatenate(
     [np.arange(0, 6, 0.25), np.arange(6, 14, 0.5), np.arange(14, 30, 1.0), np.arange(30, 70.1, 5.0)]
 )
-"""Angles at which a marker's curve is computed, to one side."""
+"""Angles off the marker at which its curve is computed, in degrees: dense where the curve is steep."""
 
 MEAN_OF_ROOT = math.sqrt(2 / math.pi)
 """Mean magnitude of a normal error over its standard deviation."""
 
 
-class Against(msgspec.Struct, frozen=True, kw_only=True):
-    """A policy against the bound, over so many markers.
+class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
+    """Errors of a policy and the bounds, over so many markers.
 
     ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
-    bounds for the best angles and for those taken. ``decision_ms`` are the median and the largest time of a decision.
+    bounds for the best angles and for the policy's. ``decision_ms`` are the median and the largest time of a decision.
     """
 
     cell: int
@@ -66,8 +67,8 @@ class Against(msgspec.Struct, frozen=True, kw_only=True):
     decision_ms: tuple[float, float]
 
 
-class _Watched:
-    """A policy whose angles and times are kept."""
+class _Recorded:
+    """A policy that records its angles and the times of its decisions."""
 
     def __init__(self, inner: Policy) -> None:
         self._inner = inner
@@ -79,6 +80,7 @@ class _Watched:
         """Next angle in degrees."""
         began_s = time.thread_time()
         angle_deg = self._inner.ask()
+        # Dark frames come before the first decision and are none.
         if self._telling_s > 0:
             self.decisions_s.append(self._telling_s + time.thread_time() - began_s)
         self._telling_s = 0.0
@@ -106,21 +108,23 @@ def marker_curve(unknowns: Unknowns, settings: SimulatedSettings) -> SampledCurv
     unknowns
         The rig and the marker.
     settings
-        Those that were not drawn.
+        The settings that are not drawn.
     """
     window = marker_window(unknowns, settings)
     heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
-    # behind the plane of the face the marker is silent, and a logarithm has no zero
+    # Behind the plane of the face there is no signal, and the bound takes the logarithm of the curve.
     return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
 
 
-def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquisitions: int | None = None) -> Against:
-    """Search for the first markers of a study again, and compare with the bound of each.
+def compare_with_bound(
+    study: Study, cell: Cell, *, policy: int, markers: int, acquisitions: int | None = None
+) -> BoundComparison:
+    """Repeat the searches for the first markers of a study, and compare the errors with the bound of each.
 
     Parameters
     ----------
     study, cell
-        Whose.
+        The study, and one of its cells.
     policy
         Number of the policy.
     markers
@@ -131,7 +135,7 @@ def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquis
     Raises
     ------
     ConfigError
-        If the study has curves and markers of no known rig.
+        If the study does not draw everything, so that its markers have no curve of their own.
     """
     settings, limits = study.policies[policy], cell.world.rig.limits.search
     count = settings.most if acquisitions is None else acquisitions
@@ -139,22 +143,22 @@ def against_bound(study: Study, cell: Cell, *, policy: int, markers: int, acquis
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
-        watched = _Watched(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
-        for _ in run(watched, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
+        recorded = _Recorded(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
+        for _ in run(recorded, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
             pass
         marker_deg = unknowns.marker.angle_deg
-        errors.append(watched.estimate().mean_deg - marker_deg)
+        errors.append(recorded.estimate().mean_deg - marker_deg)
         ideal = best_angles(
             curve, marker_deg=marker_deg, noise=noise, acquisitions=count, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
-        heard = np.array(watched.angles_deg)
-        information = sample_information(curve, heard, marker_deg=marker_deg, noise=noise).sum(axis=0)
+        angles_deg = np.array(recorded.angles_deg)
+        information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
-        times += watched.decisions_s
+        times += recorded.decisions_s
     rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
     magnitude = np.abs(errors)
-    return Against(
+    return BoundComparison(
         cell=cell.index,
         policy=policy,
         label=str(settings),
@@ -177,7 +181,7 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
     Parameters
     ----------
     study, cell
-        Whose markers.
+        The study, and one of its cells.
     markers
         Number of them.
     acquisitions
@@ -199,13 +203,15 @@ def mean_bounds(study: Study, cell: Cell, *, markers: int, acquisitions: Sequenc
     return tuple((MEAN_OF_ROOT * sums / markers).tolist())
 
 
-def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, ObservationNoise, SampledCurve]:
+def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNoise, SampledCurve]:
     unknowns = draw_trial(study, cell, trial).unknowns
     if unknowns is None:
-        raise ConfigError('the bound needs markers of which everything is drawn: set drawn = "everything"')
+        raise ConfigError('the bound needs a study that draws everything: set drawn = "everything"')
     rig = cell.world.rig
-    noise = ObservationNoise(
-        snr=10 ** (rig.noise.peak_snr_db / 20), jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses)
+    noise = IntensityNoise(
+        # The energy of an acquisition is the mean of its pulses.
+        snr=10 ** (rig.noise.peak_snr_db / 20),
+        jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
     return unknowns, noise, marker_curve(unknowns, rig)
 

@@ -1,7 +1,7 @@
-"""The paper's rules as a program would have them that checks nothing.
+"""The paper's rules in a program without checks, to count how they fail.
 
-The package's own policies refuse what is no measurement. What the bare rules make of it is written out here, to be
-counted: a comparison with NaN is false, so that the right part is kept; a weighted average with one NaN is NaN.
+The policies of this package refuse invalid samples. Here they enter the rules as they are: a comparison with NaN is
+false, so that the right part is kept; a weighted average with one NaN is NaN.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from markerseek.core.protocols import Laser, Reader, Receiver, Stage
 from markerseek.guard import FiringLimits, Permits
 from markerseek.search import GOLDEN, TERNARY, equal_steps
 from markerseek.search.average import THRESHOLD
-from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, ONLINE_STEPS, Name
+from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, ONLINE_STEPS, PaperMethod
 
 
-def bare_listener(
+def unguarded_acquisition(
     stage: Stage, laser: Laser, receiver: Receiver, reader: Reader, *, pulses: int
 ) -> Callable[[float], float]:
-    """What a program without a guard hears at an angle: it turns, fires, and takes what comes.
+    """Function that returns the intensity at an angle as a program without a guard does: move, fire, read.
 
     Parameters
     ----------
@@ -33,20 +33,20 @@ def bare_listener(
     """
     permits = Permits(FiringLimits())
 
-    def hear(angle_deg: float) -> float:
+    def acquire(angle_deg: float) -> float:
         stage.move_to(angle_deg)
-        permit: Permit = permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=0.0)
-        # Time is no matter to a simulated laser that is told that its permit never ends.
-        permit = Permit(token=permit.token, angle_deg=angle_deg, pulses=pulses, expires_s=math.inf)
+        issued = permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=0.0)
+        # A permit without an end: the simulated laser has a clock, and this program does not look at it.
+        permit = Permit(token=issued.token, angle_deg=angle_deg, pulses=pulses, expires_s=math.inf)
         receiver.arm(permit)
         laser.fire(permit)
         return reader.read(receiver.acquire(permit)).intensity
 
-    return hear
+    return acquire
 
 
-def bare_answer(name: Name, hear: Callable[[float], float]) -> float:
-    """Angle that the bare rule answers, in degrees; NaN where it has none.
+def unguarded_answer(name: PaperMethod, acquire: Callable[[float], float]) -> float:
+    """Angle that the rule answers, in degrees; NaN where it has none.
 
     TS and GSS make 28 acquisitions, WA the 5° steps and the early end of the online analysis.
 
@@ -54,17 +54,19 @@ def bare_answer(name: Name, hear: Callable[[float], float]) -> float:
     ----------
     name
         The method.
-    hear
+    acquire
         Intensity at an angle in degrees.
     """
     if name == "WA":
-        return _average(hear)
+        return _average(acquire)
     ratio = TERNARY if name == "TS" else GOLDEN
     low_deg, high_deg = PAPER_RANGE.low_deg, PAPER_RANGE.high_deg
     for _ in range(max(BRACKET_ACQUISITIONS) // 2):
+        # Two new acquisitions in each iteration, as section 2.3 prints it.
         left_deg = ratio * low_deg + (1 - ratio) * high_deg
         right_deg = (1 - ratio) * low_deg + ratio * high_deg
-        at_left, at_right = hear(left_deg), hear(right_deg)
+        at_left, at_right = acquire(left_deg), acquire(right_deg)
+        # False with NaN on either side: the right part is kept.
         if at_left >= at_right:
             high_deg = right_deg
         else:
@@ -72,14 +74,14 @@ def bare_answer(name: Name, hear: Callable[[float], float]) -> float:
     return (low_deg + high_deg) / 2
 
 
-def _average(hear: Callable[[float], float]) -> float:
-    heard: list[float] = []
+def _average(acquire: Callable[[float], float]) -> float:
+    measured: list[float] = []
     angles = equal_steps(PAPER_RANGE, acquisitions=ONLINE_STEPS)
     for angle_deg in angles:
-        heard.append(hear(float(angle_deg)))
-        if len(heard) > 2 and max(heard[-2:]) < THRESHOLD * max(heard):
+        measured.append(acquire(float(angle_deg)))
+        if len(measured) > 2 and max(measured[-2:]) < THRESHOLD * max(measured):
             break
-    intensity = np.array(heard)
+    intensity = np.array(measured)
     weight = np.where(intensity < THRESHOLD * np.max(intensity), 0.0, intensity)
     total = float(weight.sum())
-    return float(weight @ angles[: len(heard)]) / total if total != 0 else math.nan
+    return float(weight @ angles[: len(measured)]) / total if total != 0 else math.nan

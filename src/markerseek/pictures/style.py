@@ -1,0 +1,122 @@
+"""What all pictures share: colours, figures that need no display, headings, grids of panels.
+
+Everything else is drawn with Matplotlib directly. Matplotlib is an extra; it is imported when the first figure is made.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, Any, Literal
+
+from markerseek.core import MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIGNAL, ACCENT, TRUTH, QUIET = "#1f5fa8", "#c8501e", "#2a7f3f", "#8a8f98"
+"""Colours of measurements, of conclusions, of the truth, and of the rest; the colour-blind can tell them apart."""
+
+GRID = "#e3e6ea"
+"""Colour of grid lines."""
+
+ERROR_BARS: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2, "elinewidth": 0.8, "capsize": 1.5}
+"""Sizes of a line with marks and error bars, for `matplotlib.axes.Axes.errorbar`."""
+
+
+def new_figure(*, width_in: float, height_in: float) -> Figure:
+    """Empty figure that needs no display.
+
+    Parameters
+    ----------
+    width_in, height_in
+        Size in inches.
+
+    Raises
+    ------
+    MissingExtraError
+        If Matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as problem:
+        raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def put_heading(figure: Figure, text: str, *, fontsize: float = 12.0) -> None:
+    """Write a heading over the whole figure, wrapped to its width; "$" in a file's name is no mathematics."""
+    lines = _wrapped(text, width_in=figure.get_figwidth(), fontsize=fontsize)
+    figure.suptitle(lines, fontsize=fontsize, x=0.01, ha="left", parse_math=False)
+
+
+def put_title(axes: Axes, text: str, *, width_in: float, fontsize: float = 9.0) -> None:
+    """Write the title of one panel, wrapped to a width in inches."""
+    axes.set_title(_wrapped(text, width_in=width_in, fontsize=fontsize), fontsize=fontsize, parse_math=False)
+
+
+def _wrapped(text: str, *, width_in: float, fontsize: float) -> str:
+    # Letters of the default font are 0.55 of its size wide on average; paths have wider ones, hence 0.6.
+    return textwrap.fill(text, int(width_in * 72 / (0.6 * fontsize)), break_on_hyphens=False)
+
+
+def panel_grid(
+    titles: list[str],
+    *,
+    heading: str,
+    x_label: str,
+    y_label: str,
+    columns: int,
+    panel_in: tuple[float, float],
+    y_scale: Literal["linear", "log"] = "linear",
+) -> tuple[Figure, list[Axes]]:
+    """Figure with panels that share both axes, and the axes of the panels, row by row.
+
+    Parameters
+    ----------
+    titles
+        Title of each panel.
+    heading
+        Heading of the figure.
+    x_label, y_label
+        Labels of the shared axes.
+    columns
+        Most panels in a row.
+    panel_in
+        Width and height of one panel in inches.
+    y_scale
+        Scale of the y axis.
+    """
+    columns = min(columns, len(titles))
+    rows = -(-len(titles) // columns)
+    figure = new_figure(width_in=panel_in[0] * columns, height_in=panel_in[1] * rows + 0.8)
+    put_heading(figure, heading)
+    grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
+    for empty in grid[len(titles) :]:
+        empty.set_axis_off()
+    for number, (axes, title) in enumerate(zip(grid, titles, strict=False)):
+        axes.set_yscale(y_scale)
+        axes.set_title(title, fontsize=10)
+        axes.grid(visible=True, color=GRID, linewidth=0.6)
+        axes.set_axisbelow(True)
+        if number >= len(titles) - columns:
+            axes.set_xlabel(x_label)
+            # A panel above an empty place is not in the last row, where Matplotlib puts the shared labels.
+            axes.tick_params(labelbottom=True)
+        if number % columns == 0:
+            axes.set_ylabel(y_label)
+    return figure, grid[: len(titles)]
+
+
+def shared_legend(figure: Figure, *, columns: int = 6) -> None:
+    """Put one legend below all panels, with each label once and at most so many columns."""
+    entries = [entry for axes in figure.axes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
+    by_label = {label: handle for handle, label in reversed(entries)}
+    labels = list(dict.fromkeys(label for _, label in entries))
+    figure.legend(
+        [by_label[label] for label in labels],
+        labels,
+        loc="outside lower center",
+        ncols=min(len(labels), columns),
+        fontsize=8,
+    )

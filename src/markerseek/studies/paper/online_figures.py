@@ -1,0 +1,156 @@
+"""Fig. 7 and Fig. 8: errors of the online searches over the number of acquisitions, and tracks of the probe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
+
+from markerseek.pictures import panel_grid, shared_legend
+from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, TABLE_ACQUISITIONS, PaperMethod
+from markerseek.studies.paper.online import METHOD, OnlineSearch, levels_of
+from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.section import ERROR_COLUMNS, Errors, Picture, Section, Table, compared, errors_of
+from markerseek.studies.paper.style import COLOURS, MARKS, draw_errors, draw_paper
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ByGroup: TypeAlias = dict[tuple[float, PaperMethod, int], Errors]
+"""Errors by peak SNR, method and number of acquisitions."""
+
+
+def fig7(searches: Sequence[OnlineSearch]) -> Section:
+    """Fig. 7: mean error of TS and GSS over the number of acquisitions.
+
+    Parameters
+    ----------
+    searches
+        Of `online_searches`.
+    """
+    errors: _ByGroup = {
+        (level_db, name, count): errors_of(
+            each.error_deg(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
+        )
+        for level_db in levels_of(searches)
+        for name in BRACKETS
+        for count in BRACKET_ACQUISITIONS
+    }
+    return Section(
+        name="fig7",
+        title="Fig. 7: online analysis, mean error over the number of acquisitions",
+        method=METHOD,
+        comparisons=tuple(
+            compared(f"fig7/{name}/{count}", errors[level_db, name, count], condition=f"{level_db:g} dB")
+            for count in (2, 28)
+            for name in BRACKETS
+            for level_db in levels_of(searches)
+        ),
+        tables=(
+            Table(
+                name="fig7",
+                caption="Errors of TS and GSS online",
+                columns=("peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS),
+                rows=tuple((*group, *each.cells) for group, each in errors.items()),
+                shown=False,
+            ),
+        ),
+        pictures=(
+            Picture(
+                name="fig7",
+                alt="Mean error of TS and GSS online over the number of acquisitions, one panel for each noise",
+                draw=partial(_draw_errors, errors),
+            ),
+        ),
+    )
+
+
+def _draw_errors(errors: _ByGroup) -> Figure:
+    levels_db = list(dict.fromkeys(level_db for level_db, _, _ in errors))
+    figure, panels = panel_grid(
+        [f"simulated rig, {level_db:g} dB" for level_db in levels_db],
+        heading="Online searches on the simulated rig",
+        x_label="acquisitions N",
+        y_label="mean error [deg]",
+        columns=2,
+        panel_in=(5.0, 3.6),
+        y_scale="log",
+    )
+    for axes, level_db in zip(panels, levels_db, strict=True):
+        for name in BRACKETS:
+            draw_errors(axes, name, {n: errors[level_db, name, n] for n in BRACKET_ACQUISITIONS})
+            keys = {2: f"fig7/{name}/2", TABLE_ACQUISITIONS: f"table2/{name}", 28: f"fig7/{name}/28"}
+            paper_deg = [paper_number(key).value for key in keys.values()]
+            draw_paper(axes, name, list(keys), paper_deg, f"{name}, paper")
+    shared_legend(figure)
+    return figure
+
+
+def fig8(searches: Sequence[OnlineSearch]) -> Section:
+    """Fig. 8: angle of the probe at each acquisition of TS and GSS, one panel for each position.
+
+    Parameters
+    ----------
+    searches
+        Of `online_searches`.
+    """
+    level_db = max(levels_of(searches))
+    first = [each for each in searches if each.repeat == 0 and each.method in BRACKETS and each.peak_snr_db == level_db]
+    return Section(
+        name="fig8",
+        title="Fig. 8: track of the probe, positions 1 to 9",
+        method=(*METHOD, f"Shown is the first visit to each position, at a peak SNR of {level_db:g} dB."),
+        tables=(
+            Table(
+                name="fig8",
+                caption="Angles reached",
+                columns=("position", "method", "acquisition", "angle_deg", "truth_deg"),
+                rows=tuple(
+                    (search.position, search.method, number, angle_deg, search.truth_deg)
+                    for search in first
+                    for number, angle_deg in enumerate(search.track_deg, start=1)
+                ),
+                shown=False,
+            ),
+        ),
+        pictures=(
+            Picture(
+                name="fig8",
+                alt="Probe angle over the acquisitions of TS and GSS beside the marker's angle, nine panels",
+                draw=partial(_draw_tracks, first),
+            ),
+        ),
+        remarks=(
+            (
+                "The paper prints this figure without numbers. It does not say how it counts the positions of the "
+                "grid; ours are counted row by row along x."
+            ),
+        ),
+    )
+
+
+def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
+    truths_deg = {each.position: each.truth_deg for each in searches}
+    figure, panels = panel_grid(
+        [f"position {position}, marker at {truth_deg:.1f}°" for position, truth_deg in truths_deg.items()],
+        heading="Track of the probe on the simulated rig",
+        x_label="acquisition",
+        y_label="probe angle [deg]",
+        columns=3,
+        panel_in=(3.7, 3.0),
+    )
+    for axes, (position, truth_deg) in zip(panels, truths_deg.items(), strict=True):
+        axes.axhline(truth_deg, color="#e08a1e", linestyle="--", linewidth=1.2, label="marker (truth)")
+        for each in searches:
+            if each.position == position:
+                axes.plot(
+                    range(1, len(each.track_deg) + 1),
+                    each.track_deg,
+                    label=each.method,
+                    color=COLOURS[each.method],
+                    marker=MARKS[each.method],
+                    markersize=3.5,
+                    linewidth=1.2,
+                )
+    shared_legend(figure)
+    return figure
