@@ -7,8 +7,7 @@ import signal
 from pathlib import Path
 
 import hypothesis
-
-from markerseek.core.shapes import install_import_hook
+from jaxtyping import install_import_hook
 
 PURE = ("core", "search", "signals", "acoustics", "calibration")
 

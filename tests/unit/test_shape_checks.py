@@ -6,8 +6,8 @@ import importlib
 
 import numpy as np
 import pytest
+from jaxtyping import TypeCheckError
 
-from markerseek.core.shapes import TypeCheckError
 from markerseek.search.average import weighted_average
 
 
