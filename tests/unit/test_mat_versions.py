@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,12 +14,13 @@ import scipy.io
 from scipy.io import savemat
 
 from markerseek.core import MissingExtraError, RecordError
-from markerseek.records.careful.mat import mat_arrays
+from markerseek.records.careful import mat
 from markerseek.records.recordings.arrays import read_arrays
 from markerseek.records.recordings.frames import load_frame
 
 DATA = Path(__file__).parents[1] / "data"
 MATLABS = Path(scipy.io.__file__).parent / "matlab/tests/data"
+mat_arrays = partial(mat.mat_arrays, most_bytes=1 << 20)
 COUNTS = np.random.default_rng(73).integers(-2048, 2048, (4, 8, 30)).astype(np.int16)
 FRAME = np.random.default_rng(74).integers(-2048, 2048, (32, 20, 4)).astype(np.int16)
 
