@@ -10,7 +10,9 @@ import numpy as np
 import scipy
 
 from markerseek._version import __version__
-from markerseek.core import Interval
+from markerseek.core import ConfigError, Interval
+
+_MOST_DARK_FRAMES = 100
 
 
 def versions() -> dict[str, str]:
@@ -75,3 +77,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     reference_deg: float | None
     seed: int | None
     versions: dict[str, str] = msgspec.field(default_factory=versions)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.dark_frames <= _MOST_DARK_FRAMES:
+            raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {_MOST_DARK_FRAMES}")

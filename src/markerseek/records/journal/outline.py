@@ -11,7 +11,7 @@ from markerseek.core import Finished, RecordError
 from markerseek.records.journal.grammar import standing
 from markerseek.records.journal.plain import readable
 from markerseek.records.journal.reader import salvage
-from markerseek.records.journal.store import log_of
+from markerseek.records.journal.store import followed, log_of
 from markerseek.records.result import answer_name
 
 SUFFIX = ".journal"
@@ -85,7 +85,7 @@ def outline(path: Path) -> Outline:
 
 
 def _without(path: Path, problem: RecordError) -> str:
-    return readable(str(problem).removeprefix(f"{path}: "))
+    return readable(str(problem).removeprefix(f"{followed(path)}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -114,4 +114,5 @@ def journals_in(folder: Path) -> list[Path]:
 
 def size_with_log(path: Path) -> int:
     """Bytes of a journal and of the log beside it; what is not there counts nothing."""
+    path = followed(path)
     return sum(part.stat().st_size for part in (path, log_of(path)) if part.is_file())

@@ -16,7 +16,7 @@ from markerseek.records.journal.connection import FOLDED, UNUSED, WITH_LOG, conn
 from markerseek.records.journal.entries import Checked, Entry
 from markerseek.records.journal.log import look_over
 from markerseek.records.journal.rows import from_row
-from markerseek.records.journal.store import Row, checksum, log_of, require_file, require_ours, row_checksum
+from markerseek.records.journal.store import Row, checksum, followed, log_of, require_file, require_ours, row_checksum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +52,7 @@ def open_journal(path: Path) -> Iterator[tuple[sqlite3.Connection, RecordError |
     RecordError
         If there is no such journal, or it is in use.
     """
+    path = followed(path)
     with speaking_of(path, verb="read"):
         require_file(path)
         before = _stamps(path)
@@ -144,6 +145,7 @@ def salvage(
     RecordError
         If not even the configuration can be read, or it is newer than this program.
     """
+    path = followed(path)
     with open_journal(path) as (connection, log_damage):
         try:
             held, damage = recording(connection, path, frames=frames, see=see)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import zlib
 from pathlib import Path
@@ -89,6 +90,11 @@ def log_of(path: Path) -> Path:
     return Path(f"{path}-wal")
 
 
+def followed(path: Path) -> Path:
+    """The file that a name leads to: beside this one, and not beside a symbolic link to it, lies its log."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 def is_journal(path: Path) -> bool:
     """Whether an ordinary file begins as journals do; the rest of it is not looked at.
 
@@ -97,6 +103,7 @@ def is_journal(path: Path) -> bool:
     OSError
         If it cannot be read.
     """
+    path = followed(path)
     with path.open("rb") as file:
         header = file.read(_HEADER_BYTES)
     if not header.startswith(b"SQLite format 3\0"):
@@ -111,7 +118,7 @@ def require_file(path: Path) -> None:
     Raises
     ------
     RecordError
-        If there is nothing, or a folder, a pipe, a device or an empty file.
+        If there is nothing, or a folder, a pipe, a device, an empty file, or a file of more than one name.
     """
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
@@ -122,6 +129,11 @@ def require_file(path: Path) -> None:
         )
     if not path.is_file():
         raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
+    if (names := path.stat().st_nlink) > 1:
+        raise RecordError(
+            f"{path}: the file has {names} names (hard links), and its log lies beside one of them only; "
+            "remove the other names, or copy file and log together to a new place"
+        )
     if path.stat().st_size == 0:
         # SQLite removes the log that lies beside an empty file.
         raise RecordError(

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
+from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.connection import speaking_of
 from markerseek.records.journal.grammar import order_faults
 from markerseek.records.journal.reader import open_journal, recording
@@ -31,7 +32,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verify(path: Path) -> Finding:
-    """Everything that is wrong with a journal: its pages, its checksums, and the order of what happened.
+    """Everything that is wrong with a journal: its pages, its checksums, the order of what happened, and its angles.
 
     Parameters
     ----------
@@ -60,5 +61,6 @@ def verify(path: Path) -> Finding:
             faults += [f"SQLite: {line}" for (said,) in complaints if said != "ok" for line in said.splitlines()]
     if damage is not None:
         faults.append(str(damage))
-    faults += [f"entry {number}: {reason}" for number, reason in order_faults(held.entries)]
+    wrong = [*order_faults(held.entries), *angle_faults(held.configuration, held.entries)]
+    faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
     return Finding(entries=len(held.entries), faults=faults)

@@ -12,10 +12,12 @@ from typing import Self
 import msgspec
 
 from markerseek.core import Failed, Finished, RecordError
+from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.connection import WRITTEN, connect, speaking_of
 from markerseek.records.journal.entries import Entry, Happening, Interrupted
 from markerseek.records.journal.plain import require_finite
+from markerseek.records.journal.presence import Presence, copied
 from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.rows import to_row
 from markerseek.records.journal.store import VERSION, Row, log_of, row_checksum, taken, version_of
@@ -43,6 +45,8 @@ class Journal:
         self._number = len(held.entries)
         self._checksum = held.last_checksum
         self._under_way: tuple[Row, Happening] | None = None
+        self._presence = Presence(held.path)
+        self._lost: RecordError | None = None
         self._last = held.entries[-1].event if held.entries else None
         self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
 
@@ -89,10 +93,16 @@ class Journal:
         Raises
         ------
         RecordError
-            If the file cannot be read to its end or written, or another program has it open.
+            If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
+            it open.
         """
         # Read first: closing a journal that was opened to be written folds its log in, whole or not.
         held = read_journal(path)
+        path = held.path
+        for number, reason in angle_faults(held.configuration, held.entries):
+            raise RecordError(
+                f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
+            )
         with speaking_of(path, verb="written"):
             connection = connect(path, how=WRITTEN)
             try:
@@ -120,8 +130,11 @@ class Journal:
         Raises
         ------
         RecordError
-            If it cannot be written; what was committed before stays as it was.
+            If it cannot be written; what was committed before stays as it was. Or if the file is not there any more:
+            what was written is then copied to a new one, which the message names, and `path` leads to it.
         """
+        if self._lost is not None:
+            raise self._lost
         kind, body, samples = to_row(event)
         self._settle()
         row = Row(
@@ -141,6 +154,7 @@ class Journal:
         with speaking_of(self.path, verb="written"):
             transact(self._connection, insertion, *lift)
         self._note(row, event)
+        self._require_present()
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
 
     def _settle(self) -> None:
@@ -155,6 +169,27 @@ class Journal:
         if kept:
             self._note(row, event)
         self._under_way = None
+
+    def _require_present(self) -> None:
+        """See that what was written lies where it can be found again; copy it to a new file if it does not.
+
+        Raises
+        ------
+        RecordError
+            If the file or its log was removed or replaced; the message says where the copy is, or that there is none.
+        """
+        with speaking_of(self.path, verb="written"):
+            loss = self._presence.loss()
+        if loss is None:
+            return
+        said = f"{self.path}: {loss} was removed or replaced while the run was written"
+        try:
+            self.path = copied(self._connection, self.path)
+        except (OSError, sqlite3.Error, RecordError) as problem:
+            self._lost = RecordError(f"{said}, and no copy could be made ({problem}): what it held is gone")
+        else:
+            self._lost = RecordError(f"{said}; everything up to now is in {self.path}")
+        raise self._lost
 
     def _note(self, row: Row, event: Happening) -> None:
         self._number, self._checksum, self._version = row.number, row.checksum, VERSION
@@ -207,7 +242,8 @@ class Journal:
         Raises
         ------
         RecordError
-            If the log cannot be folded in; what was committed is in the file and its log.
+            If the log cannot be folded in; what was committed is in the file and its log. Or if the file is not there
+            any more, as in `commit`.
         """
         if not self._open:
             return
@@ -215,6 +251,9 @@ class Journal:
         with speaking_of(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
+            if self._lost is not None:
+                return
+            self._require_present()
             (busy, *_), *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             if busy:
                 raise RecordError(f"{self.path}: the journal's log cannot be folded in: it is in use; nothing is lost")
