@@ -52,6 +52,9 @@ class Bench:
     def stop(self) -> None:
         self.log.append("stop")
 
+    def settle(self) -> None:
+        """Nothing of an earlier acquisition arrives."""
+
     def arm(self, permit: Permit) -> None:
         self.log.append("arm")
 

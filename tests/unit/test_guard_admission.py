@@ -286,3 +286,37 @@ def test_the_ends_of_the_rules_are_allowed() -> None:
     Admission(age_s=0.5)
     Admission(age_s=60, saturated_limit=1, dead_limit=0)
     Admission(saturated_limit=0, dead_limit=1)
+
+
+DARK = Reading(intensity=1.0, noise_sigma=1.0, cells=460_000)
+NOISE_MOST = math.sqrt(2 * math.log(460_000 / 1e-6))
+
+
+@pytest.mark.parametrize(
+    ("changes", "believed"),
+    [
+        ({"intensity": NOISE_MOST}, True),
+        ({"intensity": math.nextafter(NOISE_MOST, 99)}, False),
+        ({"intensity": 2.0 * NOISE_MOST, "noise_sigma": 2.0}, True),
+        ({"intensity": 2.0 * NOISE_MOST, "noise_sigma": 1.99}, False),
+        ({"intensity": 5.0, "cells": 1}, True),
+        ({"intensity": 5.3, "cells": 1}, False),
+        ({"intensity": 99.0, "noise_sigma": None}, True),
+        ({"intensity": 99.0, "noise_sigma": 0.0}, True),
+        ({"intensity": 99.0, "cells": None}, True),
+    ],
+)
+def test_a_dark_frame_holds_no_more_than_noise_reaches(changes: dict[str, float], believed: bool) -> None:
+    reading = replace(DARK, **changes)  # type: ignore[arg-type]
+    said = Admission(dark_alarm=1e-6).source_in_dark(reading)
+    assert (said is None) == believed
+    assert Admission().source_in_dark(reading) is None
+    if said is not None:
+        assert f"taken without light, yet it holds a source: its intensity is {reading.intensity:.4g}" in said
+
+
+@pytest.mark.parametrize("dark_alarm", [0.0, -1e-6, 0.011, NAN, math.inf])
+def test_a_probability_that_is_none_is_refused(dark_alarm: float) -> None:
+    with pytest.raises(ConfigError, match="dark_alarm is"):
+        Admission(dark_alarm=dark_alarm)
+    assert Admission(dark_alarm=0.01).dark_alarm == 0.01

@@ -156,3 +156,20 @@ def test_a_run_that_goes_on_is_recalled_before_the_rig_is_armed() -> None:
     made = guard()
     with pytest.raises(LimitError, match="guard: armed, no leave to recall"):
         made.recall(recorded(sequence=1, intensity=1.0, pulses=16), Reading(intensity=1.0))
+
+
+@pytest.mark.parametrize(("pulses", "intensity", "fault"), [(0, 8.0, True), (0, 7.0, False), (16, 8.0, False)])
+def test_a_source_in_a_dark_frame_is_a_fault_at_once(pulses: int, intensity: float, fault: bool) -> None:
+    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(dark_alarm=1e-6))
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=pulses, now_s=5.0)
+    taken = frame(made, permit, sequence=1, intensity=intensity, started_s=5.0)
+    reading = Reading(intensity=intensity, noise_sigma=1.0, cells=460_000)
+    if not fault:
+        made.admit_reading(reading, frame=taken)
+        assert made.state is State.ARMED
+        return
+    with pytest.raises(AcquisitionError, match="restart the data acquisition"):
+        made.admit_reading(reading, frame=taken)
+    assert made.state is State.FAULT
+    assert "holds a source" in (made.fault or "")

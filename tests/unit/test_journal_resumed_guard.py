@@ -31,6 +31,9 @@ class Stuck:
     def __init__(self, receiver: Receiver, data: float) -> None:
         self._receiver, self._data = receiver, data
 
+    def settle(self) -> None:
+        self._receiver.settle()
+
     def arm(self, permit: Permit) -> None:
         self._receiver.arm(permit)
 

@@ -103,7 +103,7 @@ def _serve(
             people.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             place = folder / "rig.toml"
-            place.write_text(_rig_toml(folder, settings), encoding="utf-8")
+            place.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
             people.print(f"try: markerseek search --rig {place} --arm")
         if device == "daq":
             people.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
@@ -127,6 +127,10 @@ _PORTS: dict[Device, tuple[str, ...]] = {
 }
 
 
+_READOUT_SPARE_S = 0.5
+"""What a busy computer may add to the time in which the channel files are written, in seconds."""
+
+
 def _free(link: Path) -> Path:
     """The place of a link, without one that an emulator left there when it was killed."""
     if link.is_symlink() and not link.exists():
@@ -140,8 +144,9 @@ def _typed_line() -> bool:
     return bool(ready) and bool(sys.stdin.readline())
 
 
-def _rig_toml(folder: Path, settings: SimulatedSettings) -> str:
+def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float) -> str:
     """Rig file of the emulated devices; what it leaves out has its default."""
+    readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
     limits = settings.limits
     return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
@@ -162,6 +167,8 @@ rate_hz = {settings.laser.rate_hz}
 [receiver]
 folder = {json.dumps(str(place / "daq"))}
 sampling_hz = {settings.receiver.sampling_hz}
+readout_s = {readout_s}
+frames = "triggered"
 
 [probe]
 trigger_offset_s = {settings.receiver.trigger_offset_s}

@@ -26,7 +26,7 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
         rows.append(("time", f"{result.elapsed_s:.0f} s" + (" (virtual)" if result.rig == "simulated" else "")))
     if result.confirmation is not None:
         confirmation = result.confirmation
-        verdict = "confirmed" if result.confirmed else "NOT confirmed: weaker than it should be"
+        verdict = {True: "confirmed", False: "NOT confirmed", None: "not judged"}[result.confirmed]
         rows.append(
             ("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°, {verdict}")
         )

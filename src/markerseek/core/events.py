@@ -90,7 +90,7 @@ class Finished:
     estimate
         The answer.
     confirmation
-        One acquisition at the angle found, after the last move; None unless the answer is `Found`.
+        One acquisition at the angle found, after the last move; None if the policy did not find a marker.
     acquisitions
         Number of acquisitions that the policy was told, dark ones and the confirmation apart.
     travel_deg

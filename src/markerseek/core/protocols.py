@@ -69,6 +69,9 @@ class Laser(Protocol):
 class Receiver(Protocol):
     """Hears sound."""
 
+    def settle(self) -> None:
+        """Wait until nothing of an earlier acquisition can arrive; `AcquisitionError` names what arrived meanwhile."""
+
     def arm(self, permit: Permit) -> None:
         """Get ready for the trigger that the laser will give."""
 

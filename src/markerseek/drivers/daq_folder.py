@@ -175,6 +175,6 @@ def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wir
         )
     if header.frames != pulses:
         raise AcquisitionError(
-            f"sonixdaq: {name} holds {header.frames} pulses, {pulses} were triggered; set the device to as many, "
-            "or take it again"
+            f"sonixdaq: {name} holds {header.frames} pulses, {pulses} were triggered; it answers another trigger, or "
+            'the device is set to another number: set it to as many, and receiver.frames to "fixed" if it cannot vary'
         )

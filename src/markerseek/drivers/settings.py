@@ -117,6 +117,11 @@ class BenchReceiver:
         Sampling frequency in Hz.
     timeout_s, stable_s
         Longest time to the complete files, and how long they must be left alone, in seconds.
+    readout_s
+        Longest time from a trigger to the last file, in seconds.
+    frames
+        How many pulses it records: as many as it is triggered, or always a fixed number. The first allows that their
+        number varies from acquisition to acquisition, so that a file shows which trigger it answers.
     start_command, start_timeout_s
         Program and arguments that get it ready for a trigger, and how long that may take, in seconds.
     noise_ratio
@@ -128,6 +133,8 @@ class BenchReceiver:
     sampling_hz: float = 40e6
     timeout_s: float = 60.0
     stable_s: float = 0.2
+    readout_s: float = 12.0
+    frames: Literal["triggered", "fixed"] = "fixed"
     start_command: tuple[str, ...] | None = None
     start_timeout_s: float = 10.0
     noise_ratio: float = 2.0
@@ -216,10 +223,10 @@ class BenchSettings:
     supervisor: BenchSupervisor = field(default_factory=BenchSupervisor)
 
     def __post_init__(self) -> None:
-        if not self.laser.pulses <= self.firing.pulses_per_permit:
+        if not max(self.pulses) <= min(self.firing.pulses_per_permit, 1024):
             raise ConfigError(
-                f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}; "
-                "average fewer, or permit more"
+                f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
+                f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
         # Arrived at from the other side, an angle would be off by the gears' play and the marker with it.
         from_below = self.stage.approach_from == "below"
@@ -235,3 +242,14 @@ class BenchSettings:
             raise ConfigError(
                 "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; leave the supervisor on"
             )
+
+    @property
+    def pulses(self) -> tuple[int, ...]:
+        """Laser pulses of one acquisition, and of the next ones in turn where the receiver records what it is given.
+
+        None but the last is the number of a dark frame's triggers, so that neighbours always differ.
+        """
+        usual = self.laser.pulses
+        if self.receiver.frames == "fixed":
+            return (usual,)
+        return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)

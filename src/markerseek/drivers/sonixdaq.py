@@ -3,6 +3,10 @@
 An acquisition counts when all 128 files are new since `arm`, have the size that their headers say, and are left alone
 for a while. Who overwrites them is not known: a file is new when its time, size or inode has changed, by which no two
 computers' clocks are compared.
+
+Nothing in a file says which trigger it answers. Whenever files of an earlier trigger may still come, `settle` waits for
+longer than a readout takes before anything is triggered again. The number of pulses in the files must be that
+of the permit, which the scanner varies where the device allows (decision 20).
 """
 
 from __future__ import annotations
@@ -42,8 +46,11 @@ class SonixDaqSettings:
         Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
     stable_s
         Time for which complete files must be left alone to be believed, in seconds.
+    readout_s
+        Longest time from a trigger to the last file, in seconds: a folder that was left alone for so long is settled.
     start_command
-        Program and arguments that get the device ready for a trigger; no shell reads them. None: it is always ready.
+        Program and arguments that get the device ready for a trigger; no shell reads them, and ``{frames}`` in them
+        becomes the number of pulses to come. None: it is always ready.
     start_timeout_s
         Longest time that the command may take, in seconds.
     """
@@ -53,11 +60,17 @@ class SonixDaqSettings:
     dark_triggers: int = 16
     timeout_s: float = 60.0
     stable_s: float = 0.2
+    readout_s: float = 12.0
     start_command: tuple[str, ...] | None = None
     start_timeout_s: float = 10.0
 
     def __post_init__(self) -> None:
-        for name, most in (("sampling_hz", 1e9), ("timeout_s", 600.0), ("start_timeout_s", 600.0)):
+        for name, most in (
+            ("sampling_hz", 1e9),
+            ("timeout_s", 600.0),
+            ("readout_s", 600.0),
+            ("start_timeout_s", 600.0),
+        ):
             if not 0 < getattr(self, name) <= most:
                 raise ConfigError(f"sonixdaq: {name} is {getattr(self, name)}, it must lie in (0, {most:g}]")
         if not 0 <= self.stable_s < self.timeout_s:
@@ -90,7 +103,43 @@ class SonixDaqReceiver:
         self._folder = DaqFolder(settings.folder)
         self._sequence = 0
         self._armed: tuple[Permit, FolderState, float] | None = None
-        self._folder.state()
+        self._untouched: tuple[FolderState, float] | None = (self._folder.state(), clock.now_s())
+
+    def settle(self) -> None:
+        """Wait until the folder has been left alone for a readout's time, so that no earlier trigger can still answer.
+
+        Raises
+        ------
+        AcquisitionError
+            If files landed meanwhile: they are stale and not used, and the folder has been left alone since.
+        DeviceTimeoutError
+            If files keep landing.
+        NotConnectedError
+            If the folder cannot be read.
+        """
+        before, since_s = self._untouched or (self._folder.state(), self._clock.now_s())
+        ends_s = self._clock.now_s() + self._settings.timeout_s + self._settings.readout_s
+        seen = before
+        while True:
+            state, now_s = self._folder.state(), self._clock.now_s()
+            if state != seen:
+                seen, since_s = state, now_s
+            if now_s - since_s >= self._settings.readout_s:
+                break
+            if not now_s <= ends_s:
+                raise DeviceTimeoutError(
+                    f"sonixdaq: files keep landing in {self._settings.folder} although nothing is triggered; end the "
+                    "other program that writes or triggers there"
+                )
+            self._clock.wait(_POLL_S)
+        self._untouched = seen, since_s
+        landed = sorted(name for name, file in seen.items() if before.get(name) != file)
+        if landed:
+            raise AcquisitionError(
+                f"sonixdaq: stale files: {len(landed)} channel files, {landed[0]} to {landed[-1]}, landed in "
+                f"{self._settings.folder} although nothing was triggered; they belong to an earlier acquisition and "
+                "are not used"
+            )
 
     def arm(self, permit: Permit) -> None:
         """Get ready for a trigger: see that nobody writes, run the start command, and remember the files as they are.
@@ -104,7 +153,7 @@ class SonixDaqReceiver:
         DeviceTimeoutError
             If the start command takes too long.
         """
-        self._armed = None
+        self._armed = self._untouched = None
         before = self._folder.state()
         self._clock.wait(self._settings.stable_s)
         if self._folder.state() != before:
@@ -114,7 +163,7 @@ class SonixDaqReceiver:
             )
         if self._settings.start_command is not None:
             run_to_its_end(
-                self._settings.start_command,
+                [word.replace("{frames}", str(self._triggers(permit))) for word in self._settings.start_command],
                 timeout_s=self._settings.start_timeout_s,
                 clock=self._clock,
                 what="sonixdaq",
@@ -138,7 +187,7 @@ class SonixDaqReceiver:
         _, before, started_s = self._armed
         self._armed = None
         names, state = self._await_files(before)
-        samples = self._folder.read(names, pulses=permit.pulses or self._settings.dark_triggers)
+        samples = self._folder.read(names, pulses=self._triggers(permit))
         if self._folder.state() != state:
             raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
         self._sequence += 1
@@ -151,6 +200,10 @@ class SonixDaqReceiver:
             ended_s=self._clock.now_s(),
         )
         return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
+
+    def _triggers(self, permit: Permit) -> int:
+        """Triggers that the laser box gives under a permit."""
+        return permit.pulses or self._settings.dark_triggers
 
     def _await_files(self, before: FolderState) -> tuple[dict[int, str], FolderState]:
         """Names of the new files by number, once they are complete and left alone, and the folder's state then."""

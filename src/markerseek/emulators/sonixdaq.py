@@ -1,6 +1,9 @@
 """A SonixDAQ's software as a folder that fills with channel files, some time after each trigger.
 
 Each pulse of an acquisition is in the files; their average is the simulated world's averaged frame, count for count.
+It is a computer of its own: when the host dies, what was triggered is written all the same, one acquisition after the
+other. It takes the triggers of one train as an acquisition, or counts: then a train that was cut stays in it, and is
+completed by the next triggers that come.
 """
 
 from __future__ import annotations
@@ -8,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from copy import copy, deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -56,6 +59,34 @@ class SonixDaqFaults:
     garbage: bool = False
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Train:
+    """Triggers in a row: the world as it stood, and the light that came with the first of them."""
+
+    world: Surroundings
+    flash: Flash | None
+    triggers: int
+
+    def split(self, count: int) -> tuple[_Train, _Train]:
+        """The first so many triggers, and the rest."""
+        first, rest = min(count, self.triggers), self.triggers - min(count, self.triggers)
+        lit = 0 if self.flash is None else min(self.flash.pulses, self.triggers)
+        return self._part(first, lit=min(lit, first)), self._part(rest, lit=max(0, lit - first))
+
+    def _part(self, triggers: int, *, lit: int) -> _Train:
+        flash = replace(self.flash, pulses=lit) if self.flash is not None and lit else None
+        return replace(self, flash=flash, triggers=triggers)
+
+
+@dataclass(slots=True, kw_only=True)
+class _Writing:
+    """Files of an acquisition, when the first is due in seconds, and how many are written."""
+
+    files: list[bytes]
+    begins_s: float
+    written: int = 0
+
+
 class EmulatedSonixDaq:
     """Writes what the world sounds like.
 
@@ -69,6 +100,8 @@ class EmulatedSonixDaq:
         Source of what differs from pulse to pulse.
     readout_s
         Time from the trigger to the last file, in seconds: about 10 s (paper, section 4).
+    counts
+        Triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
     sdk
         Layout of the files: that of SDK 6 and later, or that of the earlier ones.
     faults
@@ -87,11 +120,14 @@ class EmulatedSonixDaq:
         folder: Path,
         rng: np.random.Generator,
         readout_s: float = 10.0,
+        counts: int | None = None,
         sdk: Literal[5, 6] = 6,
         faults: SonixDaqFaults | None = None,
     ) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"sonixdaq: readout_s is {readout_s} s, it must be finite and not negative")
+        if counts is not None and counts < 1:
+            raise ConfigError(f"sonixdaq: counts is {counts}, at least 1 trigger is needed for an acquisition")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -101,28 +137,32 @@ class EmulatedSonixDaq:
         self._folder = folder
         self._rng = rng
         self._readout_s = readout_s
+        self._counts = counts
         self._numbered = sdk == 6
         self._flashes = len(world.flashes)
         self._now_s = 0.0
-        self._begins_s = 0.0
-        self._triggered: deque[tuple[Surroundings, Flash | None, int]] = deque()
+        self._triggered: deque[_Train] = deque()
+        self._counted: list[_Train] = []
         self._previous: list[bytes] = []
-        self._queue: list[bytes] = []
-        self._written = 0
+        self._queue: deque[_Writing] = deque()
 
     def warm_up(self) -> None:
         """Take an acquisition that nobody gets, so that the first real one finds its code loaded and its tables made.
 
         The world, and what it draws next, stay as they are.
         """
-        self._acquisition(deepcopy(self._world), Flash(at_s=0.0, pulses=1, energy=1.0), 1)
+        flash = Flash(at_s=0.0, pulses=1, energy=1.0)
+        self._acquisition([_Train(world=deepcopy(self._world), flash=flash, triggers=1)])
 
     def trigger(self, count: int) -> None:
-        """Take an acquisition of so many triggers now, with the probe as it stands; all work is left to `advance`."""
+        """Take a train of so many triggers now, with the probe as it stands; all work is left to `advance`.
+
+        Where fewer pulses of light fell than triggers came, as in a train that was cut, the light came with the first.
+        """
         new = self._world.flashes[self._flashes :]
         self._flashes = len(self._world.flashes)
         # A shallow copy stands still while the world turns on.
-        self._triggered.append((copy(self._world), new[-1] if new else None, count))
+        self._triggered.append(_Train(world=copy(self._world), flash=new[-1] if new else None, triggers=count))
 
     def advance(self, now_s: float) -> None:
         """Write the files that are due at that moment, in seconds; the one in work is there by half.
@@ -131,43 +171,71 @@ class EmulatedSonixDaq:
         """
         self._now_s = max(self._now_s, now_s)
         while self._triggered:
-            self._take_up(*self._triggered.popleft())
-        gone_s = self._now_s - self._begins_s
-        if not self._queue or gone_s < 0:
-            return
+            self._take_up(self._triggered.popleft())
+        while self._queue and self._has_written(self._queue[0]):
+            ended_s = self._queue.popleft().begins_s + self._readout_s
+            if self._queue:
+                self._queue[0].begins_s = max(self._queue[0].begins_s, ended_s)
+
+    def _has_written(self, writing: _Writing) -> bool:
+        """Write what is due of an acquisition; whether it is over."""
+        gone_s = self._now_s - writing.begins_s
+        if gone_s < 0:
+            return False
         share = 1.0 if gone_s >= self._readout_s else gone_s / self._readout_s
         due = min(math.floor(share * wire.CHANNELS), self.faults.files)
-        for number in range(self._written, due):
-            self._write(number, self._queue[number])
-        if due > self._written and due < wire.CHANNELS:
-            self._write(due, self._queue[due][: len(self._queue[due]) // 2])
-        self._written = max(due, self._written)
-        if self._written == wire.CHANNELS:
-            self._queue = []
+        for number in range(writing.written, due):
+            self._write(number, writing.files[number])
+        if due > writing.written and due < wire.CHANNELS:
+            self._write(due, writing.files[due][: len(writing.files[due]) // 2])
+        writing.written = max(due, writing.written)
+        return share == 1.0
 
-    def _take_up(self, world: Surroundings, flash: Flash | None, count: int) -> None:
-        """Make the files of a trigger; they are written from now on."""
-        fresh = self._acquisition(world, flash, count)
+    def _take_up(self, train: _Train) -> None:
+        """Make the files of a train, or of as many acquisitions as are complete with it; they are written in turn."""
+        if self._counts is None:
+            self._finish([train])
+            return
+        self._counted.append(train)
+        while sum(each.triggers for each in self._counted) >= self._counts:
+            parts, left, room = [], [], self._counts
+            for each in self._counted:
+                first, rest = each.split(room)
+                room -= first.triggers
+                parts += [first] if first.triggers else []
+                left += [rest] if rest.triggers else []
+            self._counted = left
+            self._finish(parts)
+
+    def _finish(self, parts: list[_Train]) -> None:
+        """Make the files of an acquisition, and write them once those before are written."""
+        fresh = self._acquisition(parts)
         files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
         if not self.faults.stuck or not self._previous:
             self._previous = fresh
-        self._queue = [] if self.faults.off else files
-        self._written = 0
-        self._begins_s = self._now_s + self.faults.delay_s
+        if not self.faults.off:
+            self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.delay_s))
 
-    def _acquisition(self, world: Surroundings, flash: Flash | None, count: int) -> list[bytes]:
-        """Channel files of what is heard after a flash."""
-        header = FrameHeader(sequence=0, token="", pulses=count, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-        frame = world.frame(flash, header=header)
-        if not isinstance(frame, ChannelFrame):
-            raise ConfigError("sonixdaq: this world gives intensities only; emulate a world of frames")
-        pulses = self._pulses(frame.samples, count)
+    def _acquisition(self, parts: list[_Train]) -> list[bytes]:
+        """Channel files of what is heard with the triggers of these trains, one after the other."""
+        pulses = np.concatenate([self._pulses(self._heard(part), part.triggers) for part in parts])
         files = []
         for number in range(wire.CHANNELS):
             other = {5: 6, 6: 5}.get(number, number) if self.faults.swapped else number
             data = wire.encode_file(pulses[:, wire.element_of_file(other)], number=other if self._numbered else None)
             files.append(self._rng.bytes(12) + data[12:] if self.faults.garbage else data)
         return files
+
+    def _heard(self, part: _Train) -> Int16[np.ndarray, "channels samples"]:
+        """Average over the triggers of a train; each part of a mixed acquisition has the noise of a whole one."""
+        header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+        flash = part.flash
+        if flash is not None and flash.pulses < part.triggers:
+            flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
+        frame = part.world.frame(flash, header=header)
+        if not isinstance(frame, ChannelFrame):
+            raise ConfigError("sonixdaq: this world gives intensities only; emulate a world of frames")
+        return frame.samples
 
     def _pulses(
         self, averaged: Int16[np.ndarray, "channels samples"], count: int

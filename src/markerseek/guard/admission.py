@@ -36,6 +36,8 @@ class Admission:
         Most channels without a signal, as a share of all; 1 admits any.
     noise_ratio
         Most by which a frame may be noisier or quieter than the first lit or dark one of the run; inf admits any.
+    dark_alarm
+        Probability with which the noise of a dark frame alone is taken for a source; None admits any dark frame.
     repeats
         Whether the data may be those of the frame before, constant or 0: so in a recording, and nowhere else.
     """
@@ -45,6 +47,7 @@ class Admission:
     saturated_limit: float = 0.05
     dead_limit: float = 0.05
     noise_ratio: float = 2.0
+    dark_alarm: float | None = None
     repeats: bool = False
 
     def __post_init__(self) -> None:
@@ -57,6 +60,8 @@ class Admission:
                 raise ConfigError(f"admission: {name} is {getattr(self, name)}, it is a share between 0 and 1")
         if not self.noise_ratio > 1:
             raise ConfigError(f"admission: noise_ratio is {self.noise_ratio}, it must be a factor above 1")
+        if self.dark_alarm is not None and not 0 < self.dark_alarm <= 0.01:
+            raise ConfigError(f"admission: dark_alarm is {self.dark_alarm}, it must be a probability in (0, 0.01]")
 
     def admit_frame(
         self, frame: Frame, *, permit: Permit, issued_s: float, now_s: float, previous: Frame | None
@@ -133,6 +138,23 @@ class Admission:
                     f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}; "
                     "check the probe's connector"
                 )
+
+    def source_in_dark(self, reading: Reading) -> str | None:
+        """Why a reading of a dark frame holds a source, in words; None if noise alone can explain it, or is not known.
+
+        The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p (decision 6 of the safety notes).
+        """
+        sigma, cells = reading.noise_sigma, reading.cells
+        if self.dark_alarm is None or not sigma or not cells:
+            return None
+        limit = sigma * math.sqrt(2 * math.log(cells / self.dark_alarm))
+        if reading.intensity <= limit:
+            return None
+        return (
+            f"the frame was taken without light, yet it holds a source: its intensity is {reading.intensity:.4g}, "
+            f"noise alone reaches {limit:.4g}; it belongs to another acquisition, wholly or in part, or light came: "
+            "restart the data acquisition, so that no trigger is left over in it, and begin a new search"
+        )
 
 
 def _shape(frame: Frame) -> str:

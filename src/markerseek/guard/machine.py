@@ -6,6 +6,7 @@ import math
 from enum import Enum
 
 from markerseek.core import (
+    AcquisitionError,
     ConfigError,
     DeviceError,
     Frame,
@@ -179,10 +180,15 @@ class Guard:
         self._previous = frame
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
-        """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays."""
+        """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays.
+
+        A dark frame that holds a source ends in FAULT: taken again, one that came late would only hide that all are.
+        """
         lit, dark_sigma = frame.header.pulses > 0, self._usual_sigma.get(False) or 0
         usual_sigma = self._usual_sigma.get(lit) or max(reading.noise_sigma or 0, dark_sigma)
         self._admission.admit_reading(reading, frame=frame, usual_sigma=usual_sigma)
+        if not lit and (source := self._admission.source_in_dark(reading)) is not None:
+            raise self._failed(AcquisitionError(source))
         self._usual_sigma.setdefault(lit, reading.noise_sigma)
 
     def _failed(self, error: DeviceError) -> DeviceError:

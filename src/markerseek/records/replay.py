@@ -122,6 +122,9 @@ class ReplayReceiver:
         self._dark_frames = bank.dark_frames if isinstance(bank, FrameBank) else 0
         self._armed: Permit | None = None
 
+    def settle(self) -> None:
+        """Nothing to wait for: all was recorded before."""
+
     def arm(self, permit: Permit) -> None:
         """Get ready to hand over, and refuse what a recording cannot give.
 

@@ -27,9 +27,6 @@ from markerseek.core import (
     Unsure,
 )
 
-CONFIRMED_SHARE = 0.8
-"""The acquisition at the angle found must reach this share of the strongest of the search to confirm it."""
-
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
     """One acquisition of a result; what the frame did not tell is None."""
@@ -60,8 +57,9 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
     ``angle_deg`` is where the method points, also when it does not claim a marker there. ``rig`` says whether any
     hardware was involved. ``truth_deg`` is known of simulated markers only, ``reference_deg`` is what the user compares
-    with, and ``error_deg`` the distance to either. ``confirmed`` tells whether the acquisition at the angle found was
-    as strong as it should be, see `CONFIRMED_SHARE`. ``configuration`` is the same for runs on equal rigs.
+    with, and ``error_deg`` the distance to either. ``confirmed`` tells whether the acquisition at the angle found
+    confirms it (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which
+    does not judge it. ``configuration`` is the same for runs on equal rigs.
     """
 
     found: bool
@@ -175,7 +173,7 @@ class Recorder:
             travel_deg=finished.travel_deg,
             elapsed_s=None if rig == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
-            confirmed=self._confirmed(estimate.floor),
+            confirmed=None if self.confirmation is None or estimate.floor is None else isinstance(estimate, Found),
             floor=estimate.floor,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=truth_deg,
@@ -184,15 +182,6 @@ class Recorder:
             seed=seed,
             configuration=configuration,
         )
-
-    def _confirmed(self, floor: Floor | None) -> bool | None:
-        """Whether the confirmation is nearly the strongest of all, and above the floor; None without one."""
-        if self.confirmation is None:
-            return None
-        intensity = self.confirmation.reading.intensity
-        largest = max(sample.reading.intensity for sample in self.samples)
-        level = 0.0 if floor is None or floor.level is None else floor.level
-        return intensity > level and intensity >= CONFIRMED_SHARE * largest
 
     def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
         """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""

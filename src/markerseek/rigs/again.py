@@ -169,7 +169,13 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     again = [_read_again(entry, reader, found) for entry in told]
     begun_with = held.configuration
     scanner = Retelling(again, limits=Limits(search=begun_with.search, travel=begun_with.search))
-    events = run(policy, scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay)
+    events = run(
+        policy,
+        scanner,
+        dark_frames=begun_with.dark_frames,
+        stay=begun_with.stay,
+        closing_dark=begun_with.closing_dark,
+    )
     with closing(events):
         for entry, event in zip(again, events, strict=False):
             if _timeless(event) != _timeless(entry.event):

@@ -25,6 +25,9 @@ from markerseek.wire import apt
 from markerseek.wire import laserbox as laserbox_wire
 from markerseek.wire.port import Port
 
+DARK_ALARM = 1e-6
+"""Probability with which the noise of one dark frame is taken for a source: 7.3 standard deviations for an image."""
+
 
 class OpenDevices:
     """The lines of a bench, as long as it is used.
@@ -119,9 +122,9 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         guard=Guard(
             limits=settings.limits,
             firing=settings.firing,
-            admission=Admission(noise_ratio=settings.receiver.noise_ratio),
+            admission=Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM),
         ),
-        pulses=settings.laser.pulses,
+        pulses=settings.pulses,
         dead_man=devices.supervisor,
     )
     return Rig(
@@ -129,6 +132,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         description=(
             f"{stage.identity.model} {stage.identity.serial_number} at {settings.stage.port}, "
             f"{settings.laser.driver} at {settings.laser.port}, SonixDAQ in {settings.receiver.folder}"
+            + (" (a fixed number of pulses, no watermark)" if settings.receiver.frames == "fixed" else "")
             + ("" if settings.supervisor.enabled else ", WITHOUT a supervisor")
         ),
         stage=stage,
@@ -137,6 +141,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         scanner=scanner,
         imaging=imaging,
         dark_frames=DARK_FRAMES,
+        closing_dark=True,
         face_radius_m=settings.probe.face_radius_m,
         truth_deg=None,
         configuration=fingerprint(settings),
@@ -193,6 +198,7 @@ def _receiver(settings: BenchSettings) -> SonixDaqSettings:
         dark_triggers=settings.laser.pulses,
         timeout_s=receiver.timeout_s,
         stable_s=receiver.stable_s,
+        readout_s=receiver.readout_s,
         start_command=receiver.start_command,
         start_timeout_s=receiver.start_timeout_s,
     )

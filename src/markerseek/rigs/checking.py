@@ -17,8 +17,8 @@ from markerseek.core import (
     SaturationError,
 )
 from markerseek.records.journal import Checked, Entry, Journal, Resuming
-from markerseek.rigs.resemblance import SEEN_SIGMAS, change_of, commanded_deg
-from markerseek.scan import Scanner
+from markerseek.rigs.resemblance import change_of, commanded_deg
+from markerseek.scan import SEEN_SIGMAS, Scanner
 
 
 def telling(entries: Sequence[Entry]) -> tuple[Sample, ...]:

@@ -47,6 +47,7 @@ def configuration_of(
         start_deg=start_deg,
         dark_frames=dark_frames,
         stay=stay,
+        closing_dark=rig.closing_dark,
         rig=rig.kind,
         recipe=msgspec.Raw(msgspec.json.encode(rig.recipe)),
         imaging=msgspec.Raw(msgspec.json.encode(None if rig.imaging is None else rig.imaging.preset)),
@@ -75,7 +76,13 @@ def search_events(
     """
     if journal is not None:
         return journalled(policy, rig, journal)
-    return run(policy, rig.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay)
+    return run(
+        policy,
+        rig.scanner,
+        dark_frames=begun_with.dark_frames,
+        stay=begun_with.stay,
+        closing_dark=begun_with.closing_dark,
+    )
 
 
 def journalled(
@@ -104,7 +111,14 @@ def journalled(
     """
     begun_with = journal.configuration
     clock = rig.scanner.clock
-    events = run(policy, rig.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
+    events = run(
+        policy,
+        rig.scanner,
+        dark_frames=begun_with.dark_frames,
+        stay=begun_with.stay,
+        closing_dark=begun_with.closing_dark,
+        limits=limits,
+    )
     with closed_and_kept(events, clock, journal):
         for event in events:
             keep(event, clock, rig, journal)

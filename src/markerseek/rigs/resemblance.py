@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from markerseek.core import Reading, Sample
+from markerseek.scan import moved_source
 
 SHARE = 0.1
 """Most that an intensity may change, as a share of the larger: about what a laser's energy drifts."""
 
 SIGMAS = 6.0
 """And so many standard deviations of the noise beside."""
-
-MOVED_M = 1e-3
-"""Most that a source may seem to move along the array or in depth, in metres: two to three resolution cells."""
-
-SEEN_SIGMAS = 12.0
-"""Intensity over the noise from which a place in the image is that of a source."""
 
 
 def commanded_deg(sample: Sample) -> float:
@@ -37,11 +32,4 @@ def change_of(before: Reading, now: Reading) -> str | None:
             f"the intensity is {now.intensity:.4g} and was {before.intensity:.4g}, {allowed:.3g} would be the most by "
             "chance"
         )
-    if min(before.intensity, now.intensity) > SEEN_SIGMAS * noise:
-        for name in ("lateral_m", "depth_m"):
-            then_m, now_m = getattr(before, name), getattr(now, name)
-            if then_m is not None and now_m is not None and not abs(now_m - then_m) <= MOVED_M:
-                return (
-                    f"{name} is {1e3 * now_m:.2f} mm and was {1e3 * then_m:.2f} mm, {1e3 * MOVED_M:g} mm is the limit"
-                )
-    return None
+    return moved_source(before, now)

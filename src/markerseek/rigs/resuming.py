@@ -78,7 +78,14 @@ def resumed(
         return
     pending = deque(told)
     begun_with = journal.configuration
-    events = run(policy, again.scanner, dark_frames=begun_with.dark_frames, stay=begun_with.stay, limits=limits)
+    events = run(
+        policy,
+        again.scanner,
+        dark_frames=begun_with.dark_frames,
+        stay=begun_with.stay,
+        closing_dark=begun_with.closing_dark,
+        limits=limits,
+    )
     with closed_and_kept(events, again.scanner.clock, journal):
         for event in events:
             if not pending:

@@ -57,6 +57,8 @@ class Rig:
         Imaging chain of its channel data; None where there are intensities only.
     dark_frames
         Frames without laser that a search should begin with; 0 where it cannot take any.
+    closing_dark
+        Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices.
     face_radius_m
         Distance of the array's face from the axis of rotation in metres; None where it is not known.
     truth_deg
@@ -89,6 +91,7 @@ class Rig:
     configuration: str
     reference_deg: float | None = None
     distinct_angles: int | None = None
+    closing_dark: bool = False
     recipe: Recipe | None = None
     world: Checkpointed | None = None
     devices: Devices | None = None

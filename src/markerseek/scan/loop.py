@@ -7,7 +7,7 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from markerseek.core import (
     AcquisitionError,
@@ -20,12 +20,14 @@ from markerseek.core import (
     Measured,
     Policy,
     Refused,
+    Role,
     Sample,
     SaturationError,
     SearchError,
     Started,
 )
 from markerseek.guard import State
+from markerseek.scan.confirmation import judged
 from markerseek.scan.scanner import Scanner
 
 
@@ -52,12 +54,20 @@ _RUN_LIMITS = RunLimits()
 
 
 def run(
-    policy: Policy, scanner: Scanner, *, dark_frames: int = 0, stay: bool = False, limits: RunLimits = _RUN_LIMITS
+    policy: Policy,
+    scanner: Scanner,
+    *,
+    dark_frames: int = 0,
+    stay: bool = False,
+    closing_dark: bool = False,
+    limits: RunLimits = _RUN_LIMITS,
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
-    A search that found a marker ends with a move to it and one acquisition there, which confirms and is not told.
-    Each `Measured` is handed out before the policy is told of it.
+    A search that found a marker ends with a move to it and one acquisition there, which the policy does not receive.
+    Where that does not confirm the angle (`markerseek.scan.confirmation`), the answer becomes `Unsure`; only the
+    paper's form of a method, which has no noise floor, keeps its answer. Each `Measured` is handed out before the
+    policy receives it.
 
     Parameters
     ----------
@@ -69,6 +79,9 @@ def run(
         Acquisitions without laser before the first, which tell the policy what noise looks like.
     stay
         Leave the probe where the last acquisition was taken, and confirm nothing.
+    closing_dark
+        End with a dark frame where the last acquisition with light was taken. If frames come one behind, it holds that
+        light, and the run ends with a fault. For receivers that cannot prove to which trigger a frame belongs.
     limits
         What the run may cost.
 
@@ -84,37 +97,34 @@ def run(
     """
     began_s = scanner.clock.now_s()
     travel_deg = 0.0
-    count = 0
+    lit: list[Sample] = []
     try:
         place_deg = scanner.angle_deg
         yield Started(start_deg=place_deg, limits=scanner.limits.search)
         for index in range(1, dark_frames + 1):
-            yield Asked(role="dark", index=index, angle_deg=place_deg)
-            dark = yield from _admitted(scanner, scanner.measure_dark, place_deg, limits.attempts)
-            yield Measured(role="dark", index=index, sample=dark)
+            dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
         while (asked_deg := policy.ask()) is not None:
-            _require_budget(count, scanner.clock.now_s() - began_s, limits)
-            scanner.limits.require_search(asked_deg)
-            yield Asked(role="search", index=count + 1, angle_deg=asked_deg)
-            sample = yield from _admitted(scanner, _at(scanner, asked_deg), asked_deg, limits.attempts)
-            count += 1
+            _require_budget(len(lit), scanner.clock.now_s() - began_s, limits)
+            sample = yield from _measured(scanner, "search", len(lit) + 1, asked_deg, limits.attempts)
+            lit.append(replace(sample, frame=None))
             travel_deg += abs(sample.angle_deg - place_deg)
             place_deg = sample.angle_deg
-            yield Measured(role="search", index=count, sample=sample)
             policy.tell(sample)
         estimate = policy.estimate()
         confirmation = None
         if isinstance(estimate, Found) and not stay:
-            yield Asked(role="confirmation", index=1, angle_deg=estimate.mean_deg)
-            confirm = _at(scanner, estimate.mean_deg)
-            confirmation = yield from _admitted(scanner, confirm, estimate.mean_deg, limits.attempts)
+            confirmation = yield from _measured(scanner, "confirmation", 1, estimate.mean_deg, limits.attempts)
             travel_deg += abs(confirmation.angle_deg - place_deg)
-            yield Measured(role="confirmation", index=1, sample=confirmation)
+            place_deg = confirmation.angle_deg
+            estimate = judged(estimate, confirmation, lit)
+        if closing_dark and lit:
+            # Taken once: a second one would show the dark data of the first if frames came one behind.
+            yield from _dark(scanner, dark_frames + 1, place_deg, 1)
         yield Finished(
             estimate=estimate,
             confirmation=confirmation,
-            acquisitions=count,
+            acquisitions=len(lit),
             travel_deg=travel_deg,
             elapsed_s=scanner.clock.now_s() - began_s,
         )
@@ -125,8 +135,24 @@ def run(
         scanner.stop()
 
 
-def _at(scanner: Scanner, angle_deg: float) -> Callable[[], Sample]:
-    return lambda: scanner.measure(angle_deg)
+def _dark(scanner: Scanner, index: int, angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
+    """A dark frame where the probe stands."""
+    yield Asked(role="dark", index=index, angle_deg=angle_deg)
+    sample = yield from _admitted(scanner, scanner.measure_dark, angle_deg, attempts)
+    yield Measured(role="dark", index=index, sample=sample)
+    return sample
+
+
+def _measured(
+    scanner: Scanner, role: Role, index: int, angle_deg: float, attempts: int
+) -> Generator[Event, None, Sample]:
+    """An acquisition at an angle of the search range."""
+    # Angles outside are refused before they are announced, for an angle that is no number cannot be recorded.
+    scanner.limits.require_search(angle_deg)
+    yield Asked(role=role, index=index, angle_deg=angle_deg)
+    sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
+    yield Measured(role=role, index=index, sample=sample)
+    return sample
 
 
 def _admitted(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Protocol
@@ -30,7 +31,8 @@ class Scanner:
     guard
         Says what may be done, and believed. It must be armed before anything moves.
     pulses
-        Laser pulses averaged in one acquisition.
+        Laser pulses averaged in one acquisition; several numbers are used in turn, so that a frame that holds as many
+        pulses as were triggered shows which acquisition it belongs to.
     arms_itself
         Whether the guard is armed by the first measurement: only where no hardware is involved.
     dead_man
@@ -46,11 +48,12 @@ class Scanner:
         reader: Reader,
         clock: Clock,
         guard: Guard,
-        pulses: int = 16,
+        pulses: int | Sequence[int] = 16,
         arms_itself: bool = False,
         dead_man: DeadMan | None = None,
     ) -> None:
-        if pulses < 1:
+        in_turn = (pulses,) if isinstance(pulses, int) else tuple(pulses)
+        if not in_turn or min(in_turn) < 1:
             raise ConfigError(f"scanner: pulses is {pulses}, at least 1 is needed to hear anything")
         self.guard = guard
         self.clock = clock
@@ -58,12 +61,14 @@ class Scanner:
         self._laser = laser
         self._receiver = receiver
         self._reader = reader
-        self._pulses = pulses
+        self._pulses = in_turn
+        self._acquired = 0
         self._arms_itself = arms_itself
         self._held = _Held(dead_man)
         self._trusted = _Trusted(guard)
         self._willing = _Trusted(guard, AcquisitionError, ConfigError)
         self._refused_frame: Frame | None = None
+        self._settled = False
 
     @property
     def limits(self) -> Limits:
@@ -72,8 +77,8 @@ class Scanner:
 
     @property
     def pulses(self) -> int:
-        """Laser pulses averaged in one acquisition."""
-        return self._pulses
+        """Most laser pulses averaged in one acquisition."""
+        return max(self._pulses)
 
     @property
     def angle_deg(self) -> float:
@@ -109,7 +114,8 @@ class Scanner:
         with self._trusted, self._held:
             reached_deg = self._stage.move_to(angle_deg)
         self.guard.end_move(reached_deg)
-        return self._acquire(angle_deg, pulses=self._pulses)
+        self._acquired += 1
+        return self._acquire(angle_deg, pulses=self._pulses[(self._acquired - 1) % len(self._pulses)])
 
     def measure_dark(self) -> Sample:
         """Listen where the probe stands with the laser kept off: what noise alone looks like.
@@ -134,6 +140,11 @@ class Scanner:
 
     def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
         self._refused_frame = None
+        if not self._settled:
+            # Fired at once after an acquisition that did not end well, a late frame would be taken for the next one.
+            with self._willing:
+                self._receiver.settle()
+        self._settled = False
         permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
         with self._willing:
             self._receiver.arm(permit)
@@ -152,6 +163,7 @@ class Scanner:
             reading = self._reader.read(frame)
         self.guard.admit_reading(reading, frame=frame)
         self._refused_frame = None
+        self._settled = True
         return Sample(angle_deg=(before_deg + after_deg) / 2, reading=reading, dark=pulses == 0, frame=frame)
 
     def _arm_itself(self) -> None:

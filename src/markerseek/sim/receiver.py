@@ -30,6 +30,9 @@ class SimulatedReceiver:
         self.sequence = 0
         self._armed: tuple[Permit, int, float] | None = None
 
+    def settle(self) -> None:
+        """Nothing to wait for: a simulated frame is never late."""
+
     def arm(self, permit: Permit) -> None:
         """Get ready for the flash that the laser will give under this permit."""
         self._armed = (permit, len(self._world.flashes), self._clock.now_s())

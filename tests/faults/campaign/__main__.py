@@ -11,17 +11,21 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 
 import msgspec
 from rich.progress import Progress
 
-from .chunks import CHUNK, FRAMES_CHUNK, frames, readings
+from .chunks import CHUNK, FRAMES_CHUNK, RESTART_KINDS, RESTARTS_CHUNK, frames, readings, restarts_of
 from .commit import commit_made_from
 from .points import enumerate_points
 from .report import byte_keys, kinds, observable, observable_keys, over_the_line, promises, uncovered
+from .restarts import Restarts
+from .restarts import lines as restart_lines
 from .tally import Tally
+from .vocabulary import fingerprint
 
 
 class _Kept(msgspec.Struct, kw_only=True):
@@ -29,7 +33,9 @@ class _Kept(msgspec.Struct, kw_only=True):
 
     commit: str
     seed: int
+    vocabulary: str = ""
     chunks: dict[str, Tally] = {}
+    restarts: dict[str, Restarts] = {}
 
 
 def chunked(
@@ -75,6 +81,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="fault campaign in virtual time")
     parser.add_argument("--runs", type=int, default=2000, help="runs with readings instead of frames")
     parser.add_argument("--frames", type=int, default=50, help="runs with frames, over emulated devices")
+    parser.add_argument("--restarts", type=int, default=0, help="restarts for each data acquisition and kind of death")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--state", type=Path, help="where counts are kept between two calls")
@@ -91,13 +98,36 @@ def main() -> int:
     keep = {"kept": kept, "save": save, "workers": words.workers}
     whole = chunked("readings", readings, runs=words.runs, chunk=CHUNK, **keep)
     over_bytes = chunked("frames", frames, runs=words.frames, chunk=FRAMES_CHUNK, **keep)
+    rows = _restarts(kept, save, runs=words.restarts, workers=words.workers)
     points = enumerate_points()
-    page = _page(kept, whole, over_bytes, points)
+    page = _page(kept, whole, over_bytes, points, rows)
     if words.out is not None:
         words.out.write_text(_above(words.out) + page)
     sys.stdout.write(page)
     broken = [each for tally in (whole, over_bytes) for each in tally.broken if each.promise != "P10"]
-    return 1 if broken or any(points.values()) else 0
+    wrong = any(row.off or row.accepted_unreported for name, row in rows.items() if "loses power" not in name)
+    return 1 if broken or wrong or any(points.values()) else 0
+
+
+def _restarts(kept: _Kept, save: Callable[[], None], *, runs: int, workers: int) -> dict[str, Restarts]:
+    """Counts of restarts by what happened, those that are done already taken from what is kept."""
+    todo = [
+        (f"{kind} {first} {count}", kind, first, count)
+        for kind in RESTART_KINDS
+        for first in range(0, runs, RESTARTS_CHUNK)
+        if f"{kind} {first} {(count := min(RESTARTS_CHUNK, runs - first))}" not in kept.restarts
+    ]
+    if todo:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            names, kinds_, firsts, counts = zip(*todo, strict=True)
+            for name, row in zip(names, pool.map(restarts_of, kinds_, repeat(kept.seed), firsts, counts), strict=False):
+                kept.restarts[name] = row
+                save()
+    rows: dict[str, Restarts] = {}
+    for kind in RESTART_KINDS if runs else ():
+        for first in range(0, runs, RESTARTS_CHUNK):
+            rows.setdefault(kind, Restarts()).add(kept.restarts[f"{kind} {first} {min(RESTARTS_CHUNK, runs - first)}"])
+    return rows
 
 
 BELOW = "<!-- Below this line: written by the fault campaign. -->\n"
@@ -113,12 +143,12 @@ def _kept(path: Path | None, *, seed: int) -> _Kept:
     commit = commit_made_from()
     if path is not None and path.is_file():
         kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
-        if (kept.commit, kept.seed) == (commit, seed):
+        if (kept.commit, kept.seed, kept.vocabulary) == (commit, seed, fingerprint()):
             return kept
-    return _Kept(commit=commit, seed=seed)
+    return _Kept(commit=commit, seed=seed, vocabulary=fingerprint())
 
 
-def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[str]]) -> str:
+def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[str]], rows: dict[str, Restarts]) -> str:
     lines = [
         (
             f"Made from commit {kept.commit} by `python -m tests.faults.campaign --runs {whole.runs} --frames "
@@ -154,6 +184,7 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
         "",
         *over_the_line(over_bytes),
         "",
+        *_restart_section(rows),
         "## Fault points: the n-th call of each verb fails, for all n",
         "",
         *(f"- {verb}: {'always a clean stop' if not broken else '; '.join(broken)}" for verb, broken in points.items()),
@@ -163,6 +194,12 @@ def _page(kept: _Kept, whole: Tally, over_bytes: Tally, points: dict[str, list[s
         for broken in (*whole.broken[:40], *over_bytes.broken[:40])
     ]
     return "\n".join(lines) + "\n"
+
+
+def _restart_section(rows: dict[str, Restarts]) -> list[str]:
+    if not rows:
+        return []
+    return ["## Restarts after a death in mid-acquisition", "", *restart_lines(rows), ""]
 
 
 if __name__ == "__main__":

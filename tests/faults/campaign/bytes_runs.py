@@ -24,6 +24,7 @@ from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
+from markerseek.rigs.bench import DARK_ALARM
 from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.scene import image_reader
@@ -133,18 +134,22 @@ class ByteRun:
     def _write_down(self) -> None:
         """Keep what was really heard, and where, beside the emulated files."""
         daq: Any = self.bench.daq
-        take_up, pulses = daq._take_up, daq._pulses
-        place: list[float] = []
-
-        def taking(world: Any, flash: Any, count: int) -> None:
-            place[:] = [world.angle_deg]
-            take_up(world, flash, count)
+        pulses, acquisition = daq._pulses, daq._acquisition
+        averages: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
         def keeping(averaged: Int16[np.ndarray, "channels samples"], count: int) -> Any:
-            self.heard.append((averaged, place[0]))
+            averages.append((averaged, count))
             return pulses(averaged, count)
 
-        daq._take_up, daq._pulses = taking, keeping
+        def taking(parts: Any) -> Any:
+            averages.clear()
+            files = acquisition(parts)
+            triggers = sum(count for _, count in averages)
+            whole = sum(averaged.astype(np.float64) * count for averaged, count in averages) / triggers
+            self.heard.append((np.rint(whole).astype(np.int16), parts[-1].world.angle_deg))
+            return files
+
+        daq._pulses, daq._acquisition = keeping, taking
 
     def rig(self) -> Rig:
         """The real drivers on the emulated devices, armed."""
@@ -154,9 +159,10 @@ class ByteRun:
             port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, rate_hz=100.0, dark_triggers=PULSES
         )
         receiver = SonixDaqReceiver(
-            settings=SonixDaqSettings(folder=self.folder / "daq", timeout_s=3.0, dark_triggers=PULSES), clock=clock
+            settings=SonixDaqSettings(folder=self.folder / "daq", timeout_s=3.0, readout_s=0.4, dark_triggers=PULSES),
+            clock=clock,
         )
-        guard = Guard(limits=self.settings.limits, firing=FiringLimits(), admission=Admission())
+        guard = Guard(limits=self.settings.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         guard.arm(by="the campaign")
         imaging = image_reader(self.settings.probe.array, sampling_hz=self.settings.receiver.sampling_hz)
         scanner = Scanner(
@@ -174,6 +180,7 @@ class ByteRun:
             face_radius_m=None,
             truth_deg=self.marker_deg,
             configuration="",
+            closing_dark=True,
         )
 
     def perform(self) -> tuple[Verdict, int, float]:

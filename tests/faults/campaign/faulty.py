@@ -26,10 +26,10 @@ class Faulty:
         self._faults = faults
         self._rng = rng
 
-    def has(self, name: str, *, silently: bool = False) -> Fault | None:
-        """The fault of that name if it holds now; it acts unless it is only asked for."""
+    def has(self, name: str, *, silently: bool = False, ever: bool = False) -> Fault | None:
+        """The fault of that name if it holds now, or at any time; it acts unless it is only asked for."""
         for fault in self._faults:
-            if fault.name == name and fault.holds_at(self.step):
+            if fault.name == name and (ever or fault.holds_at(self.step)):
                 if not silently:
                     self.act(fault)
                 return fault

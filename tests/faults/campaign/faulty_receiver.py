@@ -38,6 +38,15 @@ class FaultyReceiver(Faulty):
         self._readout_s = readout_s
         self._last: ReadingFrame | None = None
         self._held: float | None = None
+        self._stale = True
+
+    def settle(self) -> None:
+        """Wait for a readout; files of a search before land in that time, and are gone then."""
+        self._clock.wait(self._readout_s)
+        if self._stale and (late := self.has("late files", silently=True, ever=True)) is not None:
+            self._stale = False
+            self.act(late)
+            raise AcquisitionError("receiver: stale files landed although nothing was triggered; they are not used")
 
     def arm(self, permit: Permit) -> None:
         if self.has("unplugged", silently=True):
@@ -86,6 +95,9 @@ class FaultyReceiver(Faulty):
             self._held = last.intensity if self._held is None else self._held
             return replace(frame, intensity=self._held)
         self._held = None
+        if last is not None and (mixed := self.has("mixed triggers")) is not None:
+            intensity = (1 - mixed.amount) * frame.intensity + mixed.amount * last.intensity
+            return replace(frame, intensity=intensity)
         if last is not None and self.has("one behind"):
             return replace(frame, intensity=last.intensity)
         for name, intensity in (("dead", 0.0), ("NaN", math.nan), ("infinite", math.inf), ("negative", -1.0)):

@@ -17,6 +17,7 @@ from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, Recording, read_journal
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs import Rig
+from markerseek.rigs.bench import DARK_ALARM
 from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
@@ -213,7 +214,7 @@ class Campaign:
             while_reading=laser.due_light,
             readout_s=plan.readout_s,
         )
-        guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission())
+        guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         scanner = Scanner(
             stage=stage,
             laser=laser,
@@ -236,6 +237,7 @@ class Campaign:
             face_radius_m=None,
             truth_deg=plan.marker_deg,
             configuration="",
+            closing_dark=True,
         )
         return rig, world, clock, (stage, laser, receiver)
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -89,6 +90,7 @@ _ALL = (
     _fault("receiver", "saturated", WRONG, "this share of the channels is at full scale", amounts=(0.06, 1)),
     _fault("receiver", "slow", SLOW, "the readout takes this many times as long", amounts=(1.5, 100)),
     _fault("receiver", "late frames", DELAYED, "each acquisition brings the frame of the one before"),
+    _fault("receiver", "late files", DELAYED, "the files of a search before land when this one begins"),
     _fault("receiver", "old frames", DELAYED, "the frame was taken this much earlier, s", amounts=(5.1, 100)),
     _fault("receiver", "frames of the future", WRONG, "the frame is stamped so much later, s", amounts=(0.01, 100)),
     _fault("receiver", "lost frames", INTERMITTENT, "this share of the frames is lost", amounts=(0.05, 0.7)),
@@ -131,7 +133,11 @@ _ALL = (
     ),
     _fault(
         "receiver", "one behind", DELAYED, "the data are those of the acquisition before, the header is the new one",
-        observable=False, harm="result", covered_by="a counter in the data; repeated angle",
+        observable=False, harm="result", covered_by="closing dark frame, if it lasts; a counter in the data",
+    ),
+    _fault(
+        "receiver", "mixed triggers", WRONG, "this share of the triggers is of the acquisition before",
+        amounts=(0.0625, 0.9375), observable=False, harm="result", covered_by="closing dark frame, if it lasts",
     ),
     _fault(
         "receiver", "gain drops", WRONG, "the signal is this share of the usual, the noise is the same",
@@ -161,3 +167,9 @@ def drawn(rng: np.random.Generator, injected: Injected, *, steps: int) -> Fault:
         from_step=from_step,
         to_step=None if lasts is None else from_step + lasts,
     )
+
+
+def fingerprint() -> str:
+    """Short hash of the vocabulary: counts made with another one are not added to."""
+    said = "".join(f"{each.fault}{each.amounts}{each.harm}" for each in FAULTS.values())
+    return hashlib.sha256(said.encode()).hexdigest()[:16]

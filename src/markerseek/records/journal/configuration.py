@@ -41,6 +41,8 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
         Acquisitions without laser before the first.
     stay
         Whether the last move and the confirmation are left out.
+    closing_dark
+        Whether it ends with an acquisition without laser.
     rig
         Kind of the rig.
     recipe
@@ -67,6 +69,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     start_deg: float
     dark_frames: int
     stay: bool
+    closing_dark: bool = False
     rig: Literal["simulated", "replayed", "bench"]
     recipe: msgspec.Raw
     imaging: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET

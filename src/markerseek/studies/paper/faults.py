@@ -27,6 +27,10 @@ class FaultyReceiver:
         self._count = 0
         self._previous: Frame | None = None
 
+    def settle(self) -> None:
+        """Settle the receiver behind."""
+        self._inner.settle()
+
     def arm(self, permit: Permit) -> None:
         """Arm the receiver behind."""
         self._inner.arm(permit)

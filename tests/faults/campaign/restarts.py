@@ -1,0 +1,348 @@
+"""Restarts: a search dies in mid-acquisition, and the next begins while the data acquisition holds its triggers.
+
+Real drivers on emulated devices, in virtual time. The data acquisition is a computer of its own, which lives on. It
+writes the files late, or it counts triggers and completes a cut train with those of the next search. Judged by truth:
+which triggers each accepted frame holds, and where the marker is.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+from unittest import mock
+
+import msgspec
+import numpy as np
+from jaxtyping import Int16
+
+from markerseek.core import ChannelFrame, Event, Finished, Found, MarkerseekError, Measured, Permit, Refused
+from markerseek.drivers import sonixdaq
+from markerseek.drivers.kdc101 import Kdc101Stage
+from markerseek.drivers.laserbox import LaserBox
+from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort
+from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.guard import Admission, FiringLimits, Guard
+from markerseek.rigs.bench import DARK_ALARM
+from markerseek.scan import Scanner, run
+from markerseek.scene import image_reader
+from markerseek.search import build
+from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+
+PULSES = 16
+DARK_FRAMES = 3
+OFF_DEG = 0.5
+
+READOUT_S = 10.0
+"""Longest time from a trigger to the last file, in seconds."""
+
+POLL_S = 0.25
+"""Time between two looks at the folder: five times the driver's, which would spend the campaign on them."""
+
+DeathName = Literal["Ctrl-C", "kill"]
+DaqName = Literal["late files", "counting triggers", "counting triggers, box loses power"]
+DEATHS: tuple[DeathName, ...] = ("Ctrl-C", "kill")
+DAQS: tuple[DaqName, ...] = ("late files", "counting triggers", "counting triggers, box loses power")
+
+
+class Killed(BaseException):
+    """The process is no more; nothing of it is cleaned up."""
+
+
+class HostClock:
+    """The clock of one process, which dies at a moment."""
+
+    def __init__(self, clock: BenchClock, death: DeathName | None) -> None:
+        self._clock = clock
+        self._death = death
+        self.dies_s = math.inf
+        self.dead = False
+
+    def now_s(self) -> float:
+        return self._clock.now_s()
+
+    def wait(self, duration_s: float) -> None:
+        if self.dead:
+            raise Killed
+        if self.now_s() + duration_s >= self.dies_s:
+            self._clock.wait(max(0.0, self.dies_s - self.now_s()))
+            self.dies_s = math.inf
+            if self._death == "kill":
+                self.dead = True
+                raise Killed
+            raise KeyboardInterrupt
+        self._clock.wait(duration_s)
+
+
+class HostPort(DirectPort):
+    """A line that the system closes with its process."""
+
+    def __init__(self, *, device: Any, clock: HostClock) -> None:
+        super().__init__(device=device, clock=clock)
+        self._host = clock
+
+    def write(self, data: bytes) -> None:
+        if not self._host.dead:
+            super().write(data)
+
+
+class DyingLaser(LaserBox):
+    """A laser box in whose n-th train, or in the readout after it, the process dies."""
+
+    def __init__(self, *, port: HostPort, clock: HostClock, dies_at: int, within_s: float, share: float) -> None:
+        super().__init__(port=port, clock=clock, dark_triggers=PULSES)
+        self._host, self._left, self._after_s = clock, dies_at, share * within_s
+
+    def fire(self, permit: Permit) -> int:
+        self._left -= 1
+        if self._left == 0:
+            self._host.dies_s = self._host.now_s() + self._after_s
+        return super().fire(permit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """An acquisition that was written: its average, and the numbers of the trains whose triggers are in it."""
+
+    samples: Int16[np.ndarray, "channels samples"]
+    trains: frozenset[int]
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """What became of the search after the restart."""
+
+    died: bool = False
+    answer: str = ""
+    said: list[str] = field(default_factory=list)
+    foreign: int = 0
+    off_deg: float | None = None
+
+
+class Restart:
+    """A search that dies, and the one after it, on one bench."""
+
+    def __init__(self, folder: Path, *, seed: int, number: int, daq: DaqName, death: DeathName, bare: bool) -> None:
+        rng = np.random.default_rng([seed, number, DAQS.index(daq), DEATHS.index(death)])
+        self._rng, self._death, self._bare = rng, death, bare
+        self.marker_deg = float(rng.uniform(-30, 30))
+        self._counting = daq != "late files"
+        readout_s = READOUT_S if self._counting else float(rng.uniform(0.2, 2.0))
+        self._settings = SimulatedSettings(
+            marker=MarkerSettings(angle_deg=self.marker_deg),
+            receiver=ReceiverSettings(readout_s=readout_s),
+            laser=LaserSettings(pulses=PULSES),
+            noise=NoiseSettings(peak_snr_db=float(rng.uniform(34, 46))),
+            start_deg=float(rng.uniform(-34, 34)),
+        )
+        self._bench = EmulatedBench(settings=self._settings, rng=rng, folder=folder)
+        self._daq: Any = self._bench.daq
+        self._daq._counts = PULSES if self._counting else None
+        if not self._counting:
+            # nothing is seen of the acquisition for seconds; then it is there all at once
+            self._daq.faults.delay_s = float(rng.uniform(3.0, READOUT_S - readout_s))
+        self._folder = folder
+        self._method, self._acquisitions = (("posterior", 12), ("weighted-average", 29))[int(rng.random() < 0.25)]
+        self._dies_at = int(rng.integers(1, 11))
+        self._within_s = 0.01 * PULSES if self._counting else 0.01 * PULSES + self._daq.faults.delay_s + readout_s
+        self._completes = daq == "counting triggers"
+        self.clock = BenchClock(tick_s=0.05)
+        self.clock.lead(self._bench.stage.advance, self._daq.advance)
+        self._trains = 0
+        self._written: list[Written] = []
+        self._watch()
+
+    def _watch(self) -> None:
+        """Number the trains of triggers, and keep which of them are in each acquisition."""
+        trigger, heard, acquisition = self._daq.trigger, self._daq._heard, self._daq._acquisition
+        parts_heard: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
+
+        def numbered(count: int) -> None:
+            self._trains += 1
+            if self._completes and count:
+                count = PULSES
+            elif self._death == "kill" and self._bench.world.flashes[-1:] and not self._completes:
+                count = min(count, self._bench.world.flashes[-1].pulses) if self._lit() else count
+            trigger(count)
+            self._daq._triggered[-1].world.train = self._trains
+
+        def hearing(part: Any) -> Any:
+            samples = heard(part)
+            parts_heard.append((samples, part.triggers))
+            return samples
+
+        def taking(parts: Any) -> Any:
+            parts_heard.clear()
+            files = acquisition(parts)
+            whole = sum(samples.astype(np.float64) * count for samples, count in parts_heard)
+            average = np.rint(whole / sum(count for _, count in parts_heard)).astype(np.int16)
+            self._written.append(Written(samples=average, trains=frozenset(part.world.train for part in parts)))
+            return files
+
+        self._bench.laser_box._on_triggers = numbered
+        self._daq._heard, self._daq._acquisition = hearing, taking
+
+    def _lit(self) -> bool:
+        """Whether light came with the train that has just ended."""
+        return len(self._bench.world.flashes) > self._daq._flashes
+
+    def perform(self) -> Outcome:
+        """Let the first search die, wait until a person has begun again, and judge the second."""
+        with mock.patch.object(sonixdaq, "_POLL_S", POLL_S):
+            return self._perform()
+
+    def _perform(self) -> Outcome:
+        outcome = Outcome()
+        first = HostClock(self.clock, self._death)
+        try:
+            for _ in self._search(first, share=float(self._rng.uniform())):
+                pass
+        except (Killed, KeyboardInterrupt):
+            outcome.died = True
+        except MarkerseekError as error:
+            outcome.said.append(f"the first search: {error}")
+        if not outcome.died:
+            return outcome
+        self.clock.wait(0.15)  # by then the lease has ended
+        self._bench.laser_box.advance(self.clock.now_s())
+        while self._bench.stage.moving:
+            self.clock.wait(0.05)
+        self.clock.wait(float(self._rng.uniform(0.0, 3.0)))
+        try:
+            for event in self._search(HostClock(self.clock, None), share=None):
+                self._hear(event, outcome)
+        except MarkerseekError as error:
+            outcome.answer = "fault"
+            outcome.said.append(str(error))
+        return outcome
+
+    def _hear(self, event: Event, outcome: Outcome) -> None:
+        match event:
+            case Refused(reason=reason):
+                outcome.said.append(reason)
+            case Measured(sample=sample):
+                frame = sample.frame
+                own = [each.samples for each in self._written if each.trains == {self._trains}]
+                assert isinstance(frame, ChannelFrame)
+                outcome.foreign += not any(np.array_equal(frame.samples, samples) for samples in own)
+            case Finished(estimate=estimate):
+                outcome.answer = type(estimate).__name__
+                outcome.off_deg = abs(estimate.mean_deg - self.marker_deg) if isinstance(estimate, Found) else None
+
+    def _search(self, clock: HostClock, *, share: float | None) -> Iterator[Event]:
+        """A search by a process of its own, with the drivers and limits of a bench."""
+        stage = Kdc101Stage(port=HostPort(device=self._bench.stage, clock=clock), clock=clock)
+        laser = DyingLaser(
+            port=HostPort(device=self._bench.laser_box, clock=clock),
+            clock=clock,
+            dies_at=0 if share is None else self._dies_at,
+            within_s=self._within_s,
+            share=share or 0.0,
+        )
+        receiver = SonixDaqReceiver(
+            settings=SonixDaqSettings(folder=self._folder, dark_triggers=PULSES, readout_s=1.2 * READOUT_S), clock=clock
+        )
+        if self._bare:
+            receiver.settle = lambda: None  # type: ignore[method-assign]
+        guard = Guard(
+            limits=self._settings.limits,
+            firing=FiringLimits(),
+            admission=Admission(dark_alarm=None if self._bare else DARK_ALARM),
+        )
+        guard.arm(by="the campaign")
+        scanner = Scanner(
+            stage=stage,
+            laser=laser,
+            receiver=receiver,
+            reader=image_reader(self._settings.probe.array, sampling_hz=self._settings.receiver.sampling_hz),
+            clock=clock,
+            guard=guard,
+            pulses=PULSES if self._bare or self._counting else (PULSES + 1, PULSES - 1, PULSES),
+        )
+        limits = self._settings.limits.search
+        policy = build(self._method, limits=limits, acquisitions=self._acquisitions, start_deg=stage.angle_deg)
+        return run(policy, scanner, dark_frames=DARK_FRAMES, closing_dark=not self._bare)
+
+
+class Restarts(msgspec.Struct, kw_only=True):
+    """Counts over restarts; an ``accepted`` one has frames of other triggers in it that were believed."""
+
+    runs: int = 0
+    answers: dict[str, int] = {}
+    said: dict[str, int] = {}
+    accepted: int = 0
+    accepted_unreported: int = 0
+    off: int = 0
+    largest_off_deg: float = 0.0
+
+    def hear(self, outcome: Outcome) -> None:
+        """Add a restart."""
+        self.runs += 1
+        self.answers[outcome.answer] = self.answers.get(outcome.answer, 0) + 1
+        for said in {_kind(said) for said in outcome.said}:
+            self.said[said] = self.said.get(said, 0) + 1
+        self.accepted += outcome.foreign > 0
+        self.accepted_unreported += outcome.foreign > 0 and outcome.answer != "fault"
+        if outcome.off_deg is not None:
+            self.largest_off_deg = max(self.largest_off_deg, outcome.off_deg)
+            self.off += outcome.off_deg > OFF_DEG
+
+    def add(self, other: Restarts) -> None:
+        """Add the counts of another."""
+        for mine, others in ((self.answers, other.answers), (self.said, other.said)):
+            for name, count in others.items():
+                mine[name] = mine.get(name, 0) + count
+        self.runs += other.runs
+        self.accepted += other.accepted
+        self.accepted_unreported += other.accepted_unreported
+        self.off += other.off
+        self.largest_off_deg = max(self.largest_off_deg, other.largest_off_deg)
+
+
+def _kind(said: str) -> str:
+    for words in ("stale files", "holds a source", "pulses, ", "noise is", "change although", "stale frame"):
+        if words in said:
+            return words.strip(", ")
+    return said[:60]
+
+
+def restarts(
+    daq: DaqName, death: DeathName, *, seed: int, count: int, folder: Path, first: int = 0, bare: bool = False
+) -> Restarts:
+    """So many restarts under one data acquisition and one kind of death.
+
+    ``bare`` leaves out what decision 20 brought: the settled folder, the watermark, the dark frames that are looked at.
+    """
+    counts = Restarts()
+    number = first
+    while counts.runs < count:
+        place = folder / f"restart-{number}"
+        outcome = Restart(place, seed=seed, number=number, daq=daq, death=death, bare=bare).perform()
+        shutil.rmtree(place)
+        number += 1
+        if outcome.died:
+            counts.hear(outcome)
+    return counts
+
+
+def lines(rows: dict[str, Restarts]) -> list[str]:
+    """Table of restarts."""
+    table = [
+        (
+            "| data acquisition, death | restarts | answers | reported | with frames of other triggers accepted | of "
+            "these not ended by a fault | found and off by more than 0.5° | largest error of found, deg |"
+        ),
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, row in rows.items():
+        answers = ", ".join(f"{count} {answer}" for answer, count in sorted(row.answers.items()))
+        said = "; ".join(f"{count} × {words}" for words, count in sorted(row.said.items()))
+        table.append(
+            f"| {name} | {row.runs} | {answers} | {said} | {row.accepted} | {row.accepted_unreported} | {row.off} | "
+            f"{row.largest_off_deg:.2f} |"
+        )
+    return table

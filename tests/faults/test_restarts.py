@@ -1,0 +1,36 @@
+"""Restarts in short: a search dies in mid-acquisition, and no frame of it makes the next one find a wrong angle.
+
+``python -m tests.faults.campaign --runs 0 --frames 0 --restarts 200`` is the long form.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
+
+from campaign.restarts import DAQS, DEATHS, lines, restarts  # type: ignore[import-not-found, unused-ignore]
+
+
+@pytest.mark.parametrize("death", DEATHS)
+@pytest.mark.parametrize("daq", DAQS)
+def test_no_wrong_angle_is_found_after_a_restart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], daq: str, death: str
+) -> None:
+    counts = restarts(daq, death, seed=2, count=2, folder=tmp_path)
+    with capsys.disabled():
+        sys.stdout.write("\n" + lines({f"{daq}, {death}": counts})[-1] + "\n")
+    assert counts.runs == 2
+    assert counts.off == counts.accepted_unreported == 0
+    if "loses power" not in daq:
+        assert counts.accepted == 0
+        assert "fault" not in counts.answers  # the search goes on
+
+
+def test_without_what_decision_20_brought_frames_of_other_triggers_are_believed(tmp_path: Path) -> None:
+    """The judge can see it: else it would prove nothing."""
+    counts = restarts("late files", "Ctrl-C", seed=1, count=3, folder=tmp_path, bare=True)
+    assert counts.accepted_unreported > 0

@@ -1,0 +1,99 @@
+"""The acquisition at the angle found confirms it, or the answer is Unsure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from markerseek.core import Finished, Floor, Found, Measured, Reading, Sample, Unsure
+from markerseek.records.result import Recorder
+from markerseek.scan import run
+from markerseek.scan.confirmation import judged
+from scan_bench import FOUND, Bench, Tour, scanner
+
+GUARDED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
+STRONGEST = Reading(intensity=1274.0, noise_sigma=10.0, lateral_m=2e-3, depth_m=30e-3)
+SAMPLES = [Sample(angle_deg=2.0, reading=replace(STRONGEST, intensity=300.0)), Sample(angle_deg=4.1, reading=STRONGEST)]
+
+
+def confirmed_by(**changes: float) -> Found | Unsure:
+    answer = judged(GUARDED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
+    assert isinstance(answer, Found | Unsure)
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"intensity": 51.0}, r"intensity of 51, 1274 was expected and 979\.2 is the least"),
+        ({"intensity": 979.0}, "intensity of 979, 1274 was expected"),
+        ({"lateral_m": 3.1e-3}, r"lateral_m is 3\.10 mm and was 2\.00 mm, 1 mm is the limit"),
+        ({"depth_m": 28.9e-3}, r"depth_m is 28\.90 mm and was 30\.00 mm"),
+    ],
+)
+def test_a_weaker_or_moved_source_makes_the_answer_unsure_with_both_numbers(
+    changes: dict[str, float], reason: str
+) -> None:
+    answer = confirmed_by(**changes)
+    assert isinstance(answer, Unsure)
+    assert (answer.mean_deg, answer.sigma_deg, answer.floor) == (4.0, 0.1, GUARDED.floor)
+    with pytest.raises(AssertionError, match=reason):
+        raise AssertionError(answer.reason)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"intensity": 980.0}, {"intensity": 3000.0}, {"lateral_m": 2.9e-3, "depth_m": 30.9e-3}]
+)
+def test_an_acquisition_as_expected_confirms(changes: dict[str, float]) -> None:
+    assert confirmed_by(**changes) == GUARDED
+
+
+def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> None:
+    noisy = replace(STRONGEST, intensity=60.0, noise_sigma=10.0)
+    samples = [Sample(angle_deg=4.1, reading=noisy)]
+    for intensity, kind in ((41.0, Found), (39.0, Unsure)):
+        now = Sample(angle_deg=4.0, reading=replace(noisy, intensity=intensity, lateral_m=9e-3))
+        assert isinstance(judged(GUARDED, now, samples), kind)  # too faint for its place to be compared
+
+
+def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
+    weak = Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=1.0))
+    assert judged(FOUND, weak, SAMPLES) == FOUND
+    unsure = judged(GUARDED, weak, SAMPLES)
+    assert judged(unsure, weak, SAMPLES) == unsure
+
+
+class Fading(Bench):
+    """A bench whose signal is gone after so many acquisitions."""
+
+    def acquire(self, permit):  # type: ignore[no-untyped-def]
+        frame = super().acquire(permit)
+        return (
+            replace(frame, intensity=51.0) if self.sequence == 4 else replace(frame, intensity=1274.0 - self.sequence)
+        )
+
+
+@pytest.mark.parametrize(("answer", "found", "confirmed"), [(GUARDED, False, False), (FOUND, True, None)])
+def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
+    answer: Found, found: bool, confirmed: bool | None
+) -> None:
+    recorder = Recorder()
+    events = list(run(Tour(-30.0, 2.0, 4.1, answer=answer), scanner(Fading())))
+    for event in events:
+        recorder.hear(event)
+    last = events[-1]
+    assert isinstance(last, Finished)
+    assert last.confirmation is not None
+    assert [event.role for event in events if isinstance(event, Measured)] == ["search"] * 3 + ["confirmation"]
+    result = recorder.result(
+        method="test",
+        as_published=False,
+        rig="simulated",
+        face_radius_m=None,
+        truth_deg=None,
+        reference_deg=None,
+        seed=None,
+        configuration="",
+    )
+    assert (result.found, result.confirmed, result.angle_deg) == (found, confirmed, 4.0)
