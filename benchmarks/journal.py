@@ -24,7 +24,7 @@ from benchmarks.timing import QUICK, Effort, Single
 from markerseek import rigs
 from markerseek.core import Asked, ChannelFrame, FrameHeader, Measured, Reading, Sample
 from markerseek.records.journal import Configuration, Journal, read_journal, size_with_log
-from markerseek.rigs.journalled import configuration_of
+from markerseek.runs.journalled import configuration_of
 
 FRAME = "journal: a frame of 128 × 2080 committed, on the disk"
 COMMAND = "journal: a command committed, on the disk"

@@ -8,7 +8,7 @@ from pathlib import Path
 from every_kind_of_entry import METHOD, SEED, checkpoint, happenings, rig
 from markerseek.core import Measured, Started
 from markerseek.records.journal import Journal
-from markerseek.rigs.journalled import configuration_of
+from markerseek.runs.journalled import configuration_of
 
 version = int(sys.argv[1])
 configuration = configuration_of(

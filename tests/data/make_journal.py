@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markerseek import rigs
 from markerseek.records.journal import Journal
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
 

@@ -16,7 +16,7 @@ from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
 from markerseek.records.journal.store import PAGE_BYTES, VERSION
-from markerseek.rigs.journalled import journalled
+from markerseek.runs.journalled import journalled
 from markerseek.search import build
 
 

@@ -21,8 +21,8 @@ from markerseek.core import Policy, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
 

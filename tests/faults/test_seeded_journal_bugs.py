@@ -53,9 +53,9 @@ JOURNAL_BUGS = {
         check=an_older_program_does_not_read_what_was_added,
     ),
     "an event handed out before it is kept": Bug(
-        where="rigs.journalled:journalled",
-        old="keep(event, rig.scanner.clock, rig, journal)\n            yield event",
-        new="yield event\n            keep(event, rig.scanner.clock, rig, journal)",
+        where="runs.journalled:journalled",
+        old="keep(event, clock, rig, journal)\n            yield event",
+        new="yield event\n            keep(event, clock, rig, journal)",
         check=what_is_handed_out_is_on_the_disk,
     ),
     "a transaction that is not committed": Bug(

@@ -27,7 +27,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Configuration, Interrupted, Journal, verify
 from markerseek.records.journal.entries import Happening
-from markerseek.rigs.journalled import configuration_of
+from markerseek.runs.journalled import configuration_of
 
 Shell = Callable[..., tuple[int, str, str]]
 

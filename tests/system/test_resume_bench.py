@@ -16,10 +16,10 @@ from markerseek.core import ConfigError, Interval
 from markerseek.drivers.settings import BenchLaser, BenchReceiver, BenchSettings, BenchStage
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal
-from markerseek.rigs.again import rig_again
 from markerseek.rigs.recipe import BenchRecipe, SimulatedRecipe
 from markerseek.rigs.rig import fingerprint
-from markerseek.rigs.same_bench import differences_of_benches, require_same_measurement
+from markerseek.runs.rebuild import rebuild_rig
+from markerseek.runs.same_bench import differences_of_benches, require_same_measurement
 from markerseek.sim import SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -222,4 +222,4 @@ def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell:
 
 def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="does not bring its own rig"):
-        rig_again(begun_with(hostile(tmp_path)))
+        rebuild_rig(begun_with(hostile(tmp_path)))

@@ -11,8 +11,8 @@ from markerseek import rigs
 from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading
 from markerseek.records.journal import Checked, Configuration, Journal, Recording, Resuming
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import configuration_of, journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
 

@@ -20,7 +20,7 @@ from markerseek.drivers.settings import (
     BenchSupervisor,
 )
 from markerseek.guard import Limits
-from markerseek.rig_file import read_rig_file
+from markerseek.rigs.rig_file import read_rig_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
 

@@ -15,8 +15,8 @@ from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, Recording, read_journal
-from markerseek.rigs.journal_bank import JournalBank, journal_bank
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journal_bank import JournalBank, journal_bank
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.search import build
 
 

@@ -15,7 +15,7 @@ from markerseek.core import Asked, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, outline, read_journal, verify
 from markerseek.records.journal.store import is_journal, log_of
-from markerseek.rigs.journalled import journalled
+from markerseek.runs.journalled import journalled
 
 
 def test_a_dead_run_is_read_through_a_symbolic_link_with_its_log(tmp_path: Path) -> None:

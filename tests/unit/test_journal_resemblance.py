@@ -14,10 +14,10 @@ from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
 from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, standing
 from markerseek.rigs import Rig
-from markerseek.rigs.again import policy_again
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resemblance import change_of
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import journalled
+from markerseek.runs.rebuild import rebuild_policy
+from markerseek.runs.recheck import change_of
+from markerseek.runs.resume import resumed
 
 
 def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path
         # As real devices do, this world outlives the program: no state of it is kept.
         rig = replace(rigs.simulated(seed=5, marker_deg=marker_deg), world=None)
         begun_with = configured(rig, method="posterior", acquisitions=None)
-        return policy_again(begun_with), rig, begun_with
+        return rebuild_policy(begun_with), rig, begun_with
 
     policy, rig, begun_with = rig_and_policy(6.3)
     with Journal.create(path, begun_with) as journal, closing(journalled(policy, rig, journal)) as events:

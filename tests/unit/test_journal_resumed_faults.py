@@ -10,7 +10,7 @@ from journalled_runs import begin, go_on, live
 from markerseek.core import DeviceError, Finished, MoveError, NotConnectedError
 from markerseek.records.journal import Journal, Resuming, read_journal, standing, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import journalled
+from markerseek.runs.journalled import journalled
 
 
 class Silent:

@@ -18,7 +18,7 @@ from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused
 from markerseek.records.journal import Checked, Interrupted, Journal, read_journal, result_of, salvage, verify
 from markerseek.records.journal.entries import Happening
 from markerseek.records.journal.store import SCHEMAS, VERSION, log_of
-from markerseek.rigs.again import reader_again, rig_again
+from markerseek.runs.rebuild import rebuild_reader, rebuild_rig
 from markerseek.signals import ImageReader
 
 DATA = Path(__file__).parents[1] / "data"
@@ -100,12 +100,12 @@ def test_the_rig_of_a_journal_of_any_version_is_put_together_again(version: int)
     assert (begun_with.method, begun_with.seed, begun_with.truth_deg) == (METHOD, SEED, MARKER_DEG)
     assert (begun_with.acquisitions, begun_with.as_published, begun_with.dark_frames) == (3, True, 1)
     assert (begun_with.imaging is msgspec.UNSET) == (version == 1)
-    reader = reader_again(begun_with)
+    reader = rebuild_reader(begun_with)
     now = rig()
     assert isinstance(reader, ImageReader)
     assert now.imaging is not None
     assert reader.preset == now.imaging.preset
-    assert rig_again(begun_with).configuration == now.configuration
+    assert rebuild_rig(begun_with).configuration == now.configuration
 
 
 @pytest.mark.parametrize("path", [VERSION_1, EVERY_KIND[1]], ids=["search", "every kind"])

@@ -11,8 +11,9 @@ from markerseek import rigs
 from markerseek.core import AcquisitionError, ConfigError, Event, Failed, Finished, Frame, Measured, Permit, Refused
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Journal, read_journal
-from markerseek.rigs.again import differences, policy_again, reader_again
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
+from markerseek.runs.recompute import differences
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
@@ -144,5 +145,5 @@ def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None
     assert held.configuration.closing_dark
     dark = [event.index for event in events if isinstance(event, Measured) and event.role == "dark"]
     assert dark == [1, 2, 3]
-    again = differences(held, policy_again(held.configuration), reader_again(held.configuration))
+    again = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
     assert again == []

@@ -66,7 +66,7 @@ def command(
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
     from markerseek.records.ipasc import require_new_bank, whole_bank
-    from markerseek.rigs.bank_images import bank_samples, described
+    from markerseek.runs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
         "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
@@ -116,7 +116,7 @@ def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> I
     from markerseek.records.banks import read_bank
     from markerseek.records.journal import is_journal
     from markerseek.records.recordings.arrays import ARRAY_SUFFIXES, read_arrays
-    from markerseek.rigs.journal_bank import journal_bank
+    from markerseek.runs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():

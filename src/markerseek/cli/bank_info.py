@@ -75,7 +75,7 @@ def command(
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
     from markerseek.records.banks import IntensityBank, read_bank
-    from markerseek.rigs.bank_images import bank_curve, dark_intensity
+    from markerseek.runs.bank_images import bank_curve, dark_intensity
     from markerseek.search.peak import peak_of
 
     folder = picture_folder(out, plot=plot)
@@ -201,7 +201,7 @@ def _draw(
 ) -> None:
     from markerseek.pictures import bank_figure, save_png
     from markerseek.records.banks import FrameBank
-    from markerseek.rigs.bank_images import bank_image
+    from markerseek.runs.bank_images import bank_image
 
     strongest = intensities.index(max(intensities))
     figure = bank_figure(

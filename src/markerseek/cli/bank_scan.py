@@ -62,7 +62,7 @@ def command(
     """
     from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
     from markerseek.records.ipasc import require_new_bank
-    from markerseek.rigs.bank_scan import scan_angles, scan_bank
+    from markerseek.runs.bank_scan import scan_angles, scan_bank
 
     require_new_bank(out)
     announce_compilation()

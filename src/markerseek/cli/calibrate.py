@@ -17,7 +17,7 @@ from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
-    from markerseek.rigs.calibrate import Calibration
+    from markerseek.runs.calibrate import Calibration
 
 NAME = "calibrate"
 EXAMPLES = (
@@ -70,8 +70,8 @@ def command(
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.rigs.calibrate import calibrate
     from markerseek.rigs.replay import preset_of
+    from markerseek.runs.calibrate import calibrate
     from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):

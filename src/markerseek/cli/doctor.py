@@ -98,7 +98,7 @@ def _rig(path: Path) -> Finding:
 def _lease_s(path: Path) -> float | None:
     """Longest silence of the control loop that a rig's devices bear, in seconds; None if they are simulated."""
     from markerseek.drivers.settings import BenchSettings
-    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.rig_file import read_rig_file
 
     settings = read_rig_file(path)
     return settings.supervisor.lease_s if isinstance(settings, BenchSettings) else None

@@ -54,7 +54,7 @@ def command(
     from markerseek.core import ConfigError
     from markerseek.emulators.bench import EmulatedBench, require_pace
     from markerseek.emulators.kdc101 import Kdc101Settings
-    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.rig_file import read_rig_file
     from markerseek.sim import SimulatedSettings
 
     require_pace(pace)

@@ -82,11 +82,12 @@ def replay(journal: _File, as_json: _Json = False) -> None:
     """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, people, print_json
     from markerseek.records.journal import read_journal, standing
-    from markerseek.rigs.again import differences, policy_again, reader_again
+    from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
+    from markerseek.runs.recompute import differences
 
     held = read_journal(journal)
     announce_compilation()
-    found = differences(held, policy_again(held.configuration), reader_again(held.configuration))
+    found = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
     state = standing(held.entries).state
     if as_json:
         print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})

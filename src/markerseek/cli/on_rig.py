@@ -48,7 +48,7 @@ def open_rig(
     """
     from markerseek import rigs
     from markerseek.drivers.settings import BenchSettings
-    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.rig_file import read_rig_file
     from markerseek.sim import SimulatedSettings
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)

@@ -58,7 +58,7 @@ def command(
     from markerseek.cli.keeping import held_open, new_journal
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.rigs.journalled import configuration_of, search_events
+    from markerseek.runs.journalled import configuration_of, search_events
     from markerseek.search import build, method_named
 
     folder = picture_folder(out, plot=plot)

@@ -54,7 +54,7 @@ def command(
     from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.records.journal import read_journal, result_of, standing
-    from markerseek.rigs.resuming import require_reset
+    from markerseek.runs.resume import require_reset
 
     folder = picture_folder(out, plot=plot)
     held = read_journal(journal, frames=plot)
@@ -88,9 +88,9 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
     from markerseek.cli.on_rig import print_permissions
     from markerseek.cli.terminal import print_warning
     from markerseek.drivers.settings import BenchSettings
-    from markerseek.rig_file import read_rig_file
-    from markerseek.rigs.again import recorded_bench
-    from markerseek.rigs.same_bench import require_same_measurement
+    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.runs.rebuild import recorded_bench
+    from markerseek.runs.same_bench import require_same_measurement
 
     recorded = recorded_bench(held.configuration)
     if recorded is None:
@@ -128,14 +128,14 @@ def _go_on(
     from markerseek.cli.keeping import held_open
     from markerseek.cli.on_rig import person
     from markerseek.records.journal import Journal
-    from markerseek.rigs.again import policy_again, rig_again
-    from markerseek.rigs.resuming import resumed
+    from markerseek.runs.rebuild import rebuild_policy, rebuild_rig
+    from markerseek.runs.resume import resumed
     from markerseek.search import method_named
 
     kept, held = Journal.reopen(journal)
     begun_with = held.configuration
-    with held_open(kept), rig_again(begun_with, bench_settings=bench) as rig:
-        events = resumed(policy_again(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
+    with held_open(kept), rebuild_rig(begun_with, bench_settings=bench) as rig:
+        events = resumed(rebuild_policy(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
         most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
         recorder, result = hunt(events, begun_with, most=most, journal=kept, as_json=as_json, rig_file=rig_file)
     return recorder, result, rig.imaging
@@ -148,13 +148,13 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
     from markerseek.cli.hunt import resume_command
     from markerseek.cli.terminal import people, print_json
     from markerseek.records.journal import standing
-    from markerseek.rigs.again import next_angle, policy_again
-    from markerseek.rigs.checking import telling
+    from markerseek.runs.rebuild import next_angle, rebuild_policy
+    from markerseek.runs.recheck import samples_to_recheck
 
     stands = standing(held.entries)
     rig_file_needed = bench is None and held.configuration.rig == "bench"
-    following_deg = next_angle(held, policy_again(held.configuration))
-    checks_deg = [sample.angle_deg for sample in telling(held.entries)]
+    following_deg = next_angle(held, rebuild_policy(held.configuration))
+    checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]
     if as_json:
         print_json(
             {
@@ -189,8 +189,8 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
 
 def _imaging_again(held: Recording) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
-    from markerseek.rigs.again import reader_again
+    from markerseek.runs.rebuild import rebuild_reader
     from markerseek.signals import ImageReader
 
-    reader = reader_again(held.configuration)
+    reader = rebuild_reader(held.configuration)
     return reader if isinstance(reader, ImageReader) else None

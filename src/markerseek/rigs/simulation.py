@@ -13,8 +13,8 @@ from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.scene import draw_scene, image_reader
 from markerseek.scan import Scanner
-from markerseek.scene import draw_scene, image_reader
 from markerseek.signals import ImageReader
 from markerseek.sim import (
     CurveWorld,

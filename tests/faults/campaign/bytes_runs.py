@@ -25,9 +25,9 @@ from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.bench import DARK_ALARM
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.scene import image_reader
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
-from markerseek.scene import image_reader
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 

@@ -18,7 +18,7 @@ from markerseek.records.journal import Configuration, Journal, Recording, read_j
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs import Rig
 from markerseek.rigs.bench import DARK_ALARM
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
 from markerseek.sim import (

@@ -23,7 +23,7 @@ from markerseek.records.journal import (
     read_journal,
     result_of,
 )
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.resume import resumed
 
 from .processes import MismatchError
 from .searches import PERSON, SEARCHES, Search, arming_watched

@@ -9,7 +9,7 @@ from unittest import mock
 from markerseek.core import Event, Policy
 from markerseek.records.journal import Journal
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import keep
+from markerseek.runs.journalled import keep
 from markerseek.scan import run
 
 from .at_steps import at_steps

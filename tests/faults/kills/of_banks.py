@@ -25,7 +25,7 @@ from markerseek.core import Event, Measured, RecordError
 from markerseek.records.banks import FrameBank
 from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc.reading import IpascBank, read_unvetted
-from markerseek.rigs import bank_scan
+from markerseek.runs import bank_scan
 
 from .at_times import rig_file
 from .ground import forget, new_path

@@ -155,16 +155,16 @@ def telling_events(told: int) -> None:
 
 
 def _watching_arming() -> None:
-    from markerseek.rigs import again
+    from markerseek.runs import rebuild
 
-    rig_again = again.rig_again
+    rebuild_rig = rebuild.rebuild_rig
 
     def watched(*args: object, **named: object) -> object:
-        rig = rig_again(*args, **named)  # type: ignore[arg-type]
+        rig = rebuild_rig(*args, **named)  # type: ignore[arg-type]
         arming_watched(rig).__enter__()
         return rig
 
-    mock.patch.object(again, "rig_again", watched).start()
+    mock.patch.object(rebuild, "rebuild_rig", watched).start()
 
 
 def _command(words: Sequence[str], out: Path, *, told: int) -> None:

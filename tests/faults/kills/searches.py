@@ -21,9 +21,9 @@ from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
-from markerseek.rigs.bank_scan import scan_bank
-from markerseek.rigs.journalled import configuration_of, journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.bank_scan import scan_bank
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 

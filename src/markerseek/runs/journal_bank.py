@@ -9,8 +9,8 @@ from pathlib import Path
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, IntensityBank, require_angles
 from markerseek.records.journal import Recording, read_journal
-from markerseek.rigs.again import reader_again
-from markerseek.rigs.bank_scan import known_facts
+from markerseek.runs.bank_scan import known_facts
+from markerseek.runs.rebuild import rebuild_reader
 from markerseek.signals import ImageReader
 
 
@@ -98,7 +98,7 @@ def _clock_zero_unix_s(held: Recording) -> float:
 
 
 def _imaging(held: Recording) -> ImageReader | None:
-    reader = reader_again(held.configuration)
+    reader = rebuild_reader(held.configuration)
     return reader if isinstance(reader, ImageReader) else None
 
 

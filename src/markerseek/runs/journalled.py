@@ -1,4 +1,4 @@
-"""Runs that are kept in a journal: what it says of them before they begin, and each event committed first."""
+"""Runs that are kept in a journal: each event is committed before it is handed out."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import msgspec
 from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, Started
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs.rig import Rig
-from markerseek.scan import RunLimits, run
+from markerseek.scan import AnyScanner, RunLimits, run
 
 _RUN_LIMITS = RunLimits()
 
@@ -60,6 +60,30 @@ def configuration_of(
     )
 
 
+def run_configured(
+    policy: Policy, scanner: AnyScanner, configuration: Configuration, *, limits: RunLimits = _RUN_LIMITS
+) -> Generator[Event, None, None]:
+    """`markerseek.scan.run` with the dark frames and the end that a configuration asks for.
+
+    Parameters
+    ----------
+    policy, scanner
+        What searches, on what.
+    configuration
+        Says how many dark frames to take, and whether to stay.
+    limits
+        As in `run`.
+    """
+    return run(
+        policy,
+        scanner,
+        dark_frames=configuration.dark_frames,
+        stay=configuration.stay,
+        closing_dark=configuration.closing_dark,
+        limits=limits,
+    )
+
+
 def search_events(
     policy: Policy, rig: Rig, begun_with: Configuration, journal: Journal | None
 ) -> Generator[Event, None, None]:
@@ -76,19 +100,13 @@ def search_events(
     """
     if journal is not None:
         return journalled(policy, rig, journal)
-    return run(
-        policy,
-        rig.scanner,
-        dark_frames=begun_with.dark_frames,
-        stay=begun_with.stay,
-        closing_dark=begun_with.closing_dark,
-    )
+    return run_configured(policy, rig.scanner, begun_with)
 
 
 def journalled(
     policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`markerseek.scan.run`, each event on the disk before it is handed out, and so before the policy is told.
+    """`run_configured`, each event on the disk before it is handed out, and so before the policy receives it.
 
     Parameters
     ----------
@@ -109,16 +127,8 @@ def journalled(
     RecordError
         If an event cannot be kept; the rig is stopped.
     """
-    begun_with = journal.configuration
     clock = rig.scanner.clock
-    events = run(
-        policy,
-        rig.scanner,
-        dark_frames=begun_with.dark_frames,
-        stay=begun_with.stay,
-        closing_dark=begun_with.closing_dark,
-        limits=limits,
-    )
+    events = run_configured(policy, rig.scanner, journal.configuration, limits=limits)
     with closed_and_kept(events, clock, journal):
         for event in events:
             keep(event, clock, rig, journal)
@@ -127,7 +137,7 @@ def journalled(
 
 @contextmanager
 def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
-    """Close a run at the end, which stops the rig; a rig that cannot be stopped is a fault, which is kept.
+    """Close a run at the end, which stops the rig; a rig that cannot be stopped is a fault, which the journal keeps.
 
     Parameters
     ----------

@@ -1,27 +1,20 @@
-"""Policy, rig and reader of a journal, put together again; and its result worked out anew from the stored frames."""
+"""Policy, rig and imaging chain of a journal, rebuilt from its configuration."""
 
 from __future__ import annotations
 
-from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ChannelFrame, ConfigError, Finished, Measured, Policy, Reader, RecordError
+from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
 from markerseek.drivers.settings import BenchSettings
-from markerseek.guard import Limits
-from markerseek.records.journal import Configuration, Entry, Recording
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Configuration, Recording
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
-from markerseek.rigs.resuming import TOLD
-from markerseek.rigs.retelling import Retelling
 from markerseek.rigs.rig import Rig
-from markerseek.rigs.same_bench import require_same_measurement
 from markerseek.rigs.simulation import simulated
-from markerseek.scan import run
+from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import build
 from markerseek.signals import ImageReader, ProbePreset
 
@@ -38,20 +31,20 @@ def recorded_bench(configuration: Configuration) -> BenchSettings | None:
     return recipe.settings if isinstance(recipe, BenchRecipe) else None
 
 
-def rig_again(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
-    """The rig of a journal, as it was before the run; of a bench the devices are connected to, and must be closed.
+def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
+    """The rig of a journal, as it was before the run; devices of a bench are connected, and must be closed.
 
     Parameters
     ----------
     configuration
         The journal's configuration.
     bench_settings
-        Settings of a bench from the rig file that a person named; a journal is not asked for them.
+        Settings of a bench from the rig file that a person named; those of the journal are not used.
 
     Raises
     ------
     RecordError
-        If the rig was not put together from settings, or is not the same any more: its recording was changed.
+        If the rig was not made from settings, or its recording was changed since.
     ConfigError
         If the journal is of a bench and no settings are given, or settings of another bench; or of no bench.
     """
@@ -83,13 +76,13 @@ def rig_again(configuration: Configuration, *, bench_settings: BenchSettings | N
     return rig
 
 
-def reader_again(configuration: Configuration) -> Reader:
+def rebuild_reader(configuration: Configuration) -> Reader:
     """The imaging chain of a journal's rig; neither devices nor a recording are needed, but for journals of version 1.
 
     Raises
     ------
     RecordError
-        As `rig_again`.
+        As `rebuild_rig`.
     """
     if configuration.imaging is not msgspec.UNSET:
         preset = _preset(configuration.imaging)
@@ -101,7 +94,7 @@ def reader_again(configuration: Configuration) -> Reader:
         from markerseek.rigs.bench import imaging_of
 
         return imaging_of(recipe.settings.probe, sampling_hz=recipe.settings.receiver.sampling_hz)
-    rig = _replayed(recipe) if isinstance(recipe, ReplayedRecipe) else rig_again(configuration)
+    rig = _replayed(recipe) if isinstance(recipe, ReplayedRecipe) else rebuild_rig(configuration)
     return rig.imaging or IntensityReader()
 
 
@@ -130,7 +123,7 @@ def _recipe(configuration: Configuration) -> Recipe | None:
     return recipe
 
 
-def policy_again(configuration: Configuration) -> Policy:
+def rebuild_policy(configuration: Configuration) -> Policy:
     """The policy of a journal, as it was before the run.
 
     Raises
@@ -147,60 +140,6 @@ def policy_again(configuration: Configuration) -> Policy:
     )
 
 
-def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
-    """What comes out otherwise, bit for bit, when a run is worked out again from its frames alone.
-
-    Each stored frame is read anew, the policy is told what came out, and its decisions and its answer are compared
-    with those of the journal.
-
-    Parameters
-    ----------
-    held
-        The journal.
-    policy
-        As it was before the run.
-    reader
-        Imaging chain of the rig.
-    """
-    told = [entry for entry in held.entries if isinstance(entry.event, TOLD)]
-    if not told:
-        return []
-    found: list[str] = []
-    again = [_read_again(entry, reader, found) for entry in told]
-    begun_with = held.configuration
-    scanner = Retelling(again, limits=Limits(search=begun_with.search, travel=begun_with.search))
-    events = run(
-        policy,
-        scanner,
-        dark_frames=begun_with.dark_frames,
-        stay=begun_with.stay,
-        closing_dark=begun_with.closing_dark,
-    )
-    with closing(events):
-        for entry, event in zip(again, events, strict=False):
-            if _timeless(event) != _timeless(entry.event):
-                found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
-                break
-    return found
-
-
-def _timeless(event: Happening) -> Happening:
-    """The event without how long a run took: frames do not tell."""
-    return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
-
-
-def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
-    """The entry with what its frame says now; a difference is added to those found."""
-    event = entry.event
-    if not isinstance(event, Measured) or event.sample.frame is None:
-        return entry
-    frame = event.sample.frame
-    reading = (reader if isinstance(frame, ChannelFrame) else IntensityReader()).read(frame)
-    if reading != event.sample.reading:
-        found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
-    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))
-
-
 def next_angle(held: Recording, policy: Policy) -> float | None:
     """Angle in degrees at which a run would measure next; None if the policy wants none.
 
@@ -209,7 +148,7 @@ def next_angle(held: Recording, policy: Policy) -> float | None:
     held
         The journal of a run that is not over.
     policy
-        As it was before the run; it is told of what was measured.
+        As it was before the run; it receives what was measured.
     """
     for entry in held.entries:
         if isinstance(entry.event, Measured) and entry.event.role != "confirmation":

@@ -1,4 +1,7 @@
-"""A scanner that hands out what a journal holds, so that `run` and a policy live through it again."""
+"""A scanner that hands out what a journal holds, in its order, and then measures on a rig.
+
+`run` and the policies do not know of it: they repeat the run from its beginning, with the same samples and times.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,10 @@ from collections.abc import Sequence
 from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Measured, RecordError, Refused, Sample, Started
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.journal import Entry
-from markerseek.scan import Scanner
+from markerseek.scan import AnyScanner
 
 
-class ToldClock:
+class ReplayedClock:
     """Shows the times of the entries, then those of a live clock.
 
     Parameters
@@ -21,29 +24,29 @@ class ToldClock:
     """
 
     def __init__(self, now_s: float) -> None:
-        self._told_s = now_s
+        self._entry_s = now_s
         self._live: Clock | None = None
         self._ahead_s = 0.0
 
     def now_s(self) -> float:
         """Seconds, as the run would have read them."""
-        return self._told_s if self._live is None else self._live.now_s() + self._ahead_s
+        return self._entry_s if self._live is None else self._live.now_s() + self._ahead_s
 
     def wait(self, duration_s: float) -> None:
-        """Not possible: the past does not wait.
+        """Not possible: nothing is measured while entries are repeated.
 
         Raises
         ------
         ConfigError
             Always.
         """
-        raise ConfigError(f"a wait of {duration_s} s in a run that is told again")
+        raise ConfigError(f"a wait of {duration_s} s while a journal is repeated; only a rig can wait")
 
     def show(self, now_s: float) -> None:
-        """Time of the next entry."""
-        self._told_s = now_s
+        """Show the time of the next entry, in seconds."""
+        self._entry_s = now_s
 
-    def go_on(self, live: Clock, *, same: bool) -> None:
+    def switch_to(self, live: Clock, *, same: bool) -> None:
         """Show a live clock from now on.
 
         Parameters
@@ -51,15 +54,16 @@ class ToldClock:
         live
             The clock.
         same
-            Whether it was put back to where the run stood; else it is made to go on from there.
+            Whether it was put back to the time at which the run stopped; else it is offset so that it continues from
+            there.
         """
         if self._live is None:
             self._live = live
-            self._ahead_s = 0.0 if same else self._told_s - live.now_s()
+            self._ahead_s = 0.0 if same else self._entry_s - live.now_s()
 
 
-class Retelling(Scanner):
-    """Measures nothing: it hands out what was measured, or refused, in that order.
+class ReplayedScanner:
+    """Hands out what was measured or refused, in that order; then measures with another scanner, where there is one.
 
     Parameters
     ----------
@@ -68,15 +72,19 @@ class Retelling(Scanner):
     limits
         Where the run was allowed to look.
     live
-        What measures once the entries are used up; None where nothing may.
+        Measures once the entries are used up; None where nothing may be measured.
     same_clock
-        Whether the live clock was put back to where the run stood.
+        Whether the live clock was put back to the time at which the run stopped.
+
+    Raises
+    ------
+    RecordError
+        If the entries do not begin with `Started`.
     """
 
     def __init__(
-        self, entries: Sequence[Entry], *, limits: Limits, live: Scanner | None = None, same_clock: bool = False
+        self, entries: Sequence[Entry], *, limits: Limits, live: AnyScanner | None = None, same_clock: bool = False
     ) -> None:
-        # Nothing of the base is used but its type: `run` takes a scanner, and this one has no devices.
         first = entries[0]
         if not isinstance(first.event, Started):
             raise RecordError("the journal does not begin with the start of a run")
@@ -84,13 +92,22 @@ class Retelling(Scanner):
         self._limits = limits
         self._live = live
         self._same_clock = same_clock
-        self._gone_on = False
+        self._active: AnyScanner | None = None
         self._refused_frame: Frame | None = None
         self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
-        self._told = ToldClock(first.clock_s)
-        self.clock: Clock = self._told
+        self._clock = ReplayedClock(first.clock_s)
         idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
-        self.guard = idle if live is None else live.guard
+        self._guard = idle if live is None else live.guard
+
+    @property
+    def clock(self) -> Clock:
+        """Time of the run."""
+        return self._clock
+
+    @property
+    def guard(self) -> Guard:
+        """Guard of the rig; one that permits nothing where there is no rig."""
+        return self._guard
 
     @property
     def limits(self) -> Limits:
@@ -129,32 +146,36 @@ class Retelling(Scanner):
     @property
     def refused_frame(self) -> Frame | None:
         """Frame of the last acquisition if it was refused, then or now."""
-        return self._refused_frame if self._live is None or not self._gone_on else self._live.refused_frame
+        return self._refused_frame if self._active is None else self._active.refused_frame
 
-    def go_on(self) -> None:
-        """Let the clock go on with the live one, and `measure` with the rig once the entries are used up."""
-        if self._live is None:
-            raise RecordError("the journal holds no further acquisition, and there is no rig to make one")
-        self._gone_on = True
-        self._told.go_on(self._live.clock, same=self._same_clock)
+    def switch_to_rig(self) -> None:
+        """Let the clock continue with that of the rig, and `measure` with the rig once the entries are used up.
+
+        Raises
+        ------
+        RecordError
+            If there is no rig.
+        """
+        self._active = self._live
+        self._clock.switch_to(self._rig().clock, same=self._same_clock)
 
     def stop(self) -> None:
-        """Stop the rig, if it was gone on with; before, nothing moves."""
-        if self._live is not None and self._gone_on:
-            self._live.stop()
+        """Stop the rig, if the run was switched to it; before that nothing moves."""
+        if self._active is not None:
+            self._active.stop()
 
     def _next(self) -> Sample | None:
         if not self._outcomes:
             return None
         entry = self._outcomes.popleft()
-        self._told.show(entry.clock_s)
+        self._clock.show(entry.clock_s)
         self._refused_frame = None
         if isinstance(entry.event, Refused):
             self._refused_frame = entry.event.frame
             raise AcquisitionError(entry.event.reason)
         return entry.event.sample if isinstance(entry.event, Measured) else None
 
-    def _rig(self) -> Scanner:
-        if self._live is None or not self._gone_on:
+    def _rig(self) -> AnyScanner:
+        if self._active is None:
             raise RecordError("the journal holds no further acquisition, and there is no rig to make one")
-        return self._live
+        return self._active

@@ -1,4 +1,4 @@
-"""Whether the world is still as a run left it: angles measured again before the run goes on."""
+"""Measures two angles again before a run is resumed; an intensity or a source that has changed ends the attempt."""
 
 from __future__ import annotations
 
@@ -11,22 +11,31 @@ from markerseek.core import (
     Clock,
     ConfigError,
     Measured,
+    Reading,
     RecordError,
     Refused,
     Sample,
     SaturationError,
 )
 from markerseek.records.journal import Checked, Entry, Journal, Resuming
-from markerseek.rigs.resemblance import change_of, commanded_deg
-from markerseek.scan import SEEN_SIGMAS, Scanner
+from markerseek.scan import SEEN_SIGMAS, AnyScanner, moved_source
+
+SHARE = 0.1
+"""Most that an intensity may change, as a share of the larger: about what a laser's energy drifts."""
+
+SIGMAS = 6.0
+"""Standard deviations of the noise that it may change by in addition."""
+
+FLANK_SHARE = 0.85
+"""Most that an acquisition on a flank may have of the strongest intensity."""
 
 
-def telling(entries: Sequence[Entry]) -> tuple[Sample, ...]:
-    """Acquisitions of a run that tell most of a change: the strongest, then the one on a flank; fewer where none is.
+def samples_to_recheck(entries: Sequence[Entry]) -> tuple[Sample, ...]:
+    """Acquisitions of a run that show a change best: the strongest, then one on a flank; fewer where there are none.
 
-    The strongest alone says little of a rotation, being near the top of the curve, where its slope is none. A flank is
-    the clearly audible acquisition nearest to half the strongest intensity, where a rotation by a degree changes the
-    intensity by more than a laser drifts. No rotation leaves both as they were.
+    The strongest alone shows little of a rotation: near the top of the curve the slope is zero. The one on a flank is
+    the acquisition clearly above the noise whose intensity is nearest to half of the strongest; there a rotation by a
+    degree changes the intensity by more than a laser drifts. No rotation leaves both as they were.
 
     Parameters
     ----------
@@ -39,17 +48,13 @@ def telling(entries: Sequence[Entry]) -> tuple[Sample, ...]:
         return ()
     strongest = max(lit, key=lambda sample: sample.reading.intensity)
     most = strongest.reading.intensity
-    flanks = [sample for sample in lit if _audible(sample) and sample.reading.intensity <= _FLANK * most]
+    flanks = [sample for sample in lit if _above_noise(sample) and sample.reading.intensity <= FLANK_SHARE * most]
     if not flanks:
         return (strongest,)
     return strongest, min(flanks, key=lambda sample: abs(sample.reading.intensity - most / 2))
 
 
-_FLANK = 0.85
-"""Most that an acquisition on a flank may have of the strongest intensity."""
-
-
-def _audible(sample: Sample) -> bool:
+def _above_noise(sample: Sample) -> bool:
     return sample.reading.intensity > SEEN_SIGMAS * (sample.reading.noise_sigma or 0.0)
 
 
@@ -82,25 +87,25 @@ def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> in
     return permits * pulses
 
 
-def require_as_before(
+def require_unchanged(
     samples: Sequence[Sample],
-    scanner: Scanner,
+    scanner: AnyScanner,
     journal: Journal,
     clock: Clock,
     *,
     arm: Callable[[], None],
     attempts: int,
 ) -> None:
-    """Measure where acquisitions were made before, keep what is heard, and refuse to go on where it has changed.
+    """Measure acquisitions again, keep the readings in the journal, and refuse to resume where one has changed.
 
     Parameters
     ----------
     samples
-        What was heard.
+        The acquisitions, from `samples_to_recheck`.
     scanner
         Measures again, once `arm` was called; it is stopped at the end.
     journal
-        Where the checks are kept, and a fault that comes up in them.
+        Where the readings are kept, and a fault that comes up meanwhile.
     clock
         The run's clock.
     arm
@@ -111,7 +116,7 @@ def require_as_before(
     Raises
     ------
     AcquisitionError
-        If an angle is not heard as it was.
+        If an intensity is not as it was, or its source has moved.
     DeviceError
         If a device did not do its part.
     """
@@ -141,7 +146,7 @@ def require_as_before(
         raise AcquisitionError(f"{difference}: probe, tissue or laser are not as they were; begin a new search")
 
 
-def _measured(scanner: Scanner, angle_deg: float, attempts: int) -> Sample:
+def _measured(scanner: AnyScanner, angle_deg: float, attempts: int) -> Sample:
     for attempt in range(1, attempts + 1):
         try:
             return scanner.measure(angle_deg)
@@ -151,3 +156,26 @@ def _measured(scanner: Scanner, angle_deg: float, attempts: int) -> Sample:
             if attempt == attempts:
                 raise
     raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
+
+
+def commanded_deg(sample: Sample) -> float:
+    """Angle in degrees to which the stage was sent for a sample; the one reached can lie slightly outside the range."""
+    return sample.angle_deg if sample.frame is None else sample.frame.header.commanded_deg
+
+
+def change_of(before: Reading, now: Reading) -> str | None:
+    """What has changed between two readings at one angle, in words; None if chance alone can explain it.
+
+    Parameters
+    ----------
+    before, now
+        The readings.
+    """
+    noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
+    allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * noise
+    if not abs(now.intensity - before.intensity) <= allowed:
+        return (
+            f"the intensity is {now.intensity:.4g} and was {before.intensity:.4g}, {allowed:.3g} would be the most by "
+            "chance"
+        )
+    return moved_source(before, now)
