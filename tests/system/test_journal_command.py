@@ -32,12 +32,12 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
     program = (
         "import os, sys\n"
         "from markerseek.cli import hunt, main\n"
-        "hear = hunt.Recorder.hear\n"
+        "hear = hunt.Recorder.add\n"
         "def heard(self, event):\n"
         "    hear(self, event)\n"
         f"    if len(self.samples) == {after} and type(event).__name__ == 'Asked':\n"
         f"        os.kill(os.getpid(), {int(number)})\n"
-        "hunt.Recorder.hear = heard\n"
+        "hunt.Recorder.add = heard\n"
         "main()\n"
     )
     words = [*map(str, SEARCH), "--journal", str(path)]

@@ -81,7 +81,7 @@ def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     recorder = Recorder()
     events = list(run(Tour(-30.0, 2.0, 4.1, answer=answer), scanner(Fading())))
     for event in events:
-        recorder.hear(event)
+        recorder.add(event)
     last = events[-1]
     assert isinstance(last, Finished)
     assert last.confirmation is not None

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def command(
     if as_json:
         print_json(ExportReport(path=str(to), angles=count, images=frames and kind != ".csv"))
     else:
-        people.print(f"{count} angles in {escape(str(to))}")
+        stdout.print(f"{count} angles in {escape(str(to))}")
 
 
 def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
@@ -121,7 +121,7 @@ def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: f
     if face_radius_mm is not None:
         return replace(facts, face_radius_m=face_radius_mm / 1e3)
     if facts.face_radius_m is None and isinstance(bank, FrameBank):
-        aside.print(
+        stderr.print(
             "[yellow]where the images lie is left out: the bank does not say how far the array's face is from the axis "
             "of rotation; give --face-radius-mm[/]"
         )

@@ -11,8 +11,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
+from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import MarkerseekError, Measured, Refused
 
 NAME = "scan"
@@ -60,7 +60,7 @@ def command(
 
     Stopped at any moment, the file holds what was taken.
     """
-    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
+    from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.records.ipasc import require_new_bank
     from markerseek.runs.bank_scan import scan_angles, scan_bank
 
@@ -102,17 +102,17 @@ def command(
     if as_json:
         report = ScanReport(
             path=str(out),
-            rig=assembled.description,
+            rig=assembled.facts.description,
             angles=taken,
             dark_frames=dark,
             refused=refused,
             simulated=assembled.simulated,
-            seed=seed_of(assembled),
-            configuration=assembled.configuration,
+            seed=assembled.facts.seed,
+            configuration=assembled.facts.fingerprint,
         )
         print_json(report)
     else:
-        people.print(f"{taken} angles and {dark} dark frames of a {assembled.kind} rig in {escape(str(out))}")
+        stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.kind} rig in {escape(str(out))}")
 
 
 def _say_what_is_left(path: Path, *, planned: int) -> None:
@@ -122,6 +122,6 @@ def _say_what_is_left(path: Path, *, planned: int) -> None:
     try:
         held = len(read_bank(path).angles_deg)
     except MarkerseekError as problem:
-        aside.print(f"[yellow]{escape(str(problem))}[/]")
+        stderr.print(f"[yellow]{escape(str(problem))}[/]")
     else:
-        aside.print(f"[yellow]{escape(str(path))} holds {held} of {planned} angles; they can be read[/]")
+        stderr.print(f"[yellow]{escape(str(path))} holds {held} of {planned} angles; they can be read[/]")

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, people, print_json, progress_bar
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -161,9 +161,9 @@ def _print_table(report: CalibrationReport) -> None:
         table.add_row(
             f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
         )
-    people.print(table)
-    people.print(
+    stdout.print(table)
+    stdout.print(
         f"[dim]{report.waves} of {report.frames} angles were heard well enough; what the fit leaves of them is "
         f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
     )
-    people.print(escape(report.rig_toml))
+    stdout.print(escape(report.rig_toml))

@@ -50,7 +50,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be)."""
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.terminal import print_json, stdout
 
     lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
@@ -64,7 +64,7 @@ def command(
     else:
         for finding in findings:
             colour = "green" if finding.state == "ok" else ("red" if finding.needed else "yellow")
-            people.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
+            stdout.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
     raise typer.Exit(0 if ok else 1)
 
 
@@ -84,12 +84,12 @@ def _packages() -> list[Finding]:
 
 def _rig(path: Path) -> Finding:
     """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
-    from markerseek.cli.on_rig import open_rig
+    from markerseek.cli.open_rig import open_rig
     from markerseek.core import DeviceError
 
     try:
         with open_rig(path) as (rig, stands_deg):
-            detail = f"{rig.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
+            detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
     except DeviceError as error:
         return Finding(what=str(path), state="broken", detail=str(error))
     return Finding(what=str(path), state="ok", detail=detail)

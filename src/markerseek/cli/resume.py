@@ -1,4 +1,4 @@
-"""``markerseek resume``: goes on with a search that was stopped, or that died."""
+"""``markerseek resume``: continues a search that was stopped, or whose process died."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.drivers.settings import BenchSettings
     from markerseek.records.journal import Recording
-    from markerseek.records.result import Recorder, SearchResult
+    from markerseek.records.result import Recorder
     from markerseek.signals import ImageReader
 
 NAME = "resume"
@@ -50,42 +50,32 @@ def command(
     and never from the journal, and its differences to the journal's rig are printed. The result of a run that is over
     is printed.
     """
-    from markerseek.cli.hunt import conclude
-    from markerseek.cli.on_rig import NOT_ARMED
+    from markerseek.cli.open_rig import NOT_ARMED
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.records.journal import read_journal, result_of, standing
     from markerseek.runs.resume import require_reset
 
-    folder = picture_folder(out, plot=plot)
+    output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     held = read_journal(journal, frames=plot)
-    stands = standing(held.entries)
-    if stands.state == "finished":
-        recorder, result = result_of(held)
-        imaging = _imaging_again(held) if plot else None
+    state = standing(held.entries)
+    if state.state == "finished":
+        recorder, _ = result_of(held)
+        imaging = _imaging(held) if plot else None
     else:
-        require_reset(held.path, stands, reset_fault=reset_fault)
+        require_reset(held.path, state, reset_fault=reset_fault)
         bench = _bench_named(held, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(held, bench, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        recorder, result, imaging = _go_on(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
-    conclude(
-        recorder,
-        result,
-        description=held.configuration.description,
-        imaging=imaging,
-        journal=None,
-        as_json=as_json,
-        plot=plot,
-        out=folder,
-        name="resume",
-    )
+        recorder, imaging = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
+    conclude(recorder, held.configuration, output, imaging=imaging)
 
 
 def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
-    from markerseek.cli.hunt import resume_command
-    from markerseek.cli.on_rig import print_permissions
+    from markerseek.cli.open_rig import print_permissions
+    from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_warning
     from markerseek.drivers.settings import BenchSettings
     from markerseek.rigs.rig_file import read_rig_file
@@ -96,7 +86,7 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
     if recorded is None:
         if rig is not None:
             raise ConfigError(
-                f"--rig {rig}: {held.path} is of a {held.configuration.rig} rig and describes it in full; "
+                f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
                 "leave --rig out"
             )
         return None
@@ -120,47 +110,43 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
     return named
 
 
-def _go_on(
+def _resume(
     journal: Path, rig_file: Path | None, bench: BenchSettings | None, *, reset_fault: bool, as_json: bool
-) -> tuple[Recorder, SearchResult, ImageReader | None]:
-    """Lock the journal, assemble rig and policy again, and let them go on."""
-    from markerseek.cli.hunt import hunt
-    from markerseek.cli.keeping import held_open
-    from markerseek.cli.on_rig import person
+) -> tuple[Recorder, ImageReader | None]:
+    """Lock the journal, rebuild rig and policy, and continue the run."""
+    from markerseek.cli.open_rig import person
+    from markerseek.cli.session import closed_at_end, run_session
     from markerseek.records.journal import Journal
-    from markerseek.runs.rebuild import rebuild_policy, rebuild_rig
-    from markerseek.runs.resume import resumed
-    from markerseek.search import method_named
+    from markerseek.runs.rebuild import rebuild_rig
+    from markerseek.runs.session import resumed_session
 
     kept, held = Journal.reopen(journal)
-    begun_with = held.configuration
-    with held_open(kept), rebuild_rig(begun_with, bench_settings=bench) as rig:
-        events = resumed(rebuild_policy(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
-        most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
-        recorder, result = hunt(events, begun_with, most=most, journal=kept, as_json=as_json, rig_file=rig_file)
-    return recorder, result, rig.imaging
+    with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
+        session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
+        run_session(session, as_json=as_json, rig_file=rig_file)
+    return session.recorder, rig.imaging
 
 
 def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -> bool:
     """Print where the run stands, and ask whoever sits at the terminal whether to go on."""
     from rich.markup import escape
 
-    from markerseek.cli.hunt import resume_command
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.session import resume_command
+    from markerseek.cli.terminal import print_json, stdout
     from markerseek.records.journal import standing
     from markerseek.runs.rebuild import next_angle, rebuild_policy
     from markerseek.runs.recheck import samples_to_recheck
 
-    stands = standing(held.entries)
-    rig_file_needed = bench is None and held.configuration.rig == "bench"
+    state = standing(held.entries)
+    rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
     following_deg = next_angle(held, rebuild_policy(held.configuration))
     checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]
     if as_json:
         print_json(
             {
-                "state": stands.state,
+                "state": state.state,
                 "armed": False,
-                "acquisitions": stands.acquisitions,
+                "acquisitions": state.acquisitions,
                 "next_deg": following_deg,
                 "checks_deg": checks_deg,
                 "journal": str(held.path),
@@ -168,26 +154,26 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
             }
         )
         return False
-    kept = "1 acquisition is kept" if stands.acquisitions == 1 else f"{stands.acquisitions} acquisitions are kept"
-    people.print(
-        f"{escape(held.configuration.method)} on a {held.configuration.rig} rig: {kept}; "
+    kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
+    stdout.print(
+        f"{escape(held.configuration.plan.method)} on a {held.configuration.facts.kind} rig: {kept}; "
         + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
     )
     if checks_deg:
-        people.print(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
+        stdout.print(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
     if rig_file_needed:
-        people.print(
+        stdout.print(
             "not armed: nothing moved and nothing was fired; a journal does not bring its own rig, go on with: "
             + escape(f"{resume_command(held.path, Path('RIG.toml'))} --arm")
         )
         return False
     if not sys.stdin.isatty():
-        people.print("not armed: nothing moved and nothing was fired; add --arm to go on")
+        stdout.print("not armed: nothing moved and nothing was fired; add --arm to go on")
         return False
     return typer.confirm("Arm the laser and go on?", default=False)
 
 
-def _imaging_again(held: Recording) -> ImageReader | None:
+def _imaging(held: Recording) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
     from markerseek.runs.rebuild import rebuild_reader
     from markerseek.signals import ImageReader

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -53,46 +54,31 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
-    from markerseek.cli.hunt import conclude, hunt
-    from markerseek.cli.keeping import held_open, new_journal
-    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
+    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.session import closed_at_end, new_journal, run_session
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.runs.journalled import configuration_of, search_events
-    from markerseek.search import build, method_named
+    from markerseek.core import SearchPlan
+    from markerseek.runs.session import new_session
+    from markerseek.search import method_named
 
-    folder = picture_folder(out, plot=plot)
-    most = acquisitions or method_named(method).acquisitions
+    output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
-        policy = build(
-            method,
-            limits=assembled.limits.search,
-            acquisitions=acquisitions,
-            as_published=as_published,
-            start_deg=start_deg,
-        )
-        announce_compilation()
-        configuration = configuration_of(
-            assembled,
+        plan = SearchPlan(
             method=method,
             acquisitions=acquisitions,
             as_published=as_published,
             start_deg=start_deg,
             dark_frames=0 if as_published else assembled.dark_frames,
             stay=stay,
-            seed=seed_of(assembled),
+            closing_dark=assembled.closing_dark,
         )
+        session = new_session(assembled, plan)
+        announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
-        with held_open(new_journal(journal, configuration, wanted=not no_journal)) as kept:
-            events = search_events(policy, assembled, configuration, kept)
-            recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json, rig_file=rig)
-    conclude(
-        recorder,
-        result,
-        description=assembled.description,
-        imaging=assembled.imaging,
-        journal=kept,
-        as_json=as_json,
-        plot=plot,
-        out=folder,
-        name="search",
-    )
+        kept = new_journal(journal, session.configuration, wanted=not no_journal)
+        with closed_at_end(kept):
+            session = replace(session, journal=kept)
+            run_session(session, as_json=as_json, rig_file=rig)
+    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=kept)

@@ -51,7 +51,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Run a study, or continue it where it was killed; then say what its table says."""
-    from markerseek.cli.terminal import aside, people, print_json, progress_bar
+    from markerseek.cli.terminal import print_json, progress_bar, stderr, stdout
     from markerseek.studies import read_study, run_study
 
     # Before hours of searching, not after them.
@@ -80,7 +80,7 @@ def command(
                 progress=lambda done: progress.update(task, completed=done),
             )
     except KeyboardInterrupt:
-        aside.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
+        stderr.print(f"interrupted; what is finished lies in {folder}, and the same command continues it")
         raise typer.Exit(1) from None
     limits = _against(settings, markers=bound) if bound is not None else []
     if plot is not None:
@@ -91,7 +91,7 @@ def command(
     show_summary(finish.summary)
     if limits:
         show_against(limits)
-    people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
+    stdout.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
 def _require_alone(**given: object) -> None:
@@ -104,7 +104,7 @@ def _require_alone(**given: object) -> None:
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     from rich.table import Table
 
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.terminal import print_json, stdout
     from markerseek.studies import run_row
     from markerseek.studies.table import columns, values_of
 
@@ -116,7 +116,7 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in named.items():
         table.add_row(f"[dim]{name}[/]", "–" if value is None else str(value))
-    people.print(table)
+    stdout.print(table)
 
 
 def _against(study: Study, *, markers: int) -> list[Against]:

@@ -24,16 +24,16 @@ def show_summary(summary: Summary) -> None:
     """
     from rich.markup import escape
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
 
-    people.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
+    stdout.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
-        people.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
+        stdout.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
     for cell in sorted({policy.cell for policy in summary.policies}):
         here = [policy for policy in summary.policies if policy.cell == cell]
         settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
-        people.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
+        stdout.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
         table = _table("", "found", "mean error of these", f"> {summary.failure_deg:g}°", "N", "rotation", "time")
         for policy in here:
             table.add_row(
@@ -45,16 +45,16 @@ def show_summary(summary: Summary) -> None:
                 _plain(policy.travel_deg, "°"),
                 _plain(policy.elapsed_s, " s"),
             )
-        people.print(table)
-        people.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
+        stdout.print(table)
+        stdout.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
     if summary.differences:
-        people.print("\nerror of one less that of another, where both found, same trials")
+        stdout.print("\nerror of one less that of another, where both found, same trials")
         table = _table("cell", "policies", "trials", "mean difference")
         for pair in summary.differences:
             table.add_row(
                 str(pair.cell), f"{pair.policy} - {pair.other}", str(pair.error_deg.count), _mean(pair.error_deg)
             )
-        people.print(table)
+        stdout.print(table)
 
 
 def show_against(against: Sequence[Against]) -> None:
@@ -65,9 +65,9 @@ def show_against(against: Sequence[Against]) -> None:
     against
         One for each policy and cell.
     """
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
 
-    people.print("\nroot mean square error over the bound: of the best angles, and of those taken; time of a decision")
+    stdout.print("\nroot mean square error over the bound: of the best angles, and of those taken; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
     for each in against:
         median_ms, largest_ms = each.decision_ms
@@ -84,7 +84,7 @@ def show_against(against: Sequence[Against]) -> None:
             f"{median_ms:.3g} ms",
             f"{largest_ms:.3g} ms",
         )
-    people.print(table)
+    stdout.print(table)
 
 
 def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:

@@ -18,11 +18,13 @@ from markerseek.core.errors import (
 )
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
+from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
+from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import Reading, Sample
 
@@ -66,10 +68,13 @@ __all__ = [
     "Receiver",
     "RecordError",
     "Refused",
+    "RigFacts",
+    "RigKind",
     "Role",
     "Sample",
     "SaturationError",
     "SearchError",
+    "SearchPlan",
     "Stage",
     "Started",
     "Unsure",

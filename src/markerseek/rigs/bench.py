@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from markerseek.core import Clock, Laser
+from markerseek.core import Clock, Laser, RigFacts
 from markerseek.drivers import picolas
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
@@ -16,7 +16,7 @@ from markerseek.drivers.settings import BenchProbe, BenchSettings
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.guard import Admission, Guard
 from markerseek.rigs.recipe import BenchRecipe
-from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.rigs.simulation import DARK_FRAMES
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, probe_preset
@@ -127,7 +127,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         pulses=settings.pulses,
         dead_man=devices.supervisor,
     )
-    return Rig(
+    facts = RigFacts(
         kind="bench",
         description=(
             f"{stage.identity.model} {stage.identity.serial_number} at {settings.stage.port}, "
@@ -135,6 +135,12 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
             + (" (a fixed number of pulses, no watermark)" if settings.receiver.frames == "fixed" else "")
             + ("" if settings.supervisor.enabled else ", WITHOUT a supervisor")
         ),
+        fingerprint=fingerprint(settings),
+        search=settings.limits.search,
+        face_radius_m=settings.probe.face_radius_m,
+    )
+    return Rig(
+        facts=with_probe(facts, imaging),
         stage=stage,
         laser=laser,
         receiver=receiver,
@@ -142,9 +148,6 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         imaging=imaging,
         dark_frames=DARK_FRAMES,
         closing_dark=True,
-        face_radius_m=settings.probe.face_radius_m,
-        truth_deg=None,
-        configuration=fingerprint(settings),
         recipe=BenchRecipe(settings=settings),
         devices=devices,
     )

@@ -10,14 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Event, Measured
+from markerseek.core import ConfigError, Event, Measured, RigFacts
 from markerseek.records.banks import BankFacts
 from markerseek.records.ipasc import BankWriter
-from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
-from markerseek.signals import ImageReader
 
 MOST_ANGLES = 5000
 """Most angles of one scan."""
@@ -42,32 +40,30 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
     return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
 
 
-def known_facts(
-    imaging: ImageReader | None,
-    *,
-    description: str,
-    face_radius_m: float | None,
-    truth_deg: float | None,
-    reference_deg: float | None,
-    simulated: bool,
-    seed: int | None,
-    configuration: str,
-    clock_zero_unix_s: float,
-) -> BankFacts:
-    """What is known of what a rig takes; of a simulated marker the true angle is the reference."""
-    preset = None if imaging is None else imaging.preset
+def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
+    """What is known of a bank from a rig; the true angle of a simulated marker is its reference.
+
+    Parameters
+    ----------
+    facts
+        Those of the rig.
+    description
+        What was scanned, in words.
+    clock_zero_unix_s
+        When the clock of the rig read 0, in seconds since 1970.
+    """
     return BankFacts(
         description=description,
-        probe=None if preset is None else preset.name,
-        sampling_hz=None if preset is None else preset.sampling_hz,
-        sound_speed_m_s=None if preset is None else preset.sound_speed_m_s,
-        pitch_m=None if preset is None else preset.array.pitch_m,
-        face_radius_m=face_radius_m,
-        reference_angle_deg=reference_deg if truth_deg is None else truth_deg,
+        probe=facts.probe,
+        sampling_hz=facts.sampling_hz,
+        sound_speed_m_s=facts.sound_speed_m_s,
+        pitch_m=facts.pitch_m,
+        face_radius_m=facts.face_radius_m,
+        reference_angle_deg=facts.known_deg,
         clock_zero_unix_s=clock_zero_unix_s,
-        simulated=simulated,
-        seed=seed,
-        configuration=configuration,
+        simulated=facts.kind == "simulated",
+        seed=facts.seed,
+        configuration=facts.fingerprint,
         made_with=f"markerseek {__version__}",
     )
 
@@ -115,15 +111,9 @@ def scan_bank(
     for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
         if value is not None and not 0 < value < math.inf:
             raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
-    facts = known_facts(
-        rig.imaging,
-        description=f"{rig.kind} rig: {rig.description}",
-        face_radius_m=rig.face_radius_m,
-        truth_deg=rig.truth_deg,
-        reference_deg=rig.reference_deg,
-        simulated=rig.simulated,
-        seed=rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None,
-        configuration=rig.configuration,
+    facts = bank_facts(
+        rig.facts,
+        description=f"{rig.facts.kind} rig: {rig.facts.description}",
         clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
     )
     facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)

@@ -9,9 +9,7 @@ from pathlib import Path
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, IntensityBank, require_angles
 from markerseek.records.journal import Recording, read_journal
-from markerseek.runs.bank_scan import known_facts
-from markerseek.runs.rebuild import rebuild_reader
-from markerseek.signals import ImageReader
+from markerseek.runs.bank_scan import bank_facts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +52,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         If it cannot be read, is damaged, or holds fewer than 3 angles.
     """
     held = read_journal(path)
-    begun_with = held.configuration
+    known = held.configuration.facts
     samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
     by_angle = {each.angle_deg: each for each in samples if not each.dark}
     repeated = sum(not each.dark for each in samples) - len(by_angle)
@@ -63,16 +61,10 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     bank = IntensityBank(
         angles_deg=tuple(each.angle_deg for each in lit),
         intensities=tuple(each.reading.intensity for each in lit),
-        facts=known_facts(
-            _imaging(held),
-            description=f"journal of {begun_with.method} on a {begun_with.rig} rig: {begun_with.description}"
+        facts=bank_facts(
+            known,
+            description=f"journal of {held.configuration.plan.method} on a {known.kind} rig: {known.description}"
             + (f", without {repeated} at repeated angles" if repeated else ""),
-            face_radius_m=begun_with.face_radius_m,
-            truth_deg=begun_with.truth_deg,
-            reference_deg=begun_with.reference_deg,
-            simulated=begun_with.rig == "simulated",
-            seed=begun_with.seed,
-            configuration=begun_with.fingerprint,
             clock_zero_unix_s=_clock_zero_unix_s(held),
         ),
     )
@@ -95,11 +87,6 @@ def _clock_zero_unix_s(held: Recording) -> float:
     """When the clock of the run read 0, by the date of its first entry."""
     first = held.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s
-
-
-def _imaging(held: Recording) -> ImageReader | None:
-    reader = rebuild_reader(held.configuration)
-    return reader if isinstance(reader, ImageReader) else None
 
 
 def _channels(sample: Sample) -> ChannelFrame:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import msgspec
 
-from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, Started
+from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs.rig import Rig
 from markerseek.scan import AnyScanner, RunLimits, run
@@ -15,105 +15,57 @@ from markerseek.scan import AnyScanner, RunLimits, run
 _RUN_LIMITS = RunLimits()
 
 
-def configuration_of(
-    rig: Rig,
-    *,
-    method: str,
-    acquisitions: int | None,
-    as_published: bool,
-    start_deg: float,
-    dark_frames: int,
-    stay: bool,
-    seed: int | None,
-) -> Configuration:
-    """What a journal says of a search on a rig before it begins.
+def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
+    """What a journal holds of a search before it begins.
 
     Parameters
     ----------
-    rig
-        The rig.
-    method, acquisitions, as_published, start_deg
-        Arguments of `markerseek.search.build`; its limits are the rig's search range.
-    dark_frames, stay
-        Arguments of `markerseek.scan.run`.
-    seed
-        Seed of a simulation.
+    rig, plan
+        The rig, and what is asked of the search.
     """
     return Configuration(
-        method=method,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        search=rig.limits.search,
-        start_deg=start_deg,
-        dark_frames=dark_frames,
-        stay=stay,
-        closing_dark=rig.closing_dark,
-        rig=rig.kind,
+        plan=plan,
+        facts=rig.facts,
         recipe=msgspec.Raw(msgspec.json.encode(rig.recipe)),
         imaging=msgspec.Raw(msgspec.json.encode(None if rig.imaging is None else rig.imaging.preset)),
-        fingerprint=rig.configuration,
-        description=rig.description,
-        face_radius_m=rig.face_radius_m,
-        truth_deg=rig.truth_deg,
-        reference_deg=rig.reference_deg,
-        seed=seed,
     )
 
 
-def run_configured(
-    policy: Policy, scanner: AnyScanner, configuration: Configuration, *, limits: RunLimits = _RUN_LIMITS
+def run_plan(
+    policy: Policy, scanner: AnyScanner, plan: SearchPlan, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`markerseek.scan.run` with the dark frames and the end that a configuration asks for.
+    """`markerseek.scan.run` with the dark frames and the end that a plan asks for.
 
     Parameters
     ----------
     policy, scanner
         What searches, on what.
-    configuration
-        Says how many dark frames to take, and whether to stay.
+    plan
+        Says how many dark frames to take, and how to end.
     limits
         As in `run`.
     """
     return run(
         policy,
         scanner,
-        dark_frames=configuration.dark_frames,
-        stay=configuration.stay,
-        closing_dark=configuration.closing_dark,
+        dark_frames=plan.dark_frames,
+        stay=plan.stay,
+        closing_dark=plan.closing_dark,
         limits=limits,
     )
-
-
-def search_events(
-    policy: Policy, rig: Rig, begun_with: Configuration, journal: Journal | None
-) -> Generator[Event, None, None]:
-    """The events of a new search, kept where there is a journal.
-
-    Parameters
-    ----------
-    policy, rig
-        What searches, on what.
-    begun_with
-        Says how many dark frames to take, and whether to stay.
-    journal
-        A new one, or None.
-    """
-    if journal is not None:
-        return journalled(policy, rig, journal)
-    return run_configured(policy, rig.scanner, begun_with)
 
 
 def journalled(
     policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`run_configured`, each event on the disk before it is handed out, and so before the policy receives it.
+    """`run_plan`, each event on the disk before it is handed out, and so before the policy receives it.
 
     Parameters
     ----------
     policy, rig
         What searches, on what.
     journal
-        A new one; its configuration says how many dark frames to take, and whether to stay.
+        A new one; its plan says how many dark frames to take, and how to end.
     limits
         As in `run`.
 
@@ -128,7 +80,7 @@ def journalled(
         If an event cannot be kept; the rig is stopped.
     """
     clock = rig.scanner.clock
-    events = run_configured(policy, rig.scanner, journal.configuration, limits=limits)
+    events = run_plan(policy, rig.scanner, journal.configuration.plan, limits=limits)
     with closed_and_kept(events, clock, journal):
         for event in events:
             keep(event, clock, rig, journal)

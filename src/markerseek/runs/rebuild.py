@@ -15,7 +15,7 @@ from markerseek.rigs.replay import replayed
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
 from markerseek.runs.same_bench import require_same_measurement
-from markerseek.search import build
+from markerseek.search import policy_for
 from markerseek.signals import ImageReader, ProbePreset
 
 
@@ -62,14 +62,16 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
         require_same_measurement(configuration, recipe.settings, bench_settings)
         return bench(bench_settings)
     if bench_settings is not None:
-        raise ConfigError(f"the journal is of a {configuration.rig} rig and describes it in full; leave --rig out")
+        raise ConfigError(
+            f"the journal is of a {configuration.facts.kind} rig and describes it in full; leave --rig out"
+        )
     if isinstance(recipe, ReplayedRecipe):
         rig = _replayed(recipe)
         # Any other rig is put together from the recipe itself, and so is the same.
-        if rig.configuration != configuration.fingerprint:
+        if rig.facts.fingerprint != configuration.facts.fingerprint:
             raise RecordError(
                 f"{recipe.path}: the recording is not what it was when the run began: its fingerprint was "
-                f"{configuration.fingerprint} and is {rig.configuration}; begin a new replay"
+                f"{configuration.facts.fingerprint} and is {rig.facts.fingerprint}; begin a new replay"
             )
     else:
         rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
@@ -77,25 +79,15 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig; neither devices nor a recording are needed, but for journals of version 1.
+    """The imaging chain of a journal's rig; neither devices nor a recording are needed.
 
     Raises
     ------
     RecordError
-        As `rebuild_rig`.
+        If its settings cannot be read.
     """
-    if configuration.imaging is not msgspec.UNSET:
-        preset = _preset(configuration.imaging)
-        return IntensityReader() if preset is None else ImageReader(preset)
-    recipe = _recipe(configuration)
-    if recipe is None:
-        return IntensityReader()
-    if isinstance(recipe, BenchRecipe):
-        from markerseek.rigs.bench import imaging_of
-
-        return imaging_of(recipe.settings.probe, sampling_hz=recipe.settings.receiver.sampling_hz)
-    rig = _replayed(recipe) if isinstance(recipe, ReplayedRecipe) else rebuild_rig(configuration)
-    return rig.imaging or IntensityReader()
+    preset = _preset(configuration.imaging)
+    return IntensityReader() if preset is None else ImageReader(preset)
 
 
 def _replayed(recipe: ReplayedRecipe) -> Rig:
@@ -115,9 +107,9 @@ def _recipe(configuration: Configuration) -> Recipe | None:
         recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
-    if recipe is not None and recipe.__struct_config__.tag != configuration.rig:
+    if recipe is not None and recipe.__struct_config__.tag != configuration.facts.kind:
         raise RecordError(
-            f"the journal says that its rig is {configuration.rig} and holds the settings of another kind, "
+            f"the journal says that its rig is {configuration.facts.kind} and holds the settings of another kind, "
             f"{recipe.__struct_config__.tag}; it is damaged or foreign"
         )
     return recipe
@@ -131,13 +123,7 @@ def rebuild_policy(configuration: Configuration) -> Policy:
     ConfigError
         If there is no such method any more.
     """
-    return build(
-        configuration.method,
-        limits=configuration.search,
-        acquisitions=configuration.acquisitions,
-        as_published=configuration.as_published,
-        start_deg=configuration.start_deg,
-    )
+    return policy_for(configuration.plan, limits=configuration.facts.search)
 
 
 def next_angle(held: Recording, policy: Policy) -> float | None:

@@ -10,7 +10,7 @@ from markerseek.guard import Limits
 from markerseek.records.journal import Entry, Recording
 from markerseek.records.journal.entries import Happening
 from markerseek.records.replay import IntensityReader
-from markerseek.runs.journalled import run_configured
+from markerseek.runs.journalled import run_plan
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.runs.resume import RUN_EVENTS
 
@@ -34,9 +34,9 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     again = [_read_again(entry, reader, found) for entry in held.entries if isinstance(entry.event, RUN_EVENTS)]
     if not again:
         return []
-    search = held.configuration.search
+    search = held.configuration.facts.search
     scanner = ReplayedScanner(again, limits=Limits(search=search, travel=search))
-    events = run_configured(policy, scanner, held.configuration)
+    events = run_plan(policy, scanner, held.configuration.plan)
     with closing(events):
         for entry, event in zip(again, events, strict=False):
             if _timeless(event) != _timeless(entry.event):

@@ -17,7 +17,7 @@ from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Polic
 from markerseek.records.journal import Entry, Journal, Recording, Resuming, Standing, standing
 from markerseek.records.journal.configuration import versions
 from markerseek.rigs.rig import Rig
-from markerseek.runs.journalled import closed_and_kept, keep, run_configured
+from markerseek.runs.journalled import closed_and_kept, keep, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.scan import AnyScanner, RunLimits
@@ -77,7 +77,7 @@ def resumed(
     step = _StepToRig(rig, journal, held, repeated, by=by, attempts=limits.attempts)
     scanner = step.scanner
     pending = deque(repeated)
-    events = run_configured(policy, scanner, journal.configuration, limits=limits)
+    events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
     with closed_and_kept(events, scanner.clock, journal):
         if not pending:
             step.take()

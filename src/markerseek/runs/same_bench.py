@@ -67,13 +67,14 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
     """
     found = differences_of_benches(recorded, named)
     refused = [said for key, said in found.items() if key.startswith(SAME)]
-    if not refused and configuration.search != named.limits.search:
-        refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.search}"]
+    if not refused and configuration.facts.search != named.limits.search:
+        refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.facts.search}"]
     if refused:
+        was = configuration.facts.fingerprint
         raise ConfigError(
             f"the rig file does not describe the rig of the journal: {'; '.join(refused)} (fingerprint "
-            f"{fingerprint(named)}, was {configuration.fingerprint}); name the rig file that the search was begun "
-            "with, or begin a new search"
+            f"{fingerprint(named)}, was {was}); name the rig file that the search was begun with, "
+            "or begin a new search"
         )
     return list(found.values())
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.cli.on_rig import NOT_ARMED
+from markerseek.cli.open_rig import NOT_ARMED
 from markerseek.records.journal import read_journal, result_of, standing
 
 from .ground import Happened, begun, copy_of, folder, forget, happened, new_path, require_whole

@@ -145,13 +145,13 @@ def require_well(end: End, *codes: int) -> None:
 
 def telling_events(told: int) -> None:
     """Have every command in this process write a byte for each event that the journal has handed on."""
-    hear = Recorder.hear
+    hear = Recorder.add
 
     def telling(self: Recorder, event: object) -> None:
         os.write(told, b".")
         hear(self, event)  # type: ignore[arg-type]
 
-    mock.patch.object(Recorder, "hear", telling).start()
+    mock.patch.object(Recorder, "add", telling).start()
 
 
 def _watching_arming() -> None:

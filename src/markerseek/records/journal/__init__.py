@@ -1,10 +1,10 @@
 """One run in one SQLite file: what was asked, measured, refused and answered, committed before the search acts on it.
 
 `Journal` writes, `read_journal` reads and checks as it goes, `verify` looks for every kind of damage. What is written
-is exact: a run can be told again from it bit for bit.
+is exact: a run can be repeated from it bit for bit.
 """
 
-from markerseek.records.journal.answer import result_of, result_with
+from markerseek.records.journal.answer import result_of
 from markerseek.records.journal.configuration import Configuration
 from markerseek.records.journal.entries import Checked, Entry, Interrupted, Resuming
 from markerseek.records.journal.grammar import Standing, standing
@@ -35,7 +35,6 @@ __all__ = [
     "outline",
     "read_journal",
     "result_of",
-    "result_with",
     "salvage",
     "size_with_log",
     "standing",

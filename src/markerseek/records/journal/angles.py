@@ -25,11 +25,11 @@ def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list
     entries
         Its entries, in order.
     """
-    search = configuration.search
+    search, start_deg = configuration.facts.search, configuration.plan.start_deg
     reached = Interval(low_deg=search.low_deg - _ARRIVAL_DEG, high_deg=search.high_deg + _ARRIVAL_DEG)
     faults: list[tuple[int, str]] = []
-    if configuration.start_deg not in _TURN:
-        faults.append((0, f"the start angle {configuration.start_deg:g} deg lies outside {_TURN}"))
+    if start_deg is not None and start_deg not in _TURN:
+        faults.append((0, f"the start angle {start_deg:g} deg lies outside {_TURN}"))
     dark = False
     for entry in entries:
         angles: list[tuple[float | None, Interval]] = []

@@ -1,18 +1,15 @@
-"""What a run was begun with: enough to put the same search on the same rig together again."""
+"""What a run was begun with: enough to repeat the same search on the same rig."""
 
 from __future__ import annotations
 
 import platform
-from typing import Literal
 
 import msgspec
 import numpy as np
 import scipy
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Interval
-
-_MOST_DARK_FRAMES = 100
+from markerseek.core import RigFacts, SearchPlan
 
 
 def versions() -> dict[str, str]:
@@ -31,56 +28,27 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    method, acquisitions, as_published
-        The policy's name and form, and its most acquisitions; None where the method's own number holds.
-    search
-        Range searched.
-    start_deg
-        Where the policy was told that the probe stands, in degrees.
-    dark_frames
-        Acquisitions without laser before the first.
-    stay
-        Whether the last move and the confirmation are left out.
-    closing_dark
-        Whether it ends with an acquisition without laser.
-    rig
-        Kind of the rig.
+    plan
+        What was asked of the search.
+    facts
+        What was known of the rig.
     recipe
         Settings of the rig in full, as JSON; null for a rig that was not put together from settings.
     imaging
-        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only. Journals of version 1
-        do not hold it.
-    fingerprint
-        The same for equal rigs.
-    description
-        The rig in words.
-    face_radius_m, truth_deg, reference_deg
-        As in `markerseek.rigs.Rig`.
-    seed
-        Seed of a simulation.
+        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only.
     versions
         See `versions`.
     """
 
-    method: str
-    acquisitions: int | None
-    as_published: bool
-    search: Interval
-    start_deg: float
-    dark_frames: int
-    stay: bool
-    closing_dark: bool = False
-    rig: Literal["simulated", "replayed", "bench"]
+    plan: SearchPlan
+    facts: RigFacts
     recipe: msgspec.Raw
-    imaging: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
-    fingerprint: str
-    description: str
-    face_radius_m: float | None
-    truth_deg: float | None
-    reference_deg: float | None
-    seed: int | None
+    imaging: msgspec.Raw = msgspec.Raw(b"null")
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.dark_frames <= _MOST_DARK_FRAMES:
-            raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {_MOST_DARK_FRAMES}")
+    def flat(self) -> dict[str, object]:
+        """Plan and facts beside one another in one table, as programs read it; ``rig`` is the kind of the rig."""
+        plan: dict[str, object] = msgspec.to_builtins(self.plan)
+        facts: dict[str, object] = msgspec.to_builtins(self.facts)
+        facts["rig"] = facts.pop("kind")
+        return plan | facts | {"recipe": self.recipe, "imaging": self.imaging, "versions": self.versions}

@@ -117,7 +117,7 @@ def _run(job: _Job) -> OnlineRun:
         start_deg=-35.0,
     )
     rig = rigs.simulated(seed=job.seed, settings=settings)
-    if rig.truth_deg is None:
+    if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so there is no error to be told")
     bracket = job.method in BRACKETS
     policy = published(
@@ -132,7 +132,7 @@ def _run(job: _Job) -> OnlineRun:
         peak_snr_db=job.peak_snr_db,
         repeat=job.repeat,
         position=job.position,
-        truth_deg=rig.truth_deg,
+        truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
         answers_deg=dict(shorter(job.method, samples)) if bracket else last,
         travel_deg=finished.travel_deg,

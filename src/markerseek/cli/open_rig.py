@@ -30,7 +30,7 @@ NOT_ARMED = 4
 def open_rig(
     path: Path | None, *, seed: int | None = None, tissue: str | None = None, pace: float = 0.0
 ) -> Iterator[tuple[Rig, float]]:
-    """The rig of a rig file, and where its probe stands, in degrees; its devices are let go of at the end.
+    """The rig of a rig file, and where its probe stands, in degrees; its devices are released at the end.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def open_rig(
 
 
 def _require_none(path: Path | None, options: dict[str, object]) -> None:
-    """Refuse what only a simulation can heed: a rig of devices would be used as if it had not been said."""
+    """Refuse options that only a simulation has; a rig of devices would ignore them."""
     given = [f"{name} {value}" for name, value in options.items() if value is not None]
     if given:
         raise ConfigError(
@@ -74,15 +74,8 @@ def _require_none(path: Path | None, options: dict[str, object]) -> None:
         )
 
 
-def seed_of(rig: Rig) -> int | None:
-    """Seed of a simulated rig; None of any other."""
-    from markerseek.rigs.recipe import SimulatedRecipe
-
-    return rig.recipe.seed if isinstance(rig.recipe, SimulatedRecipe) else None
-
-
 def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
-    """Arm a rig of devices in the user's name, or end the command; rigs without hardware need no leave.
+    """Arm a rig of devices in the user's name, or end the command; nothing to do for a rig without hardware.
 
     Parameters
     ----------
@@ -93,25 +86,25 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     what
         What will be done, for the question: "search".
     as_json
-        Whether a program is to hear that it was not armed.
+        Whether a program reads that it was not armed.
     """
     from rich.markup import escape
 
-    from markerseek.cli.terminal import aside, print_json
+    from markerseek.cli.terminal import print_json, stderr
     from markerseek.drivers.exposure import exposure_line
     from markerseek.rigs.recipe import BenchRecipe
 
     if rig.devices is None:
         return
-    aside.print(escape(rig.description))
-    aside.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
+    stderr.print(escape(rig.facts.description))
+    stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
     if isinstance(rig.recipe, BenchRecipe):
         print_permissions(rig.recipe.settings)
-        aside.print(escape(exposure_line(rig.recipe.settings.laser)))
+        stderr.print(escape(exposure_line(rig.recipe.settings.laser)))
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
-        aside.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+        stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
         if as_json:
-            print_json({"armed": False, "rig": rig.description})
+            print_json({"armed": False, "rig": rig.facts.description})
         raise typer.Exit(NOT_ARMED)
     rig.arm(by=person())
 
@@ -126,7 +119,7 @@ def print_permissions(settings: BenchSettings) -> None:
     """
     from rich.markup import escape
 
-    from markerseek.cli.terminal import aside
+    from markerseek.cli.terminal import stderr
 
     limits, firing, command = settings.limits, settings.firing, settings.receiver.start_command
     lines = (
@@ -139,7 +132,7 @@ def print_permissions(settings: BenchSettings) -> None:
         f"start_command: {'none' if command is None else shlex.join(command)}",
     )
     for line in lines:
-        aside.print(f"[dim]{escape(line)}[/]")
+        stderr.print(f"[dim]{escape(line)}[/]")
 
 
 def person() -> str:
