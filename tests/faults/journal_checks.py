@@ -11,11 +11,12 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
+from markerseek.records.journal.store import PAGE_BYTES, VERSION
+
 from journal_runs import configuration
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
-from markerseek.records.journal.store import PAGE_BYTES, VERSION
 from markerseek.rigs.journalled import journalled
 from markerseek.search import build
 

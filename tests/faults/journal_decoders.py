@@ -8,10 +8,11 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+from markerseek.records.journal.store import log_of
+
 from journal_runs import configuration, measured
 from markerseek.core import Asked, Interval, Started
 from markerseek.records.journal import Journal, salvage, verify
-from markerseek.records.journal.store import log_of
 
 
 @lru_cache

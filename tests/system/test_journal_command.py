@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Measured
-from markerseek.records.journal import Interrupted, Journal, read_journal, standing
+from markerseek.records.journal import Interrupted, Journal, read_journal, run_state
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -48,7 +48,7 @@ def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_pat
     code, _, err = shell(*SEARCH)
     (path,) = journals(tmp_path)
     assert f"journal: {path}" in err.replace("\n", "")
-    assert standing(read_journal(path).entries).state == "finished"
+    assert run_state(read_journal(path).entries).state == "finished"
     code, out, _ = shell("journal", "verify", path)
     assert (code, "nothing is wrong" in out) == (0, True)
     code, out, _ = shell("journal", "replay", path)

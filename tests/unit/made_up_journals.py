@@ -31,8 +31,7 @@ from markerseek.core import (
     Started,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, Resuming
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, JournalEvent, Resuming
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 FLOOR = Floor(level=3.25, source="dark frames")
@@ -111,7 +110,7 @@ def write(journal: Journal, acquisitions: int, counts_of: Callable[[int], np.nda
     journal.commit(over, clock_s=9.0)
 
 
-EVENTS: dict[str, Happening] = {
+EVENTS: dict[str, JournalEvent] = {
     "started": Started(start_deg=-0.1, limits=RANGE),
     "asked": Asked(role="dark", index=2, angle_deg=1 / 3),
     "measured intensity": measured(1),
@@ -146,3 +145,18 @@ def died(path: Path, write_to: Callable[[Journal], object]) -> None:
         finally:
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
+
+
+def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
+    """Let another process write a journal, and be killed when half of a commit is in the file."""
+
+    def work(journal: Journal) -> None:
+        write_to(journal)
+        connection = journal._connection
+        # With no room in memory SQLite writes changed pages into the file before the commit.
+        connection.execute("PRAGMA cache_size = 1")
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("UPDATE run SET entries = entries + 1")
+        connection.execute("UPDATE events SET samples = zeroblob(300000) WHERE number > 3")
+
+    died(path, work)

@@ -18,13 +18,13 @@ from scipy.spatial.transform import Rotation
 
 from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
+from markerseek.records.atomic import published
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc.poses import probe_pose
 from markerseek.records.ipasc.reading import read_unvetted
 from markerseek.records.ipasc.sums import frame_sum, row_sum
 from markerseek.records.ipasc.whole import whole_bank
-from markerseek.records.whole_files import published
 
 
 def every_frame(bank):

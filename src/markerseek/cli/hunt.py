@@ -17,7 +17,7 @@ from markerseek.cli.result_table import facts, method_in_words, print_result
 from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import aside, people, print_json, print_warning, progress_bar, quoted
 from markerseek.core import Event, Failed, MarkerseekError, Measured, PaImage, RecordError, Refused, Sample
-from markerseek.records.journal import Checked, Configuration, Journal, result_with
+from markerseek.records.journal import Checked, Configuration, Journal
 from markerseek.records.result import Recorder, SearchResult
 from markerseek.signals import ImageReader
 
@@ -61,7 +61,7 @@ def hunt(
             if journal is not None:
                 _tell_how_to_go_on(journal)
             raise
-    return recorder, result_with(recorder, begun_with)
+    return recorder, recorder.result(begun_with)
 
 
 def _watch(events: Iterable[Event], recorder: Recorder, most: int) -> None:

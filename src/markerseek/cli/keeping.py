@@ -59,7 +59,7 @@ def new_journal(named: Path | None, configuration: Configuration, *, wanted: boo
 
 @contextmanager
 def held_open(journal: Journal | None) -> Iterator[Journal | None]:
-    """A journal that is closed at the end; where its log cannot be folded in, that is a warning, and no answer is lost.
+    """A journal that is closed at the end; where it cannot be closed, that is a warning, and no answer is lost.
 
     Parameters
     ----------

@@ -40,12 +40,12 @@ def command(
     from markerseek.cli.hunt import conclude
     from markerseek.cli.on_rig import NOT_ARMED
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.records.journal import read_journal, result_of, standing
+    from markerseek.records.journal import read_journal, result_of, run_state
     from markerseek.rigs.resuming import require_reset
 
     folder = picture_folder(out, plot=plot)
     held = read_journal(journal, frames=plot)
-    stands = standing(held.entries)
+    stands = run_state(held.entries)
     if stands.state == "finished":
         recorder, result = result_of(held)
         imaging = _imaging_again(held) if plot else None
@@ -90,11 +90,11 @@ def _go_on(journal: Path, *, reset_fault: bool, as_json: bool) -> tuple[Recorder
 def _confirmed(held: Recording, *, as_json: bool) -> bool:
     """Say where the run stands, and ask whoever sits at the terminal whether to go on."""
     from markerseek.cli.terminal import people, print_json
-    from markerseek.records.journal import standing
+    from markerseek.records.journal import run_state
     from markerseek.rigs.again import next_angle, policy_again
     from markerseek.rigs.checking import telling
 
-    stands = standing(held.entries)
+    stands = run_state(held.entries)
     following_deg = next_angle(held, policy_again(held.configuration))
     checks_deg = [sample.angle_deg for sample in telling(held.entries)]
     if as_json:

@@ -156,7 +156,7 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
-    from markerseek.records.journal.store import is_journal
+    from markerseek.records.journal import is_journal
     from markerseek.records.recordings.folder import read_folder
     from markerseek.records.recordings.table import read_table
 

@@ -26,6 +26,7 @@ from markerseek.core import (
     Started,
     Unsure,
 )
+from markerseek.records.configuration import Configuration
 
 CONFIRMED_SHARE = 0.8
 """The acquisition at the angle found must reach this share of the strongest of the search to confirm it."""
@@ -117,34 +118,13 @@ class Recorder:
             case Failed():
                 self.finished = None
 
-    def result(
-        self,
-        *,
-        method: str,
-        as_published: bool,
-        rig: Literal["simulated", "replayed", "bench"],
-        face_radius_m: float | None,
-        truth_deg: float | None,
-        reference_deg: float | None,
-        seed: int | None,
-        configuration: str,
-    ) -> SearchResult:
-        """Result of the run that was heard.
+    def result(self, configuration: Configuration) -> SearchResult:
+        """Result of the run.
 
         Parameters
         ----------
-        method, as_published
-            What searched.
-        rig
-            On what.
-        face_radius_m
-            Distance of the array's face from the axis of rotation in metres, None where it is not known.
-        truth_deg, reference_deg
-            Angle of the marker in degrees, where it is known: in a simulation, or from elsewhere.
-        seed
-            Seed of the simulation.
         configuration
-            Fingerprint of the rig.
+            What the run was begun with.
 
         Raises
         ------
@@ -157,23 +137,24 @@ class Recorder:
         estimate = finished.estimate
         sigma_deg = estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None
         interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
+        truth_deg, reference_deg = configuration.truth_deg, configuration.reference_deg
         known_deg = reference_deg if truth_deg is None else truth_deg
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
             reason=_reason(estimate),
-            method=method,
-            as_published=as_published,
-            rig=rig,
+            method=configuration.method,
+            as_published=configuration.as_published,
+            rig=configuration.rig,
             angle_deg=estimate.mean_deg,
             sigma_deg=sigma_deg,
             interval95_deg=_ends(interval),
             interval_kind=estimate.interval_kind if isinstance(estimate, Found | Unsure) else None,
-            marker_trus_m=self._marker(estimate, face_radius_m) if isinstance(estimate, Found) else None,
+            marker_trus_m=self._marker(estimate, configuration.face_radius_m) if isinstance(estimate, Found) else None,
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
-            elapsed_s=None if rig == "replayed" else finished.elapsed_s,
+            elapsed_s=None if configuration.rig == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
             confirmed=self._confirmed(estimate.floor),
             floor=estimate.floor,
@@ -181,8 +162,8 @@ class Recorder:
             truth_deg=truth_deg,
             reference_deg=reference_deg,
             error_deg=None if known_deg is None else abs(estimate.mean_deg - known_deg),
-            seed=seed,
-            configuration=configuration,
+            seed=configuration.seed,
+            configuration=configuration.fingerprint,
         )
 
     def _confirmed(self, floor: Floor | None) -> bool | None:

@@ -10,8 +10,7 @@ import msgspec
 
 from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader, RecordError
 from markerseek.guard import Limits
-from markerseek.records.journal import Configuration, Entry, Recording
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Configuration, Entry, JournalEvent, Recording
 from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
@@ -53,25 +52,15 @@ def rig_again(configuration: Configuration) -> Rig:
 
 
 def reader_again(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig; neither devices nor a recording are needed, but for journals of version 1.
+    """The imaging chain of a journal's rig; neither devices nor a recording are needed.
 
     Raises
     ------
     RecordError
-        As `rig_again`.
+        If its settings cannot be read.
     """
-    if configuration.imaging is not msgspec.UNSET:
-        preset = _preset(configuration.imaging)
-        return IntensityReader() if preset is None else ImageReader(preset)
-    recipe = _recipe(configuration)
-    if recipe is None:
-        return IntensityReader()
-    if isinstance(recipe, BenchRecipe):
-        from markerseek.rigs.bench import imaging_of
-
-        return imaging_of(recipe.settings.probe, sampling_hz=recipe.settings.receiver.sampling_hz)
-    rig = _replayed(recipe) if isinstance(recipe, ReplayedRecipe) else rig_again(configuration)
-    return rig.imaging or IntensityReader()
+    preset = _preset(configuration.imaging)
+    return IntensityReader() if preset is None else ImageReader(preset)
 
 
 def _replayed(recipe: ReplayedRecipe) -> Rig:
@@ -142,7 +131,7 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     return found
 
 
-def _timeless(event: Happening) -> Happening:
+def _timeless(event: JournalEvent) -> JournalEvent:
     """The event without how long a run took: frames do not tell."""
     return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
 

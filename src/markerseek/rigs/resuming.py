@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
-from markerseek.records.journal import Entry, Journal, Recording, Resuming, Standing, standing
-from markerseek.records.journal.configuration import versions
+from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
 from markerseek.rigs.checking import pulses_before, require_as_before, telling
 from markerseek.rigs.journalled import closed_and_kept, journalled, keep
 from markerseek.rigs.resemblance import commanded_deg
@@ -66,7 +65,7 @@ def resumed(
     RecordError
         If the run is over, the search decides otherwise than it did, or an event cannot be kept.
     """
-    stands = standing(held.entries)
+    stands = run_state(held.entries)
     if stands.state == "finished":
         raise RecordError(f"{held.path}: the run is over; there is nothing to go on with")
     require_reset(held.path, stands, reset_fault=reset_fault)
@@ -130,7 +129,7 @@ class _Again:
             by=self._by,
             check_deg=at_deg[0] if at_deg else None,
             flank_deg=at_deg[1] if len(at_deg) > 1 else None,
-            fault_reset=standing(entries).state == "fault",
+            fault_reset=run_state(entries).state == "fault",
             versions=versions(),
         )
         clock = self.scanner.clock
@@ -153,7 +152,7 @@ class _Again:
                 guard.recall(replace(frame, header=header), entry.event.sample.reading)
 
 
-def require_reset(path: Path, stands: Standing, *, reset_fault: bool) -> None:
+def require_reset(path: Path, stands: RunState, *, reset_fault: bool) -> None:
     """Refuse to go on from a fault that no person has reset.
 
     Parameters

@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
+from markerseek.records.atomic import published, replaced, require_new
 from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
 from markerseek.records.careful.hdf5 import require_h5py
 from markerseek.records.ipasc import fields
@@ -25,7 +26,6 @@ from markerseek.records.ipasc.admission import require_keepable
 from markerseek.records.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
 from markerseek.records.ipasc.poses import probe_pose
 from markerseek.records.ipasc.sums import frame_sum, row_sum
-from markerseek.records.whole_files import published, replaced, require_new
 
 if TYPE_CHECKING:
     import h5py

@@ -17,7 +17,7 @@ from markerseek.records.banks import HDF5_SUFFIXES
 from markerseek.records.careful.mat import load_mat
 from markerseek.records.careful.npy import read_npy
 from markerseek.records.careful.ordinary import ordinary_size
-from markerseek.records.journal.store import is_journal
+from markerseek.records.journal import is_journal
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"

@@ -1,30 +1,18 @@
-"""Where journals go that nobody named, and folders that outlive a loss of power."""
+"""Where journals are kept that nobody named, and folders that survive a loss of power."""
 
 from __future__ import annotations
 
-import os
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from markerseek.records.whole_files import sync_folder
+from platformdirs import user_data_path
 
-
-def data_folder() -> Path:
-    """Folder of the user's data of markerseek, as the system has it: ``XDG_DATA_HOME``, or that of macOS or Windows."""
-    named = os.environ.get("XDG_DATA_HOME", "")
-    if Path(named).is_absolute():
-        return Path(named) / "markerseek"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "markerseek"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", str(Path.home()))) / "markerseek"
-    return Path.home() / ".local" / "share" / "markerseek"
+from markerseek.records.atomic import sync_folder
 
 
 def journals_folder() -> Path:
-    """Folder of journals that nobody named."""
-    return data_folder() / "journals"
+    """Folder of journals that nobody named, in the user's data folder."""
+    return user_data_path("markerseek", appauthor=False) / "journals"
 
 
 def default_journal(*, method: str) -> Path:

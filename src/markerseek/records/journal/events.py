@@ -1,16 +1,15 @@
-"""What stands in a journal beside the events of the run itself, and an entry of either kind."""
+"""What a journal holds beside the events of the run itself, and one entry of either kind."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import msgspec
-
 from markerseek.core import ChannelFrame, Event, Reading
 
 
-class Interrupted(msgspec.Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interrupted:
     """The run was stopped from outside and can be resumed; after a sudden death there is no such entry.
 
     Attributes
@@ -22,21 +21,22 @@ class Interrupted(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
 
 
-class Resuming(msgspec.Struct, frozen=True, kw_only=True):
-    """A person armed the rig again; before the search goes on, one angle or two are measured again.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resuming:
+    """A person armed the rig again; before the search continues, one angle or two are measured again.
 
     Attributes
     ----------
     by
         Name of the person.
     check_deg
-        That angle in degrees, the strongest so far; None where nothing has been measured yet.
+        The first of these angles in degrees, the strongest so far; None where nothing has been measured yet.
     flank_deg
-        A second one, on a flank of the curve; None where there is none.
+        The second, on a flank of the curve; None where there is none.
     fault_reset
         Whether the run had ended with a fault, and the person reset it.
     versions
-        What goes on with it, as in `Configuration`.
+        Versions of the program that continues, as in `Configuration`.
     """
 
     by: str
@@ -46,15 +46,16 @@ class Resuming(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
 
 
-class Checked(msgspec.Struct, frozen=True, kw_only=True):
-    """What was heard at an angle of `Resuming`; the strongest comes first.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """What was measured at an angle of `Resuming`; the strongest comes first.
 
     Attributes
     ----------
     reading
-        What was heard now.
+        The new reading.
     difference
-        How it differs from what was heard before, in words; None where it does not.
+        How it differs from the earlier one, in words; None where it does not.
     frame
         Channel data of this check; None where there are intensities only.
     """
@@ -64,12 +65,12 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True):
     frame: ChannelFrame | None = None
 
 
-Happening: TypeAlias = Event | Interrupted | Resuming | Checked
-"""Whatever a journal holds."""
+JournalEvent: TypeAlias = Event | Interrupted | Resuming | Checked
+"""Every kind of event that a journal holds."""
 
 
 class RecordedError(Exception):
-    """The error with which a recorded run ended, of which only the name and the message are known.
+    """The error that ended a recorded run, of which only the name and the message are known.
 
     Attributes
     ----------
@@ -103,5 +104,5 @@ class Entry:
     number: int
     written: str
     clock_s: float
-    event: Happening
+    event: JournalEvent
     checkpoint: bytes | None

@@ -1,4 +1,4 @@
-"""A journal in a few words, for lists of many."""
+"""A journal in a few words, for lists of many; and the result of its run."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Literal
 
 import msgspec
 
-from markerseek.core import Finished, RecordError
-from markerseek.records.journal.grammar import standing
-from markerseek.records.journal.plain import readable
-from markerseek.records.journal.reader import salvage
-from markerseek.records.journal.store import log_of
-from markerseek.records.result import answer_name
+from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Started
+from markerseek.records.journal.connection import rollback_file
+from markerseek.records.journal.encoding import escaped
+from markerseek.records.journal.reader import Recording, salvage
+from markerseek.records.journal.sequence import run_state
+from markerseek.records.result import Recorder, SearchResult, answer_name
 
 SUFFIX = ".journal"
-"""Of files that `outlines` looks at, and of those that nobody named."""
+"""Of files that `journals_in` finds, and of those that nobody named."""
 
 
-class Outline(msgspec.Struct, frozen=True, kw_only=True):
+class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a list says of a journal; None where it cannot be read.
 
     Attributes
@@ -26,17 +26,17 @@ class Outline(msgspec.Struct, frozen=True, kw_only=True):
     path
         The file; whatever is no Unicode in its name is written as escapes.
     size_bytes
-        Its size with that of its log.
+        Its size with that of its rollback journal.
     begun
         When its run began, UTC, ISO 8601.
     method, rig
         The policy's name, and the kind of the rig.
     state
-        As in `Standing`; or that the file cannot be read, or only in part, or not now.
+        As in `RunState`; or that the file cannot be read, or only in part, or not now.
     answer, angle_deg
         The answer of a run that is over, and the angle in degrees to which it points.
     acquisitions
-        Acquisitions with light that a search was told of.
+        Acquisitions with light that the search received.
     problem
         What is wrong, in words.
     """
@@ -53,7 +53,7 @@ class Outline(msgspec.Struct, frozen=True, kw_only=True):
     problem: str | None = None
 
 
-def outline(path: Path) -> Outline:
+def summary(path: Path) -> JournalSummary:
     """A journal in a few words, whatever is wrong with it.
 
     Parameters
@@ -61,31 +61,31 @@ def outline(path: Path) -> Outline:
     path
         The file.
     """
-    size_bytes = size_with_log(path)
-    name = readable(str(path))
+    size_bytes = size_bytes_of(path)
+    name = escaped(str(path))
     try:
         held, damage = salvage(path, frames=False)
     except RecordError as problem:
-        return Outline(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
-    stands = standing(held.entries)
+        return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
+    state = run_state(held.entries)
     last = held.entries[-1].event if held.entries else None
     over = last if isinstance(last, Finished) else None
-    return Outline(
+    return JournalSummary(
         path=name,
         size_bytes=size_bytes,
         begun=held.entries[0].written if held.entries else None,
         method=held.configuration.method,
         rig=held.configuration.rig,
-        state=stands.state if damage is None else "damaged",
+        state=state.state if damage is None else "damaged",
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,
-        acquisitions=stands.acquisitions,
-        problem=stands.fault if damage is None else _without(path, damage),
+        acquisitions=state.acquisitions,
+        problem=state.fault if damage is None else _without(path, damage),
     )
 
 
 def _without(path: Path, problem: RecordError) -> str:
-    return readable(str(problem).removeprefix(f"{path}: "))
+    return escaped(str(problem).removeprefix(f"{path}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -112,6 +112,26 @@ def journals_in(folder: Path) -> list[Path]:
     return [path for _, path in sorted(found)]
 
 
-def size_with_log(path: Path) -> int:
-    """Bytes of a journal and of the log beside it; what is not there counts nothing."""
-    return sum(part.stat().st_size for part in (path, log_of(path)) if part.is_file())
+def size_bytes_of(path: Path) -> int:
+    """Bytes of a journal and of the rollback journal beside it; what is not there counts nothing."""
+    return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
+
+
+def result_of(held: Recording) -> tuple[Recorder, SearchResult]:
+    """Result of a run that is over, and the recorder that collected it.
+
+    Parameters
+    ----------
+    held
+        Its journal.
+
+    Raises
+    ------
+    SearchError
+        If the run is not over, or ended with a fault.
+    """
+    recorder = Recorder()
+    for entry in held.entries:
+        if isinstance(entry.event, Started | Measured | Refused | Finished | Failed):
+            recorder.hear(entry.event)
+    return recorder, recorder.result(held.configuration)

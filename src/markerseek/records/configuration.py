@@ -1,4 +1,4 @@
-"""What a run was begun with: enough to put the same search on the same rig together again."""
+"""What a run was begun with: enough to repeat the same search on the same rig."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     search
         Range searched.
     start_deg
-        Where the policy was told that the probe stands, in degrees.
+        Where the probe stood when the policy was made, in degrees.
     dark_frames
         Acquisitions without laser before the first.
     stay
@@ -44,8 +44,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     recipe
         Settings of the rig in full, as JSON; null for a rig that was not put together from settings.
     imaging
-        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only. Journals of version 1
-        do not hold it.
+        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only.
     fingerprint
         The same for equal rigs.
     description
@@ -67,7 +66,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     stay: bool
     rig: Literal["simulated", "replayed", "bench"]
     recipe: msgspec.Raw
-    imaging: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
+    imaging: msgspec.Raw = msgspec.Raw(b"null")
     fingerprint: str
     description: str
     face_radius_m: float | None

@@ -1,4 +1,4 @@
-"""The order in which things can happen in a run, and where a run stands."""
+"""The order in which events can follow one another in a run, and the state of a run."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
-from markerseek.records.journal.entries import Checked, Entry, Happening, Interrupted, Resuming
+from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
-    """Where a run stands.
+class RunState:
+    """State of a run.
 
     Attributes
     ----------
     state
-        Over with an answer, ended by a fault, or open: stopped or dead, and it can go on.
+        Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed.
     acquisitions
-        Acquisitions that the policy was told, or will be.
+        Acquisitions with light that the policy received, or will receive.
     fault
         What ended it; None unless it was a fault.
     """
@@ -29,8 +29,8 @@ class Standing:
     fault: str | None
 
 
-def standing(entries: Iterable[Entry]) -> Standing:
-    """Where the run of these entries stands.
+def run_state(entries: Iterable[Entry]) -> RunState:
+    """State of the run of these entries.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def standing(entries: Iterable[Entry]) -> Standing:
                 state, fault = "fault", str(error)
             case Resuming(fault_reset=True):
                 state, fault = "open", None
-    return Standing(state=state, acquisitions=acquisitions, fault=fault)
+    return RunState(state=state, acquisitions=acquisitions, fault=fault)
 
 
 _STEPS: dict[type, tuple[type, ...]] = {
@@ -74,7 +74,7 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
     faults: list[tuple[int, str]] = []
     step: type | None = None
     asked: Asked | None = None
-    last: Happening | None = None
+    last: JournalEvent | None = None
     for entry in entries:
         event = entry.event
         fault = _fault_of(event, last=last, step=step, asked=asked)
@@ -88,7 +88,7 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
     return faults
 
 
-def _fault_of(event: Happening, *, last: Happening | None, step: type | None, asked: Asked | None) -> str | None:
+def _fault_of(event: JournalEvent, *, last: JournalEvent | None, step: type | None, asked: Asked | None) -> str | None:
     """Why an event cannot stand behind the last one and the last step of the run; None if it can."""
     if type(event) in _STEPS:
         return _fault_of_gap(event, last) or _fault_of_step(event, step, asked)
@@ -107,7 +107,7 @@ def _fault_of(event: Happening, *, last: Happening | None, step: type | None, as
             return named if last is None or isinstance(last, Interrupted | Failed) else None
 
 
-def _fault_of_gap(event: Happening, last: Happening | None) -> str | None:
+def _fault_of_gap(event: JournalEvent, last: JournalEvent | None) -> str | None:
     """Why a step of the run cannot stand behind the last event, be it a step or not."""
     if isinstance(last, Finished | Interrupted | Failed):
         return f"{type(event).__name__} cannot follow {type(last).__name__}"
@@ -118,7 +118,7 @@ def _fault_of_gap(event: Happening, last: Happening | None) -> str | None:
     return None
 
 
-def _fault_of_step(event: Happening, step: type | None, asked: Asked | None) -> str | None:
+def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) -> str | None:
     """Why a step of the run cannot stand behind the step before it."""
     if isinstance(event, Started):
         return None if step is None else "a run begins once, with its first entry"
@@ -129,7 +129,7 @@ def _fault_of_step(event: Happening, step: type | None, asked: Asked | None) -> 
     return None
 
 
-def _may_be_checked(last: Happening | None) -> bool:
+def _may_be_checked(last: JournalEvent | None) -> bool:
     """Whether the result of a check can stand behind the last event."""
     if isinstance(last, Resuming):
         return last.check_deg is not None
