@@ -123,9 +123,8 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        log = Path(f"{journal}-wal")
         # a commit of a frame takes half a megabyte: five of the eight
-        while process.poll() is None and not (log.exists() and log.stat().st_size > 5 * 2 * 128 * 2080):
+        while process.poll() is None and not (journal.exists() and journal.stat().st_size > 5 * 2 * 128 * 2080):
             time.sleep(0.02)
         process.kill()
         process.communicate()

@@ -118,12 +118,9 @@ def test_a_journal_that_is_read_cannot_be_written_meanwhile(tmp_path: Path) -> N
     refused: list[str] = []
 
     def try_to_write(_entry: Entry) -> None:
-        with (
-            pytest.raises(sqlite3.OperationalError, match="locked"),
-            closing(sqlite3.connect(path, timeout=0)) as other,
-        ):
+        other = sqlite3.connect(path, timeout=0, isolation_level=None)
+        with closing(other), pytest.raises(sqlite3.OperationalError, match="locked"):
             other.execute("DELETE FROM events")
-            other.commit()
         refused.append("locked")
 
     assert salvage(path, see=try_to_write)[1] is None

@@ -159,4 +159,4 @@ def _says_and_does_nothing(path: Path) -> bool:
 
 
 def _bytes_of(path: Path) -> list[bytes]:
-    return [part.read_bytes() for part in (path, Path(f"{path}-wal")) if part.exists()]
+    return [part.read_bytes() for part in (path, Path(f"{path}-journal")) if part.exists()]

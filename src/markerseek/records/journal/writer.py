@@ -102,8 +102,9 @@ class Journal:
         with as_record_error(path, verb="written"):
             connection = connect(path, mode="rw")
             try:
-                # Takes the lock, and says at once if the file cannot be written.
+                # Takes the lock. SQLite opens a file that cannot be written all the same: only a write shows it.
                 connection.execute("BEGIN EXCLUSIVE")
+                connection.execute("UPDATE run SET entries = entries")
                 connection.execute("ROLLBACK")
                 _require_unchanged(connection, held)
                 return cls(held, connection), held
