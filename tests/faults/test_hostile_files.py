@@ -268,7 +268,7 @@ def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch, decoder):
 @pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
 def test_pipes_are_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
-    with pytest.raises(RecordError, match="no ordinary file"):
+    with pytest.raises(RecordError, match="no regular file"):
         read_bank(tmp_path / name)
 
 

@@ -301,7 +301,7 @@ def test_what_is_not_there_is_refused(tmp_path):
 
 def test_pipes_are_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "a.npy")
-    with pytest.raises(RecordError, match="ordinary"):
+    with pytest.raises(RecordError, match="regular"):
         load_frame(tmp_path / "a.npy")
 
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
-from markerseek.records.atomic import published
+from markerseek.files import published
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.ipasc import BankWriter
 from markerseek.records.ipasc.poses import probe_pose

@@ -54,7 +54,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
-    from markerseek.records.atomic import require_new
+    from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.records.exports import write_intensities
     from markerseek.rigs.bank_images import bank_curve

@@ -81,6 +81,7 @@ def _serve(
     from markerseek.drivers.clock import SystemClock
     from markerseek.emulators import ByteDevice, PtyLine
     from markerseek.emulators.bench import ServingClock, serve
+    from markerseek.files import replaced
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -98,7 +99,8 @@ def _serve(
             people.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             place = folder / "rig.toml"
-            place.write_text(_rig_toml(folder, settings), encoding="utf-8")
+            with replaced(place) as part:
+                part.write_text(_rig_toml(folder, settings), encoding="utf-8")
             people.print(f"try: markerseek search --rig {place} --arm")
         if device == "daq":
             people.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")

@@ -20,7 +20,7 @@ EXAMPLES = (
 def command(
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[
-        int | None, typer.Option(min=2, max=500, help="Most acquisitions; each method has its own default.")
+        int | None, typer.Option(min=2, help="Most acquisitions; each method has its own default.")
     ] = None,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")

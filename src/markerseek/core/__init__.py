@@ -23,9 +23,18 @@ from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval
 from markerseek.core.permit import Permit
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
-from markerseek.core.reading import Reading, Sample
+from markerseek.core.reading import (
+    LEAST_INTENSITY,
+    MOST_ACQUISITIONS,
+    MOST_INTENSITY,
+    Reading,
+    Sample,
+)
 
 __all__ = [
+    "LEAST_INTENSITY",
+    "MOST_ACQUISITIONS",
+    "MOST_INTENSITY",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",

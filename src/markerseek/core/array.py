@@ -26,10 +26,10 @@ class LinearArray:
     pitch_m: float = 0.43e-3
 
     def __post_init__(self) -> None:
-        if self.elements < 2:
-            raise ConfigError(f"array: elements is {self.elements}, at least 2 are needed to form an image")
-        if not 0 < self.pitch_m < np.inf:
-            raise ConfigError(f"array: pitch_m is {self.pitch_m} m, it must be positive and finite")
+        if not 2 <= self.elements <= 4096:
+            raise ConfigError(f"array: elements is {self.elements}, it must lie between 2 and 4096 to form an image")
+        if not 1e-6 <= self.pitch_m <= 0.1:
+            raise ConfigError(f"array: pitch_m is {self.pitch_m} m, it must lie between 1e-6 and 0.1 m")
 
     @property
     def lateral_m(self) -> Float64[np.ndarray, " elements"]:

@@ -16,6 +16,9 @@ HDF5_SUFFIXES = (".hdf5", ".h5")
 MOST_DEG = 360.0
 """Largest angle of a bank to either side, in degrees."""
 
+LEAST_STEP_DEG = 1e-6
+"""Least distance of two angles of a bank in degrees; a stage's encoder counts steps of 5e-4."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BankFacts:
@@ -194,7 +197,7 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
     ------
     RecordError
         If there are fewer than 3, one is not finite or more than one turn from zero, or one does not lie above the
-        one before.
+        one before by at least `LEAST_STEP_DEG`.
     """
     for angle_deg in angles_deg:
         if not abs(angle_deg) <= MOST_DEG:
@@ -205,6 +208,11 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
     for low_deg, high_deg in pairwise(angles_deg):
         if low_deg == high_deg:
             raise RecordError(f"{path}: the angle {low_deg:g} deg stands there twice; average repeated angles")
+        if low_deg < high_deg < low_deg + LEAST_STEP_DEG:
+            raise RecordError(
+                f"{path}: the angles {low_deg!r} and {high_deg!r} deg are nearer to one another than "
+                f"{LEAST_STEP_DEG:g} deg; average repeated angles"
+            )
         if not low_deg < high_deg:
             raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them, rising")
     if len(angles_deg) < 3:

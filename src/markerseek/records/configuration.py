@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import platform
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 import scipy
 
 from markerseek._version import __version__
-from markerseek.core import Interval
+from markerseek.core import MOST_ACQUISITIONS, Interval
 
 
 def versions() -> dict[str, str]:
@@ -58,11 +58,11 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     method: str
-    acquisitions: int | None
+    acquisitions: Annotated[int, msgspec.Meta(ge=1, le=MOST_ACQUISITIONS)] | None
     as_published: bool
     search: Interval
     start_deg: float
-    dark_frames: int
+    dark_frames: Annotated[int, msgspec.Meta(ge=0, le=MOST_ACQUISITIONS)]
     stay: bool
     rig: Literal["simulated", "replayed", "bench"]
     recipe: msgspec.Raw

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 from markerseek.core import (
+    MOST_ACQUISITIONS,
     AcquisitionError,
     Asked,
     ConfigError,
@@ -43,7 +44,7 @@ class RunLimits:
         How often one acquisition is tried when its frames are refused.
     """
 
-    acquisitions: int = 500
+    acquisitions: int = MOST_ACQUISITIONS
     duration_s: float = 3600.0 * 3
     attempts: int = 3
 

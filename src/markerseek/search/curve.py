@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float64
 
-from markerseek.core import ConfigError, Found, SearchError
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, Found, SearchError
 from markerseek.core.reading import Sample
 
 
@@ -90,10 +90,12 @@ def check_acquisitions(acquisitions: int | float, *, least: int, method: str) ->
     Raises
     ------
     ConfigError
-        If it is no whole number, or fewer than ``least``.
+        If it is no whole number, or fewer than ``least``, or more than `MOST_ACQUISITIONS`.
     """
     if isinstance(acquisitions, bool) or not isinstance(acquisitions, int):
         raise ConfigError(f"{method}: acquisitions is {acquisitions!r}, it must be a whole number of at least {least}")
     if acquisitions < least:
         raise ConfigError(f"{method}: acquisitions is {acquisitions}, at least {least} are needed")
+    if acquisitions > MOST_ACQUISITIONS:
+        raise ConfigError(f"{method}: acquisitions is {acquisitions}, at most {MOST_ACQUISITIONS} can be made")
     return acquisitions

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.core import ConfigError
+from markerseek.core import MOST_ACQUISITIONS, ConfigError
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import method_of
 
@@ -42,6 +42,10 @@ class PolicySettings:
         least = method_of(self.method).least
         if self.acquisitions is not None and not self.acquisitions >= least:
             raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
+        if self.acquisitions is not None and self.acquisitions > MOST_ACQUISITIONS:
+            raise ConfigError(
+                f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
+            )
         if self.cues is not None and self.method != "posterior":
             raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
 

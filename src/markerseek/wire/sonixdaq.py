@@ -19,6 +19,9 @@ from markerseek.core import RecordError
 CHANNELS = 128
 """Channels, and files, of one acquisition."""
 
+MOST_SAMPLES = 1 << 16
+"""Most samples of one pulse that are read: sound has come 2.5 m by then, and all channels take 16 MiB."""
+
 HEADER_BYTES = 12
 """Length of the longer header: as many bytes as `decode_header` wants to see."""
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import RecordError
+from markerseek.files import MIB, open_input
 from markerseek.records.careful.mat73 import HEAD_BYTES, is_mat73, mat73_arrays
 
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
@@ -26,6 +27,8 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _INT16_CLASS, _NUMERIC_CLASSES = 10, range(6, 16)
 _COMPLEX = 0x800
 _MOST_PER_BYTE = 32
+MOST_FRAME_BYTES = 256 * MIB
+"""Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
 _LONGEST_NAME = 64
 
 
@@ -38,7 +41,7 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
 
     ``AdcData_frame000`` is (32, AlignedSampleNum, 4): channel c stands in row c mod 32 of bank c div 32.
     """
-    arrays = mat_arrays(path)
+    arrays = mat_arrays(path, most_bytes=MOST_FRAME_BYTES)
     frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
         found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
@@ -57,8 +60,15 @@ def load_mat(path: Path) -> Int16[np.ndarray, "channels samples"]:
     return np.ascontiguousarray(channels, dtype=np.int16)
 
 
-def mat_arrays(path: Path) -> dict[str, np.ndarray]:
+def mat_arrays(path: Path, *, most_bytes: int) -> dict[str, np.ndarray]:
     """Real numeric variables of a ``.mat`` of version 6, 7 or 7.3, by name.
+
+    Parameters
+    ----------
+    path
+        The file.
+    most_bytes
+        Largest file that is read.
 
     Raises
     ------
@@ -67,7 +77,7 @@ def mat_arrays(path: Path) -> dict[str, np.ndarray]:
     MissingExtraError
         If it is of version 7.3, and h5py is not installed.
     """
-    with path.open("rb") as file:
+    with open_input(path, most_bytes=most_bytes) as file:
         head = file.read(HEAD_BYTES)
         if is_mat73(head):
             return mat73_arrays(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from markerseek.records.atomic import new_file
+from markerseek.files import new_file
 from markerseek.records.banks import IntensityBank
 from markerseek.records.recordings.table import write_bank
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from markerseek.core import RecordError
+from markerseek.core import MOST_INTENSITY, RecordError
 from markerseek.records.banks import require_angles
 from markerseek.records.careful.hdf5 import CarefulFile
 from markerseek.records.ipasc import fields
@@ -114,6 +114,8 @@ def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarra
         raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
     if not (values[np.isfinite(values)] >= 0).all():
         raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
+    if (values[np.isfinite(values)] > MOST_INTENSITY).any():
+        raise RecordError(f"{path}: an intensity is above {MOST_INTENSITY:g}; the file is damaged: scan again")
     return np.where(np.isfinite(values), values, np.nan)
 
 

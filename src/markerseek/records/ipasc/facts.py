@@ -22,12 +22,12 @@ def read_facts(file: CarefulFile, *, version: int | None, pitch_m: float | None)
     return BankFacts(
         description=file.text(fields.DESCRIPTION) or "",
         probe=file.text(fields.PROBE),
-        sampling_hz=_positive(file, fields.SAMPLING),
-        sound_speed_m_s=_positive(file, fields.SOUND_SPEED),
+        sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,
         wavelength_m=_first(file, fields.WAVELENGTH),
         pulse_energy_j=_first(file, fields.PULSE_ENERGY),
-        face_radius_m=_positive(file, fields.FACE_RADIUS),
+        face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
         reference_angle_deg=file.number(fields.REFERENCE),
         clock_zero_unix_s=_clock_zero_unix_s(file, version),
         simulated=_truth(file.number(fields.SIMULATED)),
@@ -51,10 +51,11 @@ def _seed(text: str | None) -> int | None:
     return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
 
 
-def _positive(file: CarefulFile, name: str) -> float | None:
+def _between(file: CarefulFile, name: str, low: float, high: float) -> float | None:
+    """A number in SI units that must lie in a range, by which a damaged one is known; None where it is missing."""
     value = file.number(name)
-    if value is not None and value <= 0:
-        raise ValueError(f"{name} is {value:g}, it must be positive")
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
     return value
 
 

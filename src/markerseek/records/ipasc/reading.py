@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.files import require_input
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.records.careful.hdf5 import CarefulFile, opened
-from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.records.careful.vetting import vet
 from markerseek.records.ipasc import fields
 from markerseek.records.ipasc.array import element_row
@@ -133,7 +133,7 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
         If h5py is not installed.
     """
     try:
-        ordinary_size(path, most=_LARGEST_BYTES)
+        require_input(path, most_bytes=_LARGEST_BYTES)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     vet(path)

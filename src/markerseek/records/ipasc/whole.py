@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.records.atomic import published
+from markerseek.files import published
 from markerseek.records.banks import BankFacts
 from markerseek.records.ipasc.writer import BankWriter, require_new_bank
 

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
-from markerseek.records.atomic import published, replaced, require_new
+from markerseek.files import published, replaced, require_new
 from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
 from markerseek.records.careful.hdf5 import require_h5py
 from markerseek.records.ipasc import fields

@@ -12,6 +12,7 @@ import errno
 import os
 import shutil
 import sqlite3
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -20,12 +21,15 @@ from typing import Literal
 from urllib.parse import quote
 
 from markerseek.core import RecordError
+from markerseek.files import open_input, require_input
 from markerseek.records.journal.folder import journals_folder
 from markerseek.records.journal.schema import APPLICATION_ID
 
 _MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT = b"SQLite format 3\0", 100, b"\1\1"
 _APPLICATION = slice(68, 72)
 _FORMAT = slice(18, 20)
+_MOST_BYTES = 1 << 36
+"""Largest journal that is opened: 100,000 frames of half a megabyte."""
 
 
 def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
@@ -88,6 +92,7 @@ def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
             copy = Path(folder) / "copy.journal"
             before = _stamps(path)
             shutil.copyfile(path, copy)
+            require_input(rollback_file(path), most_bytes=_MOST_BYTES)
             shutil.copyfile(rollback_file(path), rollback_file(copy))
             if _stamps(path) != before:
                 raise RecordError(f"{path}: the journal changed while it was read; another markerseek has it open")
@@ -117,7 +122,7 @@ def rollback_file(path: Path) -> Path:
 
 
 def is_journal(path: Path) -> bool:
-    """Whether an ordinary file begins as journals do; the rest of it is not looked at.
+    """Whether a regular file begins as journals do; the rest of it is not looked at.
 
     Raises
     ------
@@ -129,7 +134,7 @@ def is_journal(path: Path) -> bool:
 
 
 def _header(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with open_input(path, most_bytes=sys.maxsize) as file:
         return file.read(_HEADER_BYTES)
 
 
@@ -139,8 +144,8 @@ def require_journal_file(path: Path) -> None:
     Raises
     ------
     RecordError
-        If there is nothing, or a folder, a pipe, a device, an empty file, one with a second name, or a database in
-        another mode, whose reading would make files beside it.
+        If there is nothing, or a folder, a pipe, a device, an empty file, one that no journal grows to, one with a
+        second name, or a database in another mode, whose reading would make files beside it.
     """
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
@@ -149,14 +154,12 @@ def require_journal_file(path: Path) -> None:
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
             f"searches that named none, in {journals_folder()})"
         )
-    if not path.is_file():
-        raise RecordError(f"{path}: it is no ordinary file and so no journal; check the name")
-    status = path.stat()
-    if status.st_size == 0:
+    if require_input(path, most_bytes=_MOST_BYTES) == 0:
         raise RecordError(f"{path}: it is empty: no journal of a run (or its run was never begun); check the name")
-    if status.st_nlink > 1:
+    names = path.stat().st_nlink
+    if names > 1:
         raise RecordError(
-            f"{path}: the file has {status.st_nlink} names (hard links), and under another one it could be written "
+            f"{path}: the file has {names} names (hard links), and under another one it could be written "
             "without its rollback journal; copy it, and use the copy"
         )
     header = _header(path)

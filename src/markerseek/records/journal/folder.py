@@ -7,7 +7,7 @@ from pathlib import Path
 
 from platformdirs import user_data_path
 
-from markerseek.records.atomic import sync_folder
+from markerseek.files import sync_folder
 
 
 def journals_folder() -> Path:

@@ -12,7 +12,7 @@ from typing import Self
 import msgspec
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.records.atomic import sync_folder
+from markerseek.files import sync_folder
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.connection import (
     as_record_error,

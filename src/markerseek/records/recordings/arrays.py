@@ -8,6 +8,7 @@ intensity, or the frames alone.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int16
 
-from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
+from markerseek.files import open_input
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.careful.mat import mat_arrays
 from markerseek.records.careful.npy import read_npy, read_npz
-from markerseek.records.careful.ordinary import ordinary_size
 
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 """Suffixes of files that this module reads."""
@@ -84,14 +85,13 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
         If it is damaged, or does not hold what is described above.
     """
     try:
-        size = ordinary_size(path, most=_LARGEST_BYTES)
         match path.suffix.lower():
             case ".npz":
-                arrays: Mapping[str, np.ndarray] = read_npz(path)
+                arrays: Mapping[str, np.ndarray] = read_npz(path, most_bytes=_LARGEST_BYTES)
             case ".mat":
-                arrays = mat_arrays(path)
+                arrays = mat_arrays(path, most_bytes=_LARGEST_BYTES)
             case _:
-                arrays = _unnamed(path, size)
+                arrays = _unnamed(path)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
     named = {name: _picked(arrays, names) for name, names in _NAMES.items()}
@@ -123,10 +123,10 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
     return IntensityBank(angles_deg=rising, intensities=tuple(heard.tolist()), facts=facts)
 
 
-def _unnamed(path: Path, size: int) -> dict[str, np.ndarray]:
-    with path.open("rb") as file:
+def _unnamed(path: Path) -> dict[str, np.ndarray]:
+    with open_input(path, most_bytes=_LARGEST_BYTES) as file:
         try:
-            array = read_npy(file, size=size)
+            array = read_npy(file, size=os.fstat(file.fileno()).st_size)
         except ValueError as problem:
             raise RecordError(f"{path}: {problem}") from problem
     if array.ndim == 2 and array.shape[1] == 2:
@@ -170,6 +170,8 @@ def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.nda
     heard = values.astype(np.float64)
     if not (np.isfinite(heard) & (heard >= 0)).all():
         raise RecordError(f"{path}: intensity must be finite and not negative; leave those angles out")
+    if (heard > MOST_INTENSITY).any():
+        raise RecordError(f"{path}: an intensity is {heard.max():g}, it must be at most {MOST_INTENSITY:g}; scale them")
     return heard
 
 

@@ -7,23 +7,25 @@ times the file's size.
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.files import MIB, open_input
 from markerseek.records.banks import HDF5_SUFFIXES
-from markerseek.records.careful.mat import load_mat
+from markerseek.records.careful.mat import MOST_FRAME_BYTES, load_mat
 from markerseek.records.careful.npy import read_npy
-from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.records.journal import is_journal
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"
 """Preset of the probe of that data set."""
 
-_LARGEST_BYTES = 1 << 30
+_MOST_CHANNEL_BYTES = 64 * MIB
+"""Largest file of one channel: 800 pulses of 40,000 samples."""
 
 
 def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0) -> ChannelFrame:
@@ -66,7 +68,6 @@ def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     loader = loaders.get(path.suffix.lower())
     if loader is None:
         raise RecordError(f"{path}: {_otherwise(path)}")
-    ordinary_size(path, most=_LARGEST_BYTES)
     return loader(path), 1
 
 
@@ -86,9 +87,9 @@ def _otherwise(path: Path) -> str:
 
 
 def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
-    with path.open("rb") as file:
+    with open_input(path, most_bytes=MOST_FRAME_BYTES) as file:
         try:
-            samples = read_npy(file, size=path.stat().st_size)
+            samples = read_npy(file, size=os.fstat(file.fileno()).st_size)
         except ValueError as problem:
             raise RecordError(f"{path}: {problem}") from problem
     if (
@@ -117,7 +118,7 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
             )
     samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
     for number, path in files.items():
-        with path.open("rb") as file:
+        with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
             file.seek(first.length)
             body = file.read(first.file_bytes - first.length)
         if len(body) != first.file_bytes - first.length:
@@ -154,10 +155,15 @@ def _daq_files(folder: Path) -> dict[int, Path]:
 
 
 def _daq_header(path: Path) -> sonixdaq.DaqHeader:
-    size = ordinary_size(path, most=_LARGEST_BYTES)
-    with path.open("rb") as file:
-        head = file.read(sonixdaq.HEADER_BYTES)
+    with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
+        head, size = file.read(sonixdaq.HEADER_BYTES), os.fstat(file.fileno()).st_size
     try:
-        return sonixdaq.decode_header(head, size=size, name=path.name)
+        header = sonixdaq.decode_header(head, size=size, name=path.name)
     except RecordError as error:
         raise RecordError(f"{path.parent}: {error}") from error
+    if header.samples > sonixdaq.MOST_SAMPLES:
+        raise RecordError(
+            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MOST_SAMPLES} are read; "
+            "record a shorter time"
+        )
+    return header

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from markerseek.core import RecordError
+from markerseek.core import MOST_INTENSITY, RecordError
+from markerseek.files import MIB, open_input, replaced
 from markerseek.records.banks import IntensityBank, require_angles
-from markerseek.records.careful.ordinary import ordinary_size
 from markerseek.records.recordings.arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns that a table of intensities must have, named in its first line."""
 
-_LARGEST_BYTES = 1 << 26
+_LARGEST_BYTES = 64 * MIB
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:
@@ -29,7 +30,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as lines:
+        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(COLUMNS)
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
@@ -50,8 +51,10 @@ def read_table(path: Path) -> IntensityBank:
             f"{path}: a scan that NumPy or MATLAB saved becomes a bank by 'markerseek bank import {path} scan.hdf5'"
         )
     try:
-        ordinary_size(path, most=_LARGEST_BYTES)
-        with path.open(newline="", encoding="utf-8-sig") as lines:
+        with (
+            open_input(path, most_bytes=_LARGEST_BYTES) as file,
+            io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
+        ):
             return _bank_of(path, csv.reader(lines, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
@@ -71,6 +74,11 @@ def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:
         angle, intensity = (_cell(path, line, row, name, place) for name, place in zip(COLUMNS, places, strict=True))
         if intensity < 0:
             raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
+        if intensity > MOST_INTENSITY:
+            raise RecordError(
+                f"{path}, line {line}: intensity is {intensity}, it must be at most "
+                f"{MOST_INTENSITY:g}; scale the column"
+            )
         angles.append(angle)
         intensities.append(intensity)
         lines_of.append(line)

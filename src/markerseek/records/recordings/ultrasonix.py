@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,13 +10,16 @@ import numpy as np
 from jaxtyping import Int16, UInt8
 
 from markerseek.core import RecordError
-from markerseek.records.careful.ordinary import ordinary_size
+from markerseek.files import MIB, open_input
 from markerseek.wire import ultrasonix
 
 ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
 """Suffixes of Ultrasonix's files, read or refused by their type; without .m, which MATLAB has for programs."""
 
 _LARGEST_BYTES = 1 << 36
+
+_MOST_FRAME_BYTES = 64 * MIB
+"""Largest frame: 512 lines of 65,536 samples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +62,7 @@ class UltrasonixFile:
         if not 0 <= index < header.frames:
             raise RecordError(f"{self.path}: there is no frame {index + 1}, it holds {header.frames}; count from 1")
         try:
-            with self.path.open("rb") as file:
+            with open_input(self.path, most_bytes=_LARGEST_BYTES) as file:
                 file.seek(ultrasonix.HEADER_BYTES + index * header.stride)
                 body = file.read(header.stride)
         except OSError as problem:
@@ -77,9 +81,14 @@ def open_ultrasonix(path: Path) -> UltrasonixFile:
         If it is not there, cut off, or of another kind.
     """
     try:
-        size = ordinary_size(path, most=_LARGEST_BYTES)
-        with path.open("rb") as file:
-            head = file.read(ultrasonix.HEADER_BYTES)
+        with open_input(path, most_bytes=_LARGEST_BYTES) as file:
+            head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
-    return UltrasonixFile(path=path, header=ultrasonix.decode_header(head, size=size, name=str(path)))
+    header = ultrasonix.decode_header(head, size=size, name=str(path))
+    if header.stride > _MOST_FRAME_BYTES:
+        raise RecordError(
+            f"{path}: a frame has {header.stride} bytes, at most {_MOST_FRAME_BYTES} are read; the header is damaged: "
+            "export it again"
+        )
+    return UltrasonixFile(path=path, header=header)

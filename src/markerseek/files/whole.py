@@ -24,7 +24,7 @@ def require_new(path: Path) -> None:
     RecordError
         If it is so.
     """
-    if path.exists():
+    if path.exists() or path.is_symlink():
         raise _taken(path)
     if path.parent.is_file():
         raise RecordError(f"{path}: it cannot be written: {path.parent} is no folder; name another place")
@@ -76,7 +76,20 @@ def published(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """The same for a file that there is already, which the new one replaces in one step."""
+    """The same for a name that may be taken: the new file replaces the one of that name in one step.
+
+    Raises
+    ------
+    RecordError
+        If the name is that of a symbolic link, a pipe or a device, which may lead to a file of somebody else.
+    OSError
+        If the file cannot be made or named.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_file() and not path.is_dir()):
+        raise RecordError(
+            f"{path}: it is a symbolic link, a pipe or a device, and nothing is written through it; "
+            "remove it, or name another file"
+        )
     with _beside(path) as part:
         yield part
         sync_file(part)
