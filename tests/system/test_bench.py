@@ -18,8 +18,8 @@ from markerseek.core import Measured, Permit
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, Recording, read_journal
-from markerseek.records.recordings.frames import load_frame
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")

@@ -68,7 +68,11 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
     assert shown["configuration"]["recipe"]["settings"]["tissue"] == "plastisol-phantom"
     kinds = [entry["kind"] for entry in shown["entries"]]
     assert (kinds[0], kinds[-1]) == ("started", "finished")
-    angles = [e["body"]["angle_deg"] for e in shown["entries"] if e["kind"] == "measured" and not e["body"]["dark"]]
+    angles = [
+        e["body"]["sample"]["angle_deg"]
+        for e in shown["entries"]
+        if e["kind"] == "measured" and not e["body"]["sample"]["dark"]
+    ]
     told = json.loads(searched[1])
     assert angles[: told["acquisitions"]] == [sample["angle_deg"] for sample in told["samples"]]
     assert json.loads(shell("journal", "verify", path, "--json")[1]) == {

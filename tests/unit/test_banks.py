@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.recordings.folder import FolderBank
-from markerseek.records.replay import IntensityReader, ReplayReceiver, ReplayStage
+from markerseek.records.banks.folder import FolderBank
+from markerseek.records.replay import ReplayReceiver, ReplayStage
+from markerseek.signals import IntensityReader
 
 PERMIT = Permit(token="a", angle_deg=0.0, pulses=16, expires_s=1.0)
 

@@ -65,7 +65,7 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import require_new_bank, whole_bank
+    from markerseek.records.banks.ipasc import require_new_bank, whole_bank
     from markerseek.rigs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
@@ -113,9 +113,8 @@ def command(
 
 
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import read_bank
+    from markerseek.records.banks import ARRAY_SUFFIXES, read_arrays, read_bank
     from markerseek.records.journal import is_journal
-    from markerseek.records.recordings.arrays import ARRAY_SUFFIXES, read_arrays
     from markerseek.rigs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)

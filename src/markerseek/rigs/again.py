@@ -11,7 +11,6 @@ import msgspec
 from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader, RecordError
 from markerseek.guard import Limits
 from markerseek.records.journal import Configuration, Entry, JournalEvent, Recording
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
 from markerseek.rigs.resuming import TOLD
@@ -20,7 +19,7 @@ from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
 from markerseek.scan import run
 from markerseek.search import build
-from markerseek.signals import ImageReader, ProbePreset
+from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
 def rig_again(configuration: Configuration) -> Rig:

@@ -12,7 +12,7 @@ from pathlib import Path
 from markerseek._version import __version__
 from markerseek.core import ConfigError, Event, Measured
 from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc import BankWriter
+from markerseek.records.banks.ipasc import BankWriter
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, run

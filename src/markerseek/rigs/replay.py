@@ -12,11 +12,11 @@ import numpy as np
 from markerseek.core import ConfigError, LinearArray
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
+from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
+from markerseek.signals import PRESET_NAMES, ImageReader, IntensityReader, ProbePreset, probe_preset
 from markerseek.sim import VirtualClock
 
 

@@ -10,12 +10,11 @@ import numpy as np
 from markerseek.acoustics import Digitiser
 from markerseek.core import ConfigError, Reader
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig, fingerprint
 from markerseek.scan import Scanner
 from markerseek.scene import draw_scene, image_reader
-from markerseek.signals import ImageReader
+from markerseek.signals import ImageReader, IntensityReader
 from markerseek.sim import (
     CurveWorld,
     IntensityCurve,

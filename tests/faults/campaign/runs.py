@@ -15,11 +15,11 @@ import numpy as np
 from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, Sample
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, Recording, read_journal
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs import Rig
 from markerseek.rigs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
+from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
     GaussianCurve,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markerseek.files import new_file
 from markerseek.records.banks import IntensityBank
-from markerseek.records.recordings.table import write_bank
+from markerseek.records.banks.table import write_bank
 
 
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 
 from markerseek._version import __version__
 from markerseek.core import LinearArray, MissingExtraError
-from markerseek.records.banks import BankFacts
+from markerseek.records.banks.bank import BankFacts
 
-BANK_VERSION = 2
+BANK_VERSION = 1
 """Version of the fields that are ours; a reader refuses a newer one."""
 
 FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
@@ -29,10 +29,7 @@ TIMES, RIG_CLOCK, CLOCK_ZERO = (
     "meta_data/rig_clock_s",
     "meta_data/clock_zero_unix_s",
 )
-"""When a measurement began: since 1970, and on the rig's clock; and when that read 0, since 1970. All in seconds.
-
-In version 1 ``measurement_timestamps`` is the rig's clock.
-"""
+"""When a measurement began: since 1970, and on the rig's clock; and when that read 0, since 1970. All in seconds."""
 
 ROW_SUMS, FRAME_SUMS, DARK_SUMS = "meta_data/row_crc32", "meta_data/frame_crc32", "meta_data/dark_frame_crc32"
 POSES = "meta_data/measurement_spatial_poses"

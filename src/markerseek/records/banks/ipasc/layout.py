@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc.fields import (
+from markerseek.records.banks.bank import BankFacts
+from markerseek.records.banks.ipasc.fields import (
     ANGLES,
     BY_MEASUREMENT,
     DARK_FRAMES,

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, RecordError
-from markerseek.records.banks import BankFacts, FrameBank, require_angles
-from markerseek.records.recordings.arrays import USUAL_SAMPLING_HZ
-from markerseek.records.recordings.frames import MAT_PROBE, load_frame
+from markerseek.records.banks.arrays import USUAL_SAMPLING_HZ
+from markerseek.records.banks.bank import BankFacts, FrameBank, require_angles
+from markerseek.records.banks.frames import MAT_PROBE, load_frame
+from markerseek.records.sandbox import Sandbox
 
 _FRAME_FILES = (".mat", ".npy")
 _NAME = re.compile(
@@ -27,9 +28,12 @@ class FolderBank(FrameBank):
     ----------
     places
         Where each is, in the order of the angles.
+    sandbox
+        Reads all of them that NumPy or MATLAB saved.
     """
 
     places: tuple[Path, ...] = field(repr=False)
+    sandbox: Sandbox = field(repr=False, compare=False, default_factory=Sandbox)
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -40,7 +44,8 @@ class FolderBank(FrameBank):
             If they cannot be read.
         """
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
-        return load_frame(self.places[index], sampling_hz=sampling_hz, angle_deg=self.angles_deg[index])
+        angle_deg = self.angles_deg[index]
+        return load_frame(self.places[index], sampling_hz=sampling_hz, angle_deg=angle_deg, sandbox=self.sandbox)
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """Such a folder holds no frames without laser."""

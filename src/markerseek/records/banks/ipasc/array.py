@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import RecordError
-from markerseek.records.careful.hdf5 import CarefulFile
-from markerseek.records.ipasc import fields
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 TOLERANCE = 0.01
 """Largest distance of an element from its place in the row, in pitches."""
@@ -32,7 +32,7 @@ class ElementRow:
     falling: bool
 
 
-def element_row(path: Path, file: CarefulFile, *, elements: int) -> ElementRow:
+def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow:
     """Pitch and direction of the array, from the positions of all its elements.
 
     Raises

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from markerseek.core import MOST_INTENSITY, RecordError
 from markerseek.files import MIB, open_input, replaced
-from markerseek.records.banks import IntensityBank, require_angles
-from markerseek.records.recordings.arrays import ARRAY_SUFFIXES
+from markerseek.records.banks.bank import IntensityBank, require_angles
+from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns that a table of intensities must have, named in its first line."""

@@ -13,19 +13,20 @@ from __future__ import annotations
 import math
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
 from markerseek.files import published, replaced, require_new
-from markerseek.records.banks import HDF5_SUFFIXES, BankFacts
-from markerseek.records.careful.hdf5 import require_h5py
-from markerseek.records.ipasc import fields
-from markerseek.records.ipasc.admission import require_keepable
-from markerseek.records.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
-from markerseek.records.ipasc.poses import probe_pose
-from markerseek.records.ipasc.sums import frame_sum, row_sum
+from markerseek.records.banks.bank import HDF5_SUFFIXES, BankFacts
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.ipasc.admission import require_keepable
+from markerseek.records.banks.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
+from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, row_sum
+from markerseek.records.untrusted_hdf5 import require_h5py
 
 if TYPE_CHECKING:
     import h5py
@@ -239,3 +240,42 @@ class BankWriter:
             f"{self._named}: the bank cannot be written: {problem}; {self.taken} acquisitions are in it and stay "
             "readable; make room, or name another place"
         )
+
+
+@contextmanager
+def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> Iterator[BankWriter]:
+    """A writer of a bank that gets its name when the block ends with all that was announced, and is gone if not.
+
+    Parameters
+    ----------
+    path, angles, dark_frames, facts
+        As of `BankWriter`.
+
+    Raises
+    ------
+    RecordError
+        If there is a file already, it cannot be written, or less came than was announced.
+    ConfigError, MissingExtraError
+        As of `BankWriter`.
+    """
+    require_new_bank(path)
+    inside = False
+    try:
+        with published(path) as part:
+            writer = BankWriter(part, angles=angles, dark_frames=dark_frames, facts=facts, whole_as=path)
+            try:
+                inside = True
+                yield writer
+                inside = False
+            except BaseException:
+                with suppress(RecordError):
+                    writer.let_go()
+                raise
+            writer.let_go()
+            writer.require_whole()
+    except OSError as problem:
+        if inside:
+            raise
+        raise RecordError(
+            f"{path}: the bank cannot be written: {problem}; nothing was kept: make room, or name another place"
+        ) from problem

@@ -2,8 +2,7 @@
 
 The library follows links to other files, loads filters, and allocates what a header declares. Here only hard links are
 followed, only the usual compressions are undone, and nothing is read that would take much more memory than the file
-has bytes. The library itself can be made to crash or to hang by damaged bytes, so `vetting` opens a file in a process
-of its own first.
+has bytes. Damaged bytes can make the library itself crash or hang, so `sandbox` probes a file in a child first.
 """
 
 from __future__ import annotations
@@ -12,25 +11,29 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import MissingExtraError, RecordError
+from markerseek.records.sandbox import MOST_PER_BYTE
 
 if TYPE_CHECKING:
     import h5py
-
-MOST_PER_BYTE = 32
-"""Bytes that may be read into memory for each byte of the file."""
 
 _FILTERS = frozenset({"gzip", "lzf", None})
 _MOST_TEXT = 10_000
 
 
-def require_h5py() -> None:
+def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
     """Say what to install where h5py is missing.
+
+    Parameters
+    ----------
+    purpose
+        What needs it.
 
     Raises
     ------
@@ -40,23 +43,52 @@ def require_h5py() -> None:
     try:
         import h5py  # noqa: F401
     except ImportError as problem:
-        raise MissingExtraError(package="h5py", extra="records", purpose="a bank in HDF5") from problem
+        raise MissingExtraError(package="h5py", extra="records", purpose=purpose) from problem
 
 
-class CarefulFile:
-    """An open HDF5 file, of which only harmless parts are handed out.
+class UntrustedHdf5:
+    """An HDF5 file, opened once, of which only harmless parts are handed out.
+
+    A context manager that closes it; an object that is forgotten closes it as well.
 
     Parameters
     ----------
-    file
+    path
         The file.
-    size
-        Its size in bytes.
     """
 
-    def __init__(self, file: h5py.File, *, size: int) -> None:
-        self._file = file
-        self._most = MOST_PER_BYTE * size
+    def __init__(self, path: Path) -> None:
+        import h5py
+
+        self._path = path
+        self._most = MOST_PER_BYTE * path.stat().st_size
+        self.opened: h5py.File = h5py.File(path, "r")
+
+    def close(self) -> None:
+        """Close the file; allowed twice."""
+        self.opened.close()
+
+    def __enter__(self) -> Self:
+        """The file itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Path]]:
+        """A copy in another process opens the file again."""
+        return type(self), (self._path,)
+
+    def datasets(self) -> list[str]:
+        """Names of the datasets that lie in the file itself, not in a group of it."""
+        import h5py
+
+        file = self.opened
+        hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+        return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
 
     def has(self, name: str) -> bool:
         """Whether there is anything of that name, be it harmless or not."""
@@ -136,7 +168,7 @@ class CarefulFile:
         import h5py
 
         *folders, last = name.split("/")
-        group: h5py.Group = self._file
+        group: h5py.Group = self.opened
         for folder in folders:
             if folder not in group:
                 return None, last
@@ -156,26 +188,7 @@ def _followed(group: h5py.Group, name: str) -> object:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[CarefulFile]:
-    """Open a file for reading; whatever goes wrong with it becomes a `RecordError`.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be read, or not as it is asked for.
-    """
-    require_h5py()
-    import h5py
-
-    with (
-        speaking_of(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind"),
-        h5py.File(path, "r") as file,
-    ):
-        yield CarefulFile(file, size=path.stat().st_size)
-
-
-@contextmanager
-def speaking_of(path: Path, *, what: str, cure: str) -> Iterator[None]:
+def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
     """Turn whatever the library says of a file into a `RecordError`; what damaged bytes make of it cannot be listed.
 
     Parameters

@@ -8,7 +8,6 @@ intensity, or the frames alone.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,13 +16,9 @@ import numpy as np
 from jaxtyping import Float64, Int16
 
 from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
-from markerseek.files import open_input
-from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, require_angles
-from markerseek.records.careful.mat import mat_arrays
-from markerseek.records.careful.npy import read_npy, read_npz
-
-ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
-"""Suffixes of files that this module reads."""
+from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_arrays import arrays_in
 
 USUAL_SAMPLING_HZ = 40e6
 """Sampling frequency of the SonixDAQ, where none is named, in Hz."""
@@ -85,13 +80,8 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
         If it is damaged, or does not hold what is described above.
     """
     try:
-        match path.suffix.lower():
-            case ".npz":
-                arrays: Mapping[str, np.ndarray] = read_npz(path, most_bytes=_LARGEST_BYTES)
-            case ".mat":
-                arrays = mat_arrays(path, most_bytes=_LARGEST_BYTES)
-            case _:
-                arrays = _unnamed(path)
+        with Sandbox() as sandbox:
+            arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
     named = {name: _picked(arrays, names) for name, names in _NAMES.items()}
@@ -119,16 +109,15 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
         return ArrayBank(path=path, angles_deg=rising, samples=counts[order], facts=facts)
     if intensity is None:
         raise RecordError(f"{path}: intensity or frames expected, it holds {_content(arrays)}")
-    heard = _intensity(path, intensity, len(rising))[order]
-    return IntensityBank(angles_deg=rising, intensities=tuple(heard.tolist()), facts=facts)
+    values = _intensity(path, intensity, len(rising))[order]
+    return IntensityBank(angles_deg=rising, intensities=tuple(values.tolist()), facts=facts)
 
 
-def _unnamed(path: Path) -> dict[str, np.ndarray]:
-    with open_input(path, most_bytes=_LARGEST_BYTES) as file:
-        try:
-            array = read_npy(file, size=os.fstat(file.fileno()).st_size)
-        except ValueError as problem:
-            raise RecordError(f"{path}: {problem}") from problem
+def _named(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays by name; the one of an ``.npy``, which has none, is angles beside intensities, or frames."""
+    if list(arrays) != [""]:
+        return arrays
+    array = arrays[""]
     if array.ndim == 2 and array.shape[1] == 2:
         return {"angle_deg": array[:, 0], "intensity": array[:, 1]}
     return {"frames": array}
@@ -167,12 +156,14 @@ def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.nda
     values = intensity.ravel()
     if values.size != angles or values.dtype.kind not in "iuf":
         raise RecordError(f"{path}: intensity is {intensity.dtype} of shape {intensity.shape} for {angles} angles")
-    heard = values.astype(np.float64)
-    if not (np.isfinite(heard) & (heard >= 0)).all():
+    values = values.astype(np.float64)
+    if not (np.isfinite(values) & (values >= 0)).all():
         raise RecordError(f"{path}: intensity must be finite and not negative; leave those angles out")
-    if (heard > MOST_INTENSITY).any():
-        raise RecordError(f"{path}: an intensity is {heard.max():g}, it must be at most {MOST_INTENSITY:g}; scale them")
-    return heard
+    if (values > MOST_INTENSITY).any():
+        raise RecordError(
+            f"{path}: an intensity is {values.max():g}, it must be at most {MOST_INTENSITY:g}; scale them"
+        )
+    return values
 
 
 def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,26 @@ from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.files import MIB, open_input
-from markerseek.records.banks import HDF5_SUFFIXES
-from markerseek.records.careful.mat import MOST_FRAME_BYTES, load_mat
-from markerseek.records.careful.npy import read_npy
+from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.journal import is_journal
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_arrays import arrays_in
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"
 """Preset of the probe of that data set."""
 
+_FRAME, _COUNT = "AdcData_frame000", "SampleNum"
+_MOST_FRAME_BYTES = 256 * MIB
+"""Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
+
 _MOST_CHANNEL_BYTES = 64 * MIB
 """Largest file of one channel: 800 pulses of 40,000 samples."""
 
 
-def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0) -> ChannelFrame:
+def load_frame(
+    path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0, sandbox: Sandbox | None = None
+) -> ChannelFrame:
     """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
     Parameters
@@ -40,6 +47,8 @@ def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float 
         Sampling frequency in Hz; none of the files holds it.
     angle_deg
         Angle of the probe, for the frame's header, in degrees.
+    sandbox
+        Reads files of NumPy and MATLAB; None: one for this file alone.
 
     Raises
     ------
@@ -48,7 +57,7 @@ def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float 
     """
     place = Path(path)
     try:
-        samples, pulses = _load(place)
+        samples, pulses = _load(place, sandbox)
     except OSError as error:
         raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
             error
@@ -59,16 +68,19 @@ def load_frame(path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float 
     return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
 
 
-def _load(path: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+def _load(path: Path, sandbox: Sandbox | None) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     if not path.exists():
         raise RecordError(f"{path}: there is no such file or folder; check the name")
     if path.is_dir():
         return _load_daq_folder(path)
-    loaders = {".mat": load_mat, ".npy": _load_npy}
+    loaders = {".mat": _mat_frame, ".npy": _npy_frame}
     loader = loaders.get(path.suffix.lower())
     if loader is None:
         raise RecordError(f"{path}: {_otherwise(path)}")
-    return loader(path), 1
+    if sandbox is not None:
+        return loader(path, arrays_in(path, sandbox, most_bytes=_MOST_FRAME_BYTES)), 1
+    with Sandbox() as own:
+        return loader(path, arrays_in(path, own, most_bytes=_MOST_FRAME_BYTES)), 1
 
 
 def _otherwise(path: Path) -> str:
@@ -86,12 +98,32 @@ def _otherwise(path: Path) -> str:
     )
 
 
-def _load_npy(path: Path) -> Int16[np.ndarray, "channels samples"]:
-    with open_input(path, most_bytes=MOST_FRAME_BYTES) as file:
-        try:
-            samples = read_npy(file, size=os.fstat(file.fileno()).st_size)
-        except ValueError as problem:
-            raise RecordError(f"{path}: {problem}") from problem
+def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
+    """Channels, shape (128, samples), without the padding at their end.
+
+    The layout is that of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is
+    (32, AlignedSampleNum, 4), and channel c stands in row c mod 32 of bank c div 32.
+    """
+    frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
+    if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
+        found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
+        raise RecordError(
+            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {found}; "
+            "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
+            f"see 'markerseek bank import {path} scan.hdf5'"
+        )
+    aligned = frame.shape[1]
+    if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
+        raise RecordError(
+            f"{path}: {_COUNT} is {count.ravel()[:4].tolist()}, expected a number from 1 to AlignedSampleNum, "
+            f"{aligned}; the file is damaged: fetch or save it again"
+        )
+    channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
+    return np.ascontiguousarray(channels, dtype=np.int16)
+
+
+def _npy_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
+    samples = arrays[""]
     if (
         samples.dtype.newbyteorder("=") != np.int16
         or samples.ndim != 2

@@ -1,4 +1,4 @@
-"""The measurements of a bank in IPASC HDF5 but for their frames, in each version of the fields."""
+"""What a bank in IPASC HDF5 says beside its frames: numbers of each measurement, and facts of the bank."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.records.banks import require_angles
-from markerseek.records.careful.hdf5 import CarefulFile
-from markerseek.records.ipasc import fields
-from markerseek.records.ipasc.sums import row_sum
+from markerseek.records.banks.bank import BankFacts, require_angles
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.ipasc.rows import row_sum
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 _MOST_ANGLES = 1_000_000
+_LONGEST_SEED = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +45,7 @@ class Columns:
     row_sums: tuple[int, ...]
 
 
-def read_columns(path: Path, file: CarefulFile, *, version: int | None) -> Columns:
+def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
     """Numbers of a bank that holds ``trus_angle_deg``; measurements that were not taken are passed over.
 
     Raises
@@ -60,6 +61,8 @@ def read_columns(path: Path, file: CarefulFile, *, version: int | None) -> Colum
     taken = np.flatnonzero(np.isfinite(angles))
     order = taken[np.argsort(angles[taken], kind="stable")]
     require_angles(path, angles[order].tolist())
+    # Other programs have no clock of a rig; theirs counts from 1970.
+    times = _one_each(file, fields.RIG_CLOCK if ours else fields.TIMES, angles.size, otherwise=math.nan)
     pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
     columns = Columns(
         room=angles.size,
@@ -67,7 +70,7 @@ def read_columns(path: Path, file: CarefulFile, *, version: int | None) -> Colum
         angles_deg=tuple(angles[order].tolist()),
         intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
         pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
-        started_s=tuple(_times(file, angles.size, version=version)[order].tolist()),
+        started_s=tuple(times[order].tolist()),
         row_sums=sums_of(file, fields.ROW_SUMS, order.tolist(), room=angles.size),
     )
     if columns.row_sums:
@@ -75,7 +78,7 @@ def read_columns(path: Path, file: CarefulFile, *, version: int | None) -> Colum
     return columns
 
 
-def sums_of(file: CarefulFile, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
+def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
     """Checksums of some rows; none where the file has none.
 
     Raises
@@ -106,7 +109,7 @@ def _require_unchanged(path: Path, columns: Columns) -> None:
             raise changed(path, f"what is written of the angle {angle_deg:g} deg")
 
 
-def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarray, " planned"]:
+def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " planned"]:
     if not file.has(fields.INTENSITIES):
         return np.full(count, np.nan)
     values = file.numbers(fields.INTENSITIES)
@@ -119,17 +122,66 @@ def _intensities(path: Path, file: CarefulFile, count: int) -> Float64[np.ndarra
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _times(file: CarefulFile, count: int, *, version: int | None) -> Float64[np.ndarray, " planned"]:
-    """When each measurement began, in seconds on the clock of the facts; NaN where the file does not say."""
-    values = _one_each(file, fields.TIMES if version in (None, 1) else fields.RIG_CLOCK, count, otherwise=math.nan)
-    # Version 1 wrote 0 where nobody told the time.
-    return np.full(count, math.nan) if version == 1 and not values[np.isfinite(values)].any() else values
-
-
-def _one_each(file: CarefulFile, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
+def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
     """One number for each measurement, with another in the place of those that are missing."""
     values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
     if values.size not in (0, count):
         raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
     values = values if values.size else np.full(count, otherwise)
     return np.where(np.isfinite(values), values, otherwise)
+
+
+def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
+    """What is known of a bank; a bank of another program counts its times from 1970.
+
+    Raises
+    ------
+    ValueError
+        If a field does not hold what it should.
+    """
+    return BankFacts(
+        description=file.text(fields.DESCRIPTION) or "",
+        probe=file.text(fields.PROBE),
+        sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
+        pitch_m=pitch_m,
+        wavelength_m=_first(file, fields.WAVELENGTH),
+        pulse_energy_j=_first(file, fields.PULSE_ENERGY),
+        face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
+        reference_angle_deg=file.number(fields.REFERENCE),
+        clock_zero_unix_s=_clock_zero_unix_s(file, ours=ours),
+        simulated=_truth(file.number(fields.SIMULATED)),
+        configuration=file.text(fields.CONFIGURATION),
+        seed=_seed(file.text(fields.SEED)),
+        made_with=file.text(fields.MADE_WITH),
+    )
+
+
+def _clock_zero_unix_s(file: UntrustedHdf5, *, ours: bool) -> float | None:
+    if not ours:
+        return 0.0 if file.has(fields.TIMES) and file.text(fields.TIMES) is None else None
+    return file.number(fields.CLOCK_ZERO)
+
+
+def _truth(number: float | None) -> bool | None:
+    return None if number is None else number != 0
+
+
+def _seed(text: str | None) -> int | None:
+    return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
+
+
+def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float | None:
+    """A number in SI units that must lie in a range, by which a damaged one is known; None where it is missing."""
+    value = file.number(name)
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+    return value
+
+
+def _first(file: UntrustedHdf5, name: str) -> float | None:
+    """The first of the numbers; None where there is none, or pacfish wrote that there is none."""
+    if not file.has(name) or file.text(name) == "None":
+        return None
+    values = file.numbers(name)
+    return float(values[0]) if values.size and math.isfinite(values[0]) else None

@@ -7,8 +7,8 @@ from collections.abc import Container
 from pathlib import Path
 
 from markerseek.core import ChannelFrame, RecordError, Sample
-from markerseek.records.banks import MOST_DEG
-from markerseek.records.ipasc.layout import Layout
+from markerseek.records.banks.bank import MOST_DEG
+from markerseek.records.banks.ipasc.layout import Layout
 
 
 def require_keepable(path: Path, sample: Sample, *, layout: Layout | None, angles_deg: Container[float]) -> None:

@@ -1,4 +1,4 @@
-"""Scans of many angles: what a bank is, and which reader takes which file."""
+"""Scans of many angles: what a bank is."""
 
 from __future__ import annotations
 
@@ -140,47 +140,6 @@ class FrameBank(Bank, ABC):
     @abstractmethod
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
-
-
-def read_bank(path: Path) -> IntensityBank | FrameBank:
-    """Bank at a path, its frames left on disk.
-
-    Parameters
-    ----------
-    path
-        An IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each angle
-        a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
-        (``-12.5``, ``angle_-12.5deg``).
-
-    Raises
-    ------
-    RecordError
-        If it is not there, or not as described; the message says where and what to do.
-    MissingExtraError
-        If a bank in HDF5 is given and h5py is not installed.
-    """
-    from markerseek.records.journal import is_journal
-    from markerseek.records.recordings.folder import read_folder
-    from markerseek.records.recordings.table import read_table
-
-    try:
-        if path.is_dir():
-            return read_folder(path)
-        if not path.exists():
-            raise RecordError(f"{path}: there is no such file or folder")
-        if path.is_file() and is_journal(path):
-            raise RecordError(
-                f"{path}: it is the journal of a run and no bank; its run is worked out again by "
-                f"'markerseek journal replay {path}', and its frames become a bank by "
-                f"'markerseek bank import {path} frames.hdf5'"
-            )
-        if path.suffix.lower() not in HDF5_SUFFIXES:
-            return read_table(path)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
-    from markerseek.records.ipasc.reading import read_ipasc
-
-    return read_ipasc(path)
 
 
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,14 +12,13 @@ from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, FrameHeader, RecordError
 from markerseek.files import require_input
-from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.records.careful.hdf5 import CarefulFile, opened
-from markerseek.records.careful.vetting import vet
-from markerseek.records.ipasc import fields
-from markerseek.records.ipasc.array import element_row
-from markerseek.records.ipasc.columns import changed, read_columns, sums_of
-from markerseek.records.ipasc.facts import read_facts
-from markerseek.records.ipasc.sums import frame_sum
+from markerseek.records.banks.bank import FrameBank, IntensityBank
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.ipasc.array import element_row
+from markerseek.records.banks.ipasc.columns import changed, read_columns, read_facts, sums_of
+from markerseek.records.banks.ipasc.rows import frame_sum
+from markerseek.records.sandbox import probe_in_child
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
 _LARGEST_BYTES = 1 << 42
 
@@ -30,7 +30,9 @@ class IpascBank(FrameBank):
     Attributes
     ----------
     path
-        The file.
+        The file's name.
+    file
+        The file, open.
     rows
         Number of the measurement in the file for each angle.
     room
@@ -44,6 +46,7 @@ class IpascBank(FrameBank):
     """
 
     path: Path
+    file: UntrustedHdf5 = field(repr=False, compare=False)
     rows: tuple[int, ...] = field(repr=False)
     room: int
     falling: bool = False
@@ -91,8 +94,8 @@ class IpascBank(FrameBank):
     def _samples(
         self, name: str, row: int, *, what: str, summed: int | None, after: int
     ) -> Int16[np.ndarray, "channels samples"]:
-        with opened(self.path) as file:
-            samples = _counts(file, name, row)
+        with _as_bank_error(self.path):
+            samples = _counts(self.file, name, row)
         if summed is not None and frame_sum(samples, after=after) != summed:
             raise changed(self.path, what)
         return np.ascontiguousarray(samples[::-1]) if self.falling else samples
@@ -123,7 +126,7 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
     Measurements of a scan that was cut short are passed over where they were not taken. A file without
-    ``markerseek_bank_version`` is taken as somebody else's, and read if it has the angles.
+    ``markerseek_bank_version`` is taken as another program's, and read if it has the angles.
 
     Raises
     ------
@@ -136,34 +139,37 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
         require_input(path, most_bytes=_LARGEST_BYTES)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
-    vet(path)
-    return read_unvetted(path)
+    require_h5py()
+    probe_in_child(walk_bank, path)
+    return read_probed(path)
 
 
-def read_unvetted(path: Path) -> IntensityBank | IpascBank:
+def read_probed(path: Path) -> IntensityBank | IpascBank:
     """The same of a file that is known to do no harm."""
-    with opened(path) as file:
-        version = _version(path, file)
+    with _as_bank_error(path):
+        file = UntrustedHdf5(path)
+        ours = _is_ours(path, file)
         if not file.has(fields.ANGLES):
             raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-        columns = read_columns(path, file, version=version)
+        columns = read_columns(path, file, ours=ours)
         room = columns.room
         frames = _frame_shape(path, file, room)
         if frames is None:
             if not all(map(math.isfinite, columns.intensities)):
                 raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
-            facts = read_facts(file, version=version, pitch_m=None)
+            facts = read_facts(file, ours=ours, pitch_m=None)
             return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
         array = element_row(path, file, elements=frames[0])
         dark_frames = _dark_frames(file, frames)
         return IpascBank(
             angles_deg=columns.angles_deg,
             intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
-            facts=read_facts(file, version=version, pitch_m=array.pitch_m),
+            facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
             dark_frames=dark_frames,
             started_s=columns.started_s,
             pulses=columns.pulses,
             path=path,
+            file=file,
             rows=columns.rows,
             room=room,
             falling=array.falling,
@@ -173,31 +179,35 @@ def read_unvetted(path: Path) -> IntensityBank | IpascBank:
         )
 
 
-def walk_frames(bank: IntensityBank | IpascBank) -> None:
-    """Go through the places of all frames in the file without reading them."""
+def walk_bank(path: Path) -> dict[str, np.ndarray]:
+    """Read all of a bank but its frames, of which only the places are gone through; nothing comes back."""
+    bank = read_probed(path)
     if isinstance(bank, IpascBank):
-        with opened(bank.path) as file:
+        with _as_bank_error(path):
             for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
-                data = file.dataset(name)
+                data = bank.file.dataset(name)
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
         bank.frame(0)
+    return {}
 
 
-def _version(path: Path, file: CarefulFile) -> int | None:
-    """Version of the fields that are ours; None where somebody else wrote the file."""
+def _as_bank_error(path: Path) -> AbstractContextManager[None]:
+    return as_record_error(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind")
+
+
+def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
+    """Whether this program wrote the file, of a version that can be read."""
     version = file.number(fields.VERSION)
-    if version is None:
-        return None
-    if not (1 <= version <= fields.BANK_VERSION and version.is_integer()):
+    if version is not None and version != fields.BANK_VERSION:
         raise RecordError(
-            f"{path}: it is a bank of version {version:g}, this markerseek reads up to {fields.BANK_VERSION}; "
-            "install a newer markerseek"
+            f"{path}: it was written by a newer markerseek: the bank has version {version:g}, this one reads "
+            f"{fields.BANK_VERSION}; install a newer one"
         )
-    return int(version)
+    return version is not None
 
 
-def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] | None:
+def _frame_shape(path: Path, file: UntrustedHdf5, count: int) -> tuple[int, int] | None:
     """Elements and samples of the frames; None where there are none."""
     if not file.has(fields.FRAMES):
         return None
@@ -210,7 +220,7 @@ def _frame_shape(path: Path, file: CarefulFile, count: int) -> tuple[int, int] |
     return None if 0 in shape else (shape[0], shape[1])
 
 
-def _dark_frames(file: CarefulFile, frames: tuple[int, int]) -> int:
+def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
     """Number of dark frames that can be read."""
     if not file.has(fields.DARK_FRAMES):
         return 0
@@ -222,7 +232,7 @@ def _dark_frames(file: CarefulFile, frames: tuple[int, int]) -> int:
     return room if taken is None else max(0, min(int(taken), room))
 
 
-def _counts(file: CarefulFile, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
+def _counts(file: UntrustedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
     """One frame as ADC counts."""
     data = file.dataset(name)
     elements, samples = data.shape[:2]
