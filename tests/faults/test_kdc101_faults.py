@@ -82,6 +82,7 @@ REFUSED: dict[str, tuple[type[DeviceError] | tuple[type[DeviceError], ...], str]
     "says it is there": (MoveError, "faster than"),
     "says done": (MoveError, "did not begin"),
     "readback jump": ((MoveError, LimitError), "not on its way|faster than|left its travel"),
+    "jump on its way": (MoveError, "fell back|its acceleration allows|faster than|not on its way"),
     "overshoot": (MoveError, "not on its way"),
     "too fast": (MoveError, "faster than"),
     "slow": (MoveError, "too slow"),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from markerseek.core import DeviceError, Permit
+from markerseek.core import DeviceError, MoveError, Permit
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
@@ -63,13 +63,40 @@ def the_controller_adds_no_backlash_of_its_own() -> None:
     assert answers == [apt.Counts(counts=0)]
 
 
+def refusal_of(stage: Kdc101Stage, *targets_deg: float) -> str:
+    """What is said against a move; empty if all are believed."""
+    try:
+        for target_deg in targets_deg:
+            stage.move_to(target_deg)
+    except MoveError as refusal:
+        return str(refusal)
+    return ""
+
+
 def a_stage_that_only_says_it_is_there_is_refused() -> None:
-    stage, emulator, probe, _, _ = stage_at()
-    with contextlib.suppress(DeviceError):
-        stage.move_to(1.0)
-        emulator.inject(STAGE_FAULTS["says it is there"])
-        stage.move_to(1.4)
-        assert abs(probe.angle_deg - 1.4) < 0.05
+    stage, emulator, _, _, _ = stage_at()
+    stage.move_to(1.0)
+    emulator.inject(STAGE_FAULTS["says it is there"])
+    assert "faster than" in refusal_of(stage, 1.4)
+
+
+def an_encoder_that_falls_back_is_refused() -> None:
+    stage, emulator, _, _, _ = stage_at()
+    emulator.inject(replace(STAGE_FAULTS["jump on its way"], amount=-0.5))
+    assert "fell back by" in refusal_of(stage, 20.0)
+
+
+def an_encoder_that_loses_a_little_is_refused() -> None:
+    stage, emulator, _, _, _ = stage_at()
+    emulator.inject(replace(STAGE_FAULTS["jump on its way"], amount=-0.2))
+    assert "its acceleration allows" in refusal_of(stage, 20.0)
+
+
+def a_stage_on_a_slow_line_is_believed() -> None:
+    for late_s in (0.01, 0.05, 0.12):
+        stage, emulator, _, _, _ = stage_at()
+        emulator.inject(replace(STAGE_FAULTS["late answers"], amount=late_s))
+        assert refusal_of(stage, 20.0, -20.0, 7.0) == ""
 
 
 def no_target_is_far_ahead() -> None:
@@ -228,6 +255,30 @@ DRIVER_BUGS = {
         old="return _TOO_FAST *",
         new="return 1e9 + _TOO_FAST *",
         check=a_stage_that_only_says_it_is_there_is_refused,
+    ),
+    "a fall-back that is believed": Bug(
+        where="drivers._kdc101_course:Course.objection",
+        old="if back > self._unsteady:",
+        new="if back > 10_000:",
+        check=an_encoder_that_falls_back_is_refused,
+    ),
+    "a fall-back against the wrong heading": Bug(
+        where="drivers._kdc101_course:Course.objection",
+        old="self._heading * (self._farthest - reading.counts)",
+        new="self._heading * (reading.counts - self._farthest)",
+        check=the_stage_goes_where_it_is_sent,
+    ),
+    "the age of answers left out": Bug(
+        where="drivers._kdc101_course:Course._advances",
+        old="third.asked_s - second.answered_s",
+        new="third.answered_s - first.asked_s",
+        check=a_stage_on_a_slow_line_is_believed,
+    ),
+    "a motor that may lose its speed at once": Bug(
+        where="drivers._kdc101_course:Course.objection",
+        old="if low <= advance <= high:",
+        new="if True:",
+        check=an_encoder_that_loses_a_little_is_refused,
     ),
     "the whole way as one target": Bug(
         where="drivers._kdc101_move:Move.go",

@@ -55,8 +55,8 @@ JOURNAL_BUGS = {
         check=a_newer_journal_is_refused,
     ),
     "a deleted file written on": Bug(
-        where="records.journal.writer:Journal._require_in_place",
-        old="if _inode(self.path) != self._inode:",
+        where="records.journal.presence:Presence.loss",
+        old="if _identity(self._path) != self._file:",
         new="if False:",
         check=a_deleted_journal_is_noticed,
     ),

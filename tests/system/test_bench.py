@@ -133,6 +133,8 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
         code, out, _ = shell("resume", journal, "--json")
         assert (code, json.loads(out)["acquisitions"]) == (4, len(before))
         code, out, err = shell("resume", journal, "--arm", "--json")
+        assert (code, "a journal does not bring its own rig" in err) == (2, True)
+        code, out, err = shell("resume", journal, "--rig", devices.rig, "--arm", "--json")
         assert code in (0, 3), err
         result = json.loads(out)
         low_deg, high_deg, pulses = devices.end()
@@ -167,8 +169,9 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
             assert (code, json.loads(out)["armed"]) == (4, False)
             assert said in err
             assert "not armed: nothing moved and nothing was fired" in err
+        kept = tmp_path / "run.journal"
         process = subprocess.Popen(
-            markerseek("search", "--rig", devices.rig, "--arm", *SEARCH),
+            markerseek("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", kept),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -181,6 +184,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
         _, told = process.communicate(timeout=20)
         assert process.returncode == 130, told
         assert "stopped by SIGINT: the laser is disarmed" in told
+        assert f"markerseek resume {kept} --rig {devices.rig}" in told
         # the lines are free again, and the devices fit for another search
         code, out, err = shell("search", "--rig", devices.rig, "--arm", "--stay", *SEARCH)
         assert code in (0, 3), err

@@ -41,6 +41,20 @@ def test_a_scan_over_a_source_gives_the_lines_of_rig_toml(shell: Shell, scan: Pa
     assert f"zero_deg = {report['zero_deg']['value']:.3f}" in report["rig_toml"]
 
 
+@pytest.mark.parametrize(
+    ("direction", "zero_deg"), [("forward", 10 + SOURCE_DEG - 2), ("reverse", 10 - SOURCE_DEG + 2)]
+)
+def test_angle_zero_follows_the_sense_of_rotation(shell: Shell, scan: Path, direction: str, zero_deg: float) -> None:
+    words = ("--zero-deg", 10, "--source-deg", 2, "--direction", direction, "--json")
+    code, out, err = shell("calibrate", scan, *words)
+    assert code == 0, err
+    report = json.loads(out)
+    low, high = report["zero_deg"]["interval95"]
+    assert low < report["zero_deg"]["value"] < high
+    assert report["zero_deg"]["value"] == pytest.approx(zero_deg, abs=0.1)
+    assert f'direction = "{direction}"' in report["rig_toml"]
+
+
 def ends_early(scan: Path, to: Path) -> Path:
     to.mkdir()
     for path in scan.iterdir():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -12,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_up_journals import configuration, counts, died_in_commit, measured, whole_run, write
-from markerseek.core import Asked, RecordError
+from made_up_journals import configuration, counts, died_in_commit, whole_run, write
+from markerseek.core import RecordError
 from markerseek.records.journal import Entry, Interrupted, Journal, read_journal, salvage, summary, verify
 from markerseek.records.journal.connection import rollback_file
 
@@ -205,37 +204,3 @@ def test_a_database_in_another_mode_is_refused_before_sqlite_makes_files_beside_
         with pytest.raises(RecordError, match="a database without rollback journal"):
             look(path)
     assert files_of(tmp_path) == before
-
-
-def replace_it(path: Path) -> None:
-    shutil.copyfile(path, path.with_name("other"))
-    path.with_name("other").replace(path)
-
-
-@pytest.mark.parametrize("remove", [Path.unlink, replace_it, lambda path: path.rename(path.with_name("moved"))])
-def test_a_journal_that_is_deleted_or_replaced_in_mid_run_is_noticed(
-    remove: Callable[[Path], object], tmp_path: Path
-) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
-        remove(path)
-        with pytest.raises(RecordError, match="was deleted, or replaced by another file, while the search ran"):
-            journal.commit(measured(1), clock_s=0.0)
-
-
-def test_a_journal_with_a_second_name_is_refused_and_a_symbolic_link_is_followed(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    whole_run(path)
-    link = tmp_path / "links" / "latest.journal"
-    link.parent.mkdir()
-    link.symlink_to(path)
-    journal, held = Journal.reopen(link)
-    with journal:
-        journal.commit(Interrupted(reason="made up"), clock_s=0.0)
-        assert not list(link.parent.glob("*-journal"))
-    assert len(read_journal(link).entries) == len(held.entries) + 1
-    path.with_name("second.journal").hardlink_to(path)
-    for look in (Journal.reopen, read_journal, verify):
-        with pytest.raises(RecordError, match=r"has 2 names \(hard links\)"):
-            look(path)

@@ -40,6 +40,9 @@ def command(
         float,
         typer.Option(help="Time that daq and bench take to write channel files, over the settings': 0.01 to 1."),
     ] = 1.0,
+    mirrored: Annotated[
+        bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
+    ] = False,
     sdk: Annotated[
         int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
     ] = 6,
@@ -50,6 +53,7 @@ def command(
     from markerseek.cli.terminal import aside
     from markerseek.core import ConfigError
     from markerseek.emulators.bench import EmulatedBench, require_pace
+    from markerseek.emulators.kdc101 import Kdc101Settings
     from markerseek.rig_file import read_rig_file
     from markerseek.sim import SimulatedSettings
 
@@ -61,6 +65,7 @@ def command(
         settings=settings,
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
+        stage=Kdc101Settings(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
         sdk=5 if sdk == 5 else 6,
     )
     stop: list[int] = []

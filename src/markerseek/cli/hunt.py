@@ -32,6 +32,7 @@ def hunt(
     most: int,
     journal: Journal | None,
     as_json: bool,
+    rig_file: Path | None = None,
 ) -> tuple[Recorder, SearchResult]:
     """Live through a search with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end it.
 
@@ -47,7 +48,10 @@ def hunt(
         Where the events are kept, which also hears of an interruption; None without one.
     as_json
         Whether a program is to hear of an interruption.
+    rig_file
+        Rig file of the search; of a rig of devices, the command that resumes it names this file.
     """
+    rig_file = rig_file if begun_with.rig == "bench" else None
     recorder = Recorder()
     with stopped_by_signals():
         try:
@@ -55,11 +59,11 @@ def hunt(
             with closing(events):
                 _watch(events, recorder, most)
         except StoppedBySignal as stop:
-            _note_interruption(stop, journal)
+            _note_interruption(stop, journal, rig_file)
             end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
         except MarkerseekError:
             if journal is not None:
-                _tell_how_to_go_on(journal)
+                _tell_how_to_go_on(journal, rig_file)
             raise
     return recorder, recorder.result(begun_with)
 
@@ -77,10 +81,26 @@ def _watch(events: Iterable[Event], recorder: Recorder, most: int) -> None:
                 progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
 
 
-def _tell_how_to_go_on(journal: Journal) -> None:
+def resume_command(journal: Path, rig_file: Path | None) -> str:
+    """The command that resumes a journal, as a shell takes it.
+
+    Parameters
+    ----------
+    journal
+        The journal.
+    rig_file
+        Rig file of a rig of devices; None for any other rig.
+    """
+    rig = "" if rig_file is None else f" --rig {quoted(rig_file)}"
+    return f"markerseek resume {quoted(journal)}{rig}"
+
+
+def _tell_how_to_go_on(journal: Journal, rig_file: Path | None) -> None:
     """Say by which command a run that ended with an error goes on; nothing where only a new search helps."""
+    if not journal.path.exists():
+        return
     said = f"[dim]journal:[/] {escape(str(journal.path))}"
-    command = escape(f"markerseek resume {quoted(journal.path)}")
+    command = escape(resume_command(journal.path, rig_file))
     if isinstance(journal.last, Failed):
         said += f"; once the rig is well: {command} --reset-fault"
     elif not isinstance(journal.last, Checked):
@@ -88,7 +108,7 @@ def _tell_how_to_go_on(journal: Journal) -> None:
     aside.print(said)
 
 
-def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
+def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file: Path | None) -> None:
     """Say in the journal what stopped the run, once the rig has been stopped."""
     if journal is None:
         return
@@ -96,7 +116,7 @@ def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
         journal.interrupt(stop.name)
     except RecordError as problem:
         print_warning(str(problem))
-    print_warning(f"go on with: markerseek resume {quoted(journal.path)}")
+    print_warning(f"go on with: {resume_command(journal.path, rig_file)}")
 
 
 def conclude(

@@ -64,9 +64,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: _Json = False) -> None:
     """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.terminal import one_line, people, print_json
     from markerseek.records.journal import verify as look_over
 
     finding = look_over(journal)
@@ -74,7 +72,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
         print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
     else:
         for fault in finding.faults:
-            people.print(f"[red]wrong:[/] {escape(fault)}")
+            people.print(f"[red]wrong:[/] {one_line(fault)}")
         people.print(f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"))
     raise typer.Exit(1 if finding.faults else 0)
 
@@ -82,9 +80,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
     """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import announce_compilation, people, print_json
+    from markerseek.cli.terminal import announce_compilation, one_line, people, print_json
     from markerseek.records.journal import read_journal, run_state
     from markerseek.rigs.again import differences, policy_again, reader_again
 
@@ -96,7 +92,7 @@ def replay(journal: _File, as_json: _Json = False) -> None:
         print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
     else:
         for line in found:
-            people.print(f"[red]differs:[/] {escape(line)}")
+            people.print(f"[red]differs:[/] {one_line(line)}")
         if not found:
             what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
             people.print(f"{what} come out equal, bit for bit, from {len(held.entries)} entries")
@@ -122,24 +118,26 @@ def _print_table(held: Recording) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import one_line, people
     from markerseek.records.journal import run_state
 
     begun_with = held.configuration
     form = " as published" if begun_with.as_published else ""
-    people.print(f"[bold]{begun_with.method}{form}[/] on a {begun_with.rig} rig: {escape(begun_with.description)}")
+    people.print(
+        f"[bold]{one_line(begun_with.method)}{form}[/] on a {begun_with.rig} rig: {one_line(begun_with.description)}"
+    )
     said = ", ".join(f"{name} {version}" for name, version in begun_with.versions.items())
     seed = "" if begun_with.seed is None else f"seed {begun_with.seed}, "
-    people.print(f"[dim]{seed}rig {begun_with.fingerprint}, {escape(said)}[/]")
+    people.print(f"[dim]{seed}rig {one_line(begun_with.fingerprint)}, {one_line(said)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
         # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
         table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
     for entry in held.entries:
-        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(escape, _line(entry)))
+        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     people.print(table)
     stands = run_state(held.entries)
-    people.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {escape(stands.fault)}"))
+    people.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
 
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:

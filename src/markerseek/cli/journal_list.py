@@ -44,10 +44,10 @@ def command(
 def _print(outlines: list[JournalSummary], place: Path, *, count: int, total_bytes: int) -> None:
     from rich.markup import escape
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import one_line, people
 
     for each in outlines:
-        people.print(f"[bold]{escape(Path(each.path).name)}[/]\n  {escape(_in_words(each))}")
+        people.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
     shown = "" if len(outlines) == count else f", the newest {len(outlines)} are listed (--last)"
     people.print(f"{count} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ import typer
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
+    from markerseek.drivers.settings import BenchSettings
     from markerseek.rigs import Rig
 
 _USUAL_SEED = 1
@@ -96,19 +98,46 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import aside, print_json
+    from markerseek.rigs.recipe import BenchRecipe
 
     if rig.devices is None:
         return
     aside.print(escape(rig.description))
-    aside.print(
-        f"[dim]search {rig.limits.search}, travel {rig.limits.travel}; stands at {rig.scanner.angle_deg:.3f} deg[/]"
-    )
+    aside.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
+    if isinstance(rig.recipe, BenchRecipe):
+        print_permissions(rig.recipe.settings)
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
         aside.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
         if as_json:
             print_json({"armed": False, "rig": rig.description})
         raise typer.Exit(NOT_ARMED)
     rig.arm(by=person())
+
+
+def print_permissions(settings: BenchSettings) -> None:
+    """Say what a rig of devices may do once it is armed: where it turns, what it fires, which program it starts.
+
+    Parameters
+    ----------
+    settings
+        From the user's rig file.
+    """
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import aside
+
+    limits, firing, command = settings.limits, settings.firing, settings.receiver.start_command
+    lines = (
+        f"limits: search {limits.search}, travel {limits.travel}",
+        f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",
+        (
+            f"budgets: {firing.pulses_per_permit} pulses per permit, {firing.pulses_per_second} per second, "
+            f"{firing.pulses_per_session} per session"
+        ),
+        f"start_command: {'none' if command is None else shlex.join(command)}",
+    )
+    for line in lines:
+        aside.print(f"[dim]{escape(line)}[/]")
 
 
 def person() -> str:

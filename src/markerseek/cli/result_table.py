@@ -58,7 +58,7 @@ def _mm(point_m: tuple[float, float, float]) -> list[float]:
 
 def print_result(result: SearchResult, description: str) -> None:
     """Print a result on standard output, with the rig in words."""
-    people.print(f"[bold]{method_in_words(result)}[/] on a {result.rig} rig: {escape(description)}")
+    people.print(f"[bold]{escape(method_in_words(result))}[/] on a {result.rig} rig: {escape(description)}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
         table.add_row(f"[dim]{name}[/]", escape(value))

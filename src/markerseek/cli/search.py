@@ -84,7 +84,7 @@ def command(
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
         with held_open(new_journal(journal, configuration, wanted=not no_journal)) as kept:
             events = search_events(policy, assembled, configuration, kept)
-            recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json)
+            recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json, rig_file=rig)
     conclude(
         recorder,
         result,

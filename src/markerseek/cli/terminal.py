@@ -5,29 +5,75 @@ Programs read one JSON object on standard output (``--json``); progress, warning
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from markerseek.core import ConfigError, MarkerseekError
 
-people = Console(highlight=False, soft_wrap=True)
+_CONTROL = frozenset({"Cc", "Cf", "Zl", "Zp"})
+"""Unicode categories of what a terminal obeys instead of showing it: control, formatting, line and paragraph ends."""
+
+
+def printable(text: str) -> str:
+    """A text with control characters as escapes, so that a file or a device cannot command the terminal.
+
+    Parameters
+    ----------
+    text
+        Any text; line feeds and tabs stay.
+    """
+    return _escaped(text, lambda char: char if char in "\n\t" else repr(char)[1:-1])
+
+
+def _escaped(text: str, escape: Callable[[str], str]) -> str:
+    if text.isprintable():
+        return text
+    return "".join(escape(char) if unicodedata.category(char) in _CONTROL else char for char in text)
+
+
+def one_line(text: str) -> str:
+    """A text of a file as markup for one line: line feeds and control characters as escapes, brackets as they are.
+
+    Parameters
+    ----------
+    text
+        Any text.
+    """
+    return escape(printable(text).replace("\n", "\\n"))
+
+
+class SafeConsole(Console):
+    """A console that shows control characters in texts, also in those of tables, instead of obeying them."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """The text, escaped, with its markup applied."""
+        return super().render_str(printable(text), **options)
+
+
+people = SafeConsole(highlight=False, soft_wrap=True)
 """Standard output, for people."""
 
-aside = Console(stderr=True, highlight=False, soft_wrap=True)
+aside = SafeConsole(stderr=True, highlight=False, soft_wrap=True)
 """Standard error: progress, warnings, errors."""
 
 
 def print_json(value: object) -> None:
     """Write one JSON object on standard output; what is no Unicode in a file's name is written as escapes."""
-    sys.stdout.write(msgspec.json.encode(_readable(value)).decode("utf-8") + "\n")
+    text = msgspec.json.encode(_readable(value)).decode("utf-8")
+    # JSON escapes the control characters of ASCII itself, and leaves others, which terminals obey as well.
+    sys.stdout.write(_escaped(text, lambda char: json.dumps(char)[1:-1]) + "\n")
     sys.stdout.flush()
 
 

@@ -31,12 +31,17 @@ class AptLine:
         How long an answer may take before the question is asked again, in seconds.
     age_s
         How old an answer may be, in seconds: after that, silence is an error.
+
+    Attributes
+    ----------
+    answer_s
+        As above.
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
         self._port = port
         self._clock = clock
-        self._answer_s = answer_s
+        self.answer_s = answer_s
         self._age_s = age_s
         self._framer = AptFramer()
 
@@ -65,7 +70,7 @@ class AptLine:
         first_s = self._clock.now_s()
         while (asked_s := self._clock.now_s()) - first_s < self._age_s:
             self._port.write(question)
-            again_s = min(asked_s + self._answer_s, first_s + self._age_s)
+            again_s = min(asked_s + self.answer_s, first_s + self._age_s)
             while True:
                 answer = self._take(ident)
                 if isinstance(answer, kind):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from markerseek.core import Clock, DeviceError, LimitError, MoveError
 from markerseek.drivers._apt_line import AptLine
+from markerseek.drivers._kdc101_course import Course, Reading
 from markerseek.wire import apt
 
 _POLL_S = 0.05
@@ -81,6 +82,7 @@ class Move:
         self._rules = rules
         self._corridor = (rules.low, rules.high) if rest is None else (rest, rest)
         self._last: tuple[float, int] | None = None
+        self._course: Course | None = None
         self._from: int | None = None
         self._begun_s: float | None = None
 
@@ -90,20 +92,26 @@ class Move:
         Raises
         ------
         MoveError
-            If it reports an error, was switched off, homes, or is where it cannot be.
+            If it reports an error, was switched off, homes, fell back on its way, or is where it cannot be.
         LimitError
             If it is outside its travel range.
         """
-        asked_s = self._clock.now_s()
-        status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
-        if self._objection(status) is not None:
-            asked_s = self._clock.now_s()
-            status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
-            objection = self._objection(status)
+        status, reading = self._ask()
+        if self._objection(status, reading) is not None:
+            status, reading = self._ask()
+            objection = self._objection(status, reading)
             if objection is not None:
                 raise objection
-        self._last = (asked_s, status.position)
+        self._last = (reading.asked_s, reading.counts)
+        if self._course is not None:
+            in_time = reading.answered_s - reading.asked_s < self._line.answer_s
+            self._course.add(reading, in_time=in_time)
         return status
+
+    def _ask(self) -> tuple[apt.Status, Reading]:
+        asked_s = self._clock.now_s()
+        status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
+        return status, Reading(counts=status.position, asked_s=asked_s, answered_s=self._clock.now_s())
 
     def go(self, target: int, start: int) -> int:
         """Go from a place to another, and return where it came to rest, all in counts.
@@ -118,6 +126,13 @@ class Move:
         self._corridor = (min(start, target), max(start, target))
         self._last = (self._clock.now_s(), start)
         self._from, self._begun_s = start, None
+        self._course = Course(
+            start=start,
+            heading=heading,
+            now_s=self._clock.now_s(),
+            acceleration=_TOO_FAST * rules.acceleration,
+            unsteady=max(rules.arrival, _UNSTEADY_COUNTS),
+        )
         ends_s = self._clock.now_s() + rules.longest_s(abs(target - start))
         aimed_s = advanced_s = self._clock.now_s()
         aim: int | None = None
@@ -168,7 +183,7 @@ class Move:
     def _pause_s(self, left: int) -> float:
         return min(_POLL_S, max(_NEAR_POLL_S, left / self._rules.speed))
 
-    def _objection(self, status: apt.Status) -> DeviceError | None:
+    def _objection(self, status: apt.Status, reading: Reading) -> DeviceError | None:
         rules = self._rules
         if status.faults:
             return MoveError(f"the stage reports: {', '.join(status.faults)}; look for an obstacle")
@@ -185,7 +200,8 @@ class Move:
                 f"the stage is at {status.position} counts, which is not on its way from {low} to {high}; did somebody "
                 "turn its wheel, or does another program use it?"
             )
-        return self._too_fast(status.position)
+        too_fast = self._too_fast(status.position)
+        return too_fast if too_fast is not None or self._course is None else self._course.objection(reading)
 
     def _too_fast(self, position: int) -> MoveError | None:
         """Whether it cannot have got there by now, at the speed and acceleration that were set.

@@ -42,9 +42,24 @@ class Connected:
 
 
 def set_up(
-    line: AptLine, *, travel: Interval, zero_deg: float, velocity: apt.Velocity, serial_number: int | None
+    line: AptLine, *, travel: Interval, zero_deg: float, sense: int, velocity: apt.Velocity, serial_number: int | None
 ) -> Connected:
     """Check and configure a controller; nothing moves.
+
+    Parameters
+    ----------
+    line
+        To the controller.
+    travel
+        Angles of the probe at which it may be.
+    zero_deg
+        The stage's own reading at which the probe points at 0, in degrees.
+    sense
+        1 if the probe's angle grows with the stage's own reading, -1 if it falls.
+    velocity
+        Speed and acceleration.
+    serial_number
+        Which controller it must be; None takes any.
 
     Raises
     ------
@@ -72,15 +87,18 @@ def set_up(
             "it off and on, and home it with the probe outside the patient"
         )
     # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
-    turns = round((apt.degrees_of(status.position) - zero_deg - travel.centre_deg) / 360)
+    turns = round((apt.degrees_of(status.position) - zero_deg - sense * travel.centre_deg) / 360)
     zero = apt.counts_of(zero_deg + 360 * turns)
+    # Of a stage that turns the probe the other way, the lowest reading belongs to the probe's highest angle.
+    low_deg, high_deg = sorted((sense * travel.low_deg, sense * travel.high_deg))
     # The outermost counts that are inside: half a count outside would be outside.
-    low, high = math.ceil(travel.low_deg * apt.COUNTS_PER_DEG), math.floor(travel.high_deg * apt.COUNTS_PER_DEG)
+    low, high = math.ceil(low_deg * apt.COUNTS_PER_DEG), math.floor(high_deg * apt.COUNTS_PER_DEG)
     limits = apt.SoftLimits(low=zero + low, high=zero + high)
     if not limits.low <= status.position <= limits.high:
+        stands_deg = sense * apt.degrees_of(status.position - zero)
         raise LimitError(
-            f"the stage stands at {apt.degrees_of(status.position - zero):.2f} deg, outside its travel {travel}; with "
-            "the probe outside the patient, turn it back by the controller's wheel, or correct zero_deg"
+            f"the stage stands at {stands_deg:.2f} deg, outside its travel {travel}; with the probe outside the "
+            "patient, turn it back by the controller's wheel, or correct zero_deg or direction"
         )
     no_backlash = apt.Counts(counts=0)
     _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)

@@ -71,6 +71,7 @@ class Kdc101Stage:
             self._line,
             travel=settings.travel,
             zero_deg=settings.zero_deg,
+            sense=settings.sense,
             velocity=velocity,
             serial_number=settings.serial_number,
         )
@@ -199,8 +200,8 @@ class Kdc101Stage:
         raise MoveError("the stage turns although nobody told it to; keep hands off its wheel, and end other programs")
 
     def _angle_of(self, counts: int) -> float:
-        return apt.degrees_of(counts - self._zero)
+        return self._settings.sense * apt.degrees_of(counts - self._zero)
 
     def _counts_of(self, angle_deg: float) -> int:
         """Counts of an angle inside the travel range, to the nearest that are inside, too."""
-        return min(max(self._zero + apt.counts_of(angle_deg), self._rules.low), self._rules.high)
+        return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)

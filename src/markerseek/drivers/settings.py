@@ -23,6 +23,9 @@ class BenchStage:
         Serial port of its controller.
     zero_deg
         The stage's own reading at which the probe points at 0, in degrees.
+    direction
+        Whether the probe's angle grows with the stage's own reading ("forward") or falls ("reverse"). The default is an
+        assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` proves it.
     driver
         Which stage it is.
     serial_number
@@ -39,6 +42,7 @@ class BenchStage:
 
     port: str
     zero_deg: float
+    direction: Literal["forward", "reverse"] = "forward"
     driver: Literal["kdc101"] = "kdc101"
     serial_number: int | None = None
     speed_deg_s: float = 10.0

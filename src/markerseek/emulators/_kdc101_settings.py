@@ -23,6 +23,8 @@ class Kdc101Settings:
         Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
     play_deg
         Play between motor and probe, in degrees.
+    mirrored
+        Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows.
     model, serial_number
         Who it says it is.
     """
@@ -32,6 +34,7 @@ class Kdc101Settings:
     zero_deg: float = 0.0
     turns: int = 0
     play_deg: float = 0.1
+    mirrored: bool = False
     model: str = "KDC101"
     serial_number: int = 27000001
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+
 from markerseek.emulators._motor import Motor
 from markerseek.sim.faults import Fault
 from markerseek.wire.apt import COUNTS_PER_DEG
@@ -31,23 +33,37 @@ class Prm1z8:
     play_deg
         Play between motor and probe: pushed from below the probe stands at the motor's angle, pulled from above by the
         play behind it. In degrees.
+    sense
+        1 if the probe turns as the motor does, -1 if it is mounted the other way round; the play is then mirrored too.
     fault
         Gives the fault of that name if it holds now.
+    rng
+        Source of randomness, for faults that need it.
     """
 
     def __init__(
-        self, *, probe: Turned, zero_deg: float, play_deg: float, fault: Callable[[str], Fault | None]
+        self,
+        *,
+        probe: Turned,
+        zero_deg: float,
+        play_deg: float,
+        sense: int,
+        fault: Callable[[str], Fault | None],
+        rng: np.random.Generator,
     ) -> None:
-        start_deg = probe.angle_deg + zero_deg
+        start_deg = sense * probe.angle_deg + zero_deg
         self.motor = Motor(angle_deg=start_deg, target_deg=start_deg)
         self.lowest_deg = self.highest_deg = probe.angle_deg
         self.offset = 0
         self._probe = probe
         self._zero_deg = zero_deg
         self._play_deg = play_deg
+        self._sense = sense
         self._fault = fault
         self._slipped_deg = 0.0
         self._jumped = False
+        self._rng = rng
+        self._jumps_in_s: float | None = None
 
     @property
     def counts(self) -> int:
@@ -60,7 +76,7 @@ class Prm1z8:
 
     def motor_angle_of(self, probe_deg: float) -> float:
         """Angle of the motor at which it pushes the probe to that angle, in degrees."""
-        return probe_deg + self._zero_deg
+        return self._sense * probe_deg + self._zero_deg
 
     def advance(self, duration_s: float) -> bool:
         """Turn for that long; whether something stopped the motor that was not its target."""
@@ -72,12 +88,27 @@ class Prm1z8:
         if motor.at_rest and self._fault("slip") is None:
             return False
         motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
+        turning = not motor.at_rest
         stopped = motor.advance(duration_s)
+        if turning:
+            self._jump_on_its_way(duration_s)
         # How far the motor has been on the way matters to whoever checks the limits, also where it came back.
         for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:
             self._turn_probe(angle_deg)
         self._turn_probe(motor.angle_deg)
         return stopped
+
+    def _jump_on_its_way(self, turned_s: float) -> None:
+        """Let the counter jump once, when the motor has turned for a random time with this fault."""
+        jump = self._fault("jump on its way")
+        if jump is None or self._jumps_in_s == -math.inf:
+            return
+        if self._jumps_in_s is None:
+            self._jumps_in_s = self._rng.uniform(0.0, 1.0)
+        self._jumps_in_s -= turned_s
+        if self._jumps_in_s <= 0 and not self.motor.at_rest:
+            self._jumps_in_s = -math.inf
+            self.offset += round(jump.amount * COUNTS_PER_DEG)
 
     def _turn_probe(self, motor_deg: float) -> None:
         slip, scale, play = self._fault("slip"), self._fault("scale"), self._fault("more play")
@@ -87,7 +118,7 @@ class Prm1z8:
         if slip is not None:
             pushed_deg += slip.amount
         play_deg = self._play_deg if play is None else play.amount
-        angle_deg = min(max(self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
+        angle_deg = self._sense * min(max(self._sense * self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
         self._probe.angle_deg = angle_deg
         self.lowest_deg = min(self.lowest_deg, angle_deg)
         self.highest_deg = max(self.highest_deg, angle_deg)

@@ -63,10 +63,17 @@ class Kdc101Emulator:
     ) -> None:
         self._settings = settings or Kdc101Settings()
         self._faults: dict[str, Fault] = {}
-        zero_deg = self._settings.zero_deg + 360.0 * self._settings.turns
-        self._stage = Prm1z8(probe=probe, zero_deg=zero_deg, play_deg=self._settings.play_deg, fault=self._fault)
+        rng = rng or np.random.Generator(np.random.PCG64(0))
+        self._stage = Prm1z8(
+            probe=probe,
+            zero_deg=self._settings.zero_deg + 360.0 * self._settings.turns,
+            play_deg=self._settings.play_deg,
+            sense=-1 if self._settings.mirrored else 1,
+            fault=self._fault,
+            rng=rng,
+        )
         self._motion = MotionControl(stage=self._stage, fault=self._fault)
-        self._line = FaultyLine(fault=self._fault, rng=rng or np.random.Generator(np.random.PCG64(0)))
+        self._line = FaultyLine(fault=self._fault, rng=rng)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
         self._said = bytearray()
         self._now_s = self._next_update_s = 0.0

@@ -24,6 +24,9 @@ _ALL = (
     _fault("hides its moves", FaultKind.WRONG, "its moving bits are clear while it moves"),
     _fault("says done", FaultKind.WRONG, "it says that a move is done, and does not move"),
     _fault("readback jump", FaultKind.WRONG, "the position counter jumps by this angle, deg", amount=2.0),
+    _fault(
+        "jump on its way", FaultKind.WRONG, "the position counter jumps by this angle in mid-move, deg", amount=-0.5
+    ),
     _fault("overshoot", FaultKind.WRONG, "it goes this far beyond its target, deg", amount=0.5),
     _fault("too fast", FaultKind.WRONG, "it turns at this speed and acceleration, deg/s and deg/s^2", amount=25.0),
     _fault("ignores stop", FaultKind.WRONG, "it says that it stopped, and goes on"),

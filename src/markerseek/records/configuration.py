@@ -12,6 +12,8 @@ import scipy
 from markerseek._version import __version__
 from markerseek.core import MOST_ACQUISITIONS, Interval
 
+_MOST_DARK_FRAMES = 100
+
 
 def versions() -> dict[str, str]:
     """Versions of what a result depends on, bit for bit."""
@@ -62,7 +64,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     as_published: bool
     search: Interval
     start_deg: float
-    dark_frames: Annotated[int, msgspec.Meta(ge=0, le=MOST_ACQUISITIONS)]
+    dark_frames: Annotated[int, msgspec.Meta(ge=0, le=_MOST_DARK_FRAMES)]
     stay: bool
     rig: Literal["simulated", "replayed", "bench"]
     recipe: msgspec.Raw

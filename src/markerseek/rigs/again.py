@@ -8,7 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader, RecordError
+from markerseek.core import ChannelFrame, ConfigError, Finished, Measured, Policy, Reader, RecordError
+from markerseek.drivers.settings import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.journal import Configuration, Entry, JournalEvent, Recording
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
@@ -16,28 +17,58 @@ from markerseek.rigs.replay import replayed
 from markerseek.rigs.resuming import TOLD
 from markerseek.rigs.retelling import Retelling
 from markerseek.rigs.rig import Rig
+from markerseek.rigs.same_bench import require_same_measurement
 from markerseek.rigs.simulation import simulated
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
-def rig_again(configuration: Configuration) -> Rig:
+def recorded_bench(configuration: Configuration) -> BenchSettings | None:
+    """Settings of the bench in a journal, to be compared with a rig file; None for any other rig.
+
+    Raises
+    ------
+    RecordError
+        If the journal's rig cannot be read.
+    """
+    recipe = _recipe(configuration)
+    return recipe.settings if isinstance(recipe, BenchRecipe) else None
+
+
+def rig_again(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
     """The rig of a journal, as it was before the run; of a bench the devices are connected to, and must be closed.
+
+    Parameters
+    ----------
+    configuration
+        The journal's configuration.
+    bench_settings
+        Settings of a bench from the rig file that a person named; a journal is not asked for them.
 
     Raises
     ------
     RecordError
         If the rig was not put together from settings, or is not the same any more: its recording was changed.
+    ConfigError
+        If the journal is of a bench and no settings are given, or settings of another bench; or of no bench.
     """
     recipe = _recipe(configuration)
     if recipe is None:
         raise RecordError("the journal does not say how to put its rig together; resume it from Python, with the rig")
     if isinstance(recipe, BenchRecipe):
+        if bench_settings is None:
+            raise ConfigError(
+                "the journal is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+                "markerseek resume FILE --rig RIG.toml --arm"
+            )
         from markerseek.rigs.bench import bench
 
-        rig = bench(recipe.settings)
-    elif isinstance(recipe, ReplayedRecipe):
+        require_same_measurement(configuration, recipe.settings, bench_settings)
+        return bench(bench_settings)
+    if bench_settings is not None:
+        raise ConfigError(f"the journal is of a {configuration.rig} rig and describes it in full; leave --rig out")
+    if isinstance(recipe, ReplayedRecipe):
         rig = _replayed(recipe)
         # Any other rig is put together from the recipe itself, and so is the same.
         if rig.configuration != configuration.fingerprint:
@@ -79,6 +110,11 @@ def _recipe(configuration: Configuration) -> Recipe | None:
         recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    if recipe is not None and recipe.__struct_config__.tag != configuration.rig:
+        raise RecordError(
+            f"the journal says that its rig is {configuration.rig} and holds the settings of another kind, "
+            f"{recipe.__struct_config__.tag}; it is damaged or foreign"
+        )
     return recipe
 
 

@@ -174,6 +174,7 @@ def _stage(settings: BenchSettings) -> StageSettings:
     return StageSettings(
         travel=settings.limits.travel,
         zero_deg=stage.zero_deg,
+        direction=stage.direction,
         speed_deg_s=stage.speed_deg_s,
         acceleration_deg_s2=stage.acceleration_deg_s2,
         approach_from=stage.approach_from,

@@ -6,6 +6,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from markerseek.core import ConfigError
 from markerseek.drivers.settings import BenchSettings
 from markerseek.sim import SimulatedSettings
 
@@ -16,6 +17,10 @@ class SimulatedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="simulated"
     seed: int
     settings: SimulatedSettings
     pace: float
+
+    def __post_init__(self) -> None:
+        if not self.seed >= 0:
+            raise ConfigError(f"seed is {self.seed}, it must be 0 or a positive whole number")
 
 
 class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):

@@ -104,6 +104,9 @@ class ByteRun:
         stage_names, others = sorted(STAGE_FAULTS), LASER_AND_DAQ
         pick = int(rng.integers(len(stage_names) + len(others) + 2))
         self.stage_fault = STAGE_FAULTS[stage_names[pick]] if pick < len(stage_names) else None
+        if self.stage_fault is not None and self.stage_fault.name == "jump on its way":
+            jump_deg = float(rng.choice((-1, 1)) * rng.uniform(0.2, 1.0))
+            self.stage_fault = replace(self.stage_fault, amount=jump_deg)
         rest = pick - len(stage_names)
         self.byte_fault = others[rest] if 0 <= rest < len(others) else None
         self.after = int(rng.integers(0, 9))

@@ -121,6 +121,11 @@ class FaultyStage(Faulty):
         if abs(way_deg) > 0.1 and self.has("stall"):
             self._go(start_deg + self._rng.uniform(0, 1) * way_deg)
             raise MoveError("stage: it stalled")
+        if abs(way_deg) > 0.1 and (jump := self.has("jump on its way")) is not None:
+            # The counter is off from here on; what the driver makes of it is measured over bytes.
+            self._go(start_deg + self._rng.uniform(0, 1) * way_deg)
+            self._inner.counts += round(jump.amount * COUNTS_PER_DEG)
+            raise MoveError(f"stage: its counter jumped by {jump.amount:.2f} deg on its way")
         target_deg = self._target(angle_deg, way_deg)
         self._go(target_deg)
 

@@ -54,6 +54,7 @@ _ALL = (
     _fault("stage", "stops short", WRONG, "it stops this far before its target, deg", amounts=(0.11, 20)),
     _fault("stage", "overshoot", WRONG, "it goes this far beyond its target, deg", amounts=(0.11, 1.4)),
     _fault("stage", "readback jump", WRONG, "the readback is off by this after a move, deg", amounts=(0.15, 30)),
+    _fault("stage", "jump on its way", WRONG, "its counter jumps in mid-move, deg; the driver sees", amounts=(-1, 1)),
     _fault("stage", "slow", SLOW, "it turns this many times as slowly", amounts=(1.5, 100)),
     _fault("stage", "late rest", DELAYED, "it turns by so much more while it should rest, deg", amounts=(0.06, 3)),
     _fault("stage", "late readback", DELAYED, "the readback is that of the move before"),

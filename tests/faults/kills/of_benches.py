@@ -125,7 +125,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
         told, kills, lost_pulses = 0, 0, 0
         for again in (False, True)[: 1 + twice]:
             row = tally.row(KIND, "random time of the resume" if again else "random time")
-            words = ("resume", path, "--arm", "--json") if again else search
+            words = ("resume", path, "--rig", devices.rig, "--arm", "--json") if again else search
             # What was told before is told again at once: a resume dies at an event that is new.
             after = chance.randrange(told + 1, EVENTS) if told + 1 < EVENTS else EVENTS
             end = command(*words, out=path, death=Death(after, chance.uniform(0.0, 1.0)))
@@ -146,7 +146,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
             unarmed = command("resume", path, "--json", out=path)
             _require(unarmed.code == 4, f"a resume that nobody armed ended with exit code {unarmed.code}")
         if end.killed:
-            end = command("resume", path, "--arm", "--json", out=path)
+            end = command("resume", path, "--rig", devices.rig, "--arm", "--json", out=path)
             _require(end.code in (0, 3), f"the resume failed: {Path(f'{path}.err').read_text()}")
         pulses = devices.pulses()
     printed = json.loads(Path(f"{path}.out").read_text())

@@ -159,8 +159,8 @@ def _watching_arming() -> None:
 
     rig_again = again.rig_again
 
-    def watched(*args: object) -> object:
-        rig = rig_again(*args)  # type: ignore[arg-type]
+    def watched(*args: object, **named: object) -> object:
+        rig = rig_again(*args, **named)  # type: ignore[arg-type]
         arming_watched(rig).__enter__()
         return rig
 

@@ -116,6 +116,15 @@ def _stamps(path: Path) -> list[tuple[int, int]]:
     return [(part.stat().st_size, part.stat().st_mtime_ns) for part in (path, rollback_file(path))]
 
 
+def followed(path: Path) -> Path:
+    """The file that a name leads to: its rollback journal lies beside it, not beside a symbolic link to it."""
+    try:
+        return Path(os.path.realpath(path)) if path.is_symlink() else path
+    except OSError:
+        # Whoever opens it says why.
+        return path
+
+
 def rollback_file(path: Path) -> Path:
     """SQLite's rollback journal of a journal, which need not exist."""
     return Path(f"{path}-journal")

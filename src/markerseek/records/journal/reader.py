@@ -11,7 +11,7 @@ import msgspec
 
 from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.connection import as_record_error, opened_for_reading
+from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import Checked, Entry
 from markerseek.records.journal.schema import Row, checksum, counted, require_schema, row_checksum
@@ -79,6 +79,7 @@ def salvage(
     RecordError
         If not even the configuration can be read, or a newer program wrote it.
     """
+    path = followed(path)
     with opened_for_reading(path) as connection:
         return recording(connection, path, frames=frames, see=see)
 

@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Started
-from markerseek.records.journal.connection import rollback_file
+from markerseek.records.journal.connection import followed, rollback_file
 from markerseek.records.journal.encoding import escaped
 from markerseek.records.journal.reader import Recording, salvage
 from markerseek.records.journal.sequence import run_state
@@ -85,7 +85,7 @@ def summary(path: Path) -> JournalSummary:
 
 
 def _without(path: Path, problem: RecordError) -> str:
-    return escaped(str(problem).removeprefix(f"{path}: "))
+    return escaped(str(problem).removeprefix(f"{followed(path)}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -114,6 +114,7 @@ def journals_in(folder: Path) -> list[Path]:
 
 def size_bytes_of(path: Path) -> int:
     """Bytes of a journal and of the rollback journal beside it; what is not there counts nothing."""
+    path = followed(path)
     return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.connection import as_record_error, opened_for_reading
+from markerseek.records.journal.angles import angle_faults
+from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
 from markerseek.records.journal.reader import recording
 from markerseek.records.journal.sequence import order_faults
 
@@ -31,7 +32,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verify(path: Path) -> Finding:
-    """Everything that is wrong with a journal: its pages, its checksums, and the order of what happened.
+    """Everything that is wrong with a journal: its pages, its checksums, the order of what happened, and its angles.
 
     Parameters
     ----------
@@ -44,6 +45,7 @@ def verify(path: Path) -> Finding:
         If it is no journal at all, was written by a newer program, or is in use.
     """
     faults: list[str] = []
+    path = followed(path)
     with opened_for_reading(path) as connection:
         held, damage = recording(connection, path, frames=False)
         try:
@@ -55,5 +57,6 @@ def verify(path: Path) -> Finding:
             faults += [f"SQLite: {line}" for (text,) in complaints if text != "ok" for line in text.splitlines()]
     if damage is not None:
         faults.append(str(damage))
-    faults += [f"entry {number}: {reason}" for number, reason in order_faults(held.entries)]
+    wrong = [*order_faults(held.entries), *angle_faults(held.configuration, held.entries)]
+    faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
     return Finding(entries=len(held.entries), faults=faults)

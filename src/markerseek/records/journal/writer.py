@@ -14,15 +14,18 @@ import msgspec
 from markerseek.core import Failed, Finished, RecordError
 from markerseek.files import sync_folder
 from markerseek.records.configuration import Configuration
+from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.connection import (
     as_record_error,
     connect,
     exists_error,
+    followed,
     remove_rollback_file,
     rollback_file,
 )
 from markerseek.records.journal.encoding import encode, json_values, require_finite
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
+from markerseek.records.journal.presence import Presence, copied
 from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
 
@@ -43,10 +46,11 @@ class Journal:
         self.configuration = held.configuration
         self._connection = connection
         self._open = True
-        self._inode = _inode(held.path)
+        self._presence = Presence(held.path)
         self._number = len(held.entries)
         self._checksum = held.last_checksum
         self._uncertain: tuple[Row, JournalEvent] | None = None
+        self._lost: RecordError | None = None
         self._last = held.entries[-1].event if held.entries else None
         self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
 
@@ -60,7 +64,7 @@ class Journal:
             If the file exists or cannot be written; nothing is left behind.
         """
         as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
-        path = _resolved(path)
+        path = followed(path)
         with as_record_error(path, verb="written"):
             if rollback_file(path).exists() and not path.exists():
                 # SQLite would remove it.
@@ -94,11 +98,16 @@ class Journal:
         Raises
         ------
         RecordError
-            If the file cannot be read to its end or written, or another program has it open.
+            If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
+            it open.
         """
-        path = _resolved(path)
+        path = followed(path)
         # Read first: a commit that was not finished is undone in the file only where its copy was whole after that.
         held = read_journal(path)
+        for number, reason in angle_faults(held.configuration, held.entries):
+            raise RecordError(
+                f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
+            )
         with as_record_error(path, verb="written"):
             connection = connect(path, mode="rw")
             try:
@@ -127,11 +136,14 @@ class Journal:
         Raises
         ------
         RecordError
-            If it cannot be written; what was committed before stays as it was.
+            If it cannot be written; what was committed before stays as it was. Or if the file is not there any more:
+            what was written is then copied to a new one, which the message names, and `path` leads to it.
         """
+        if self._lost is not None:
+            raise self._lost
         encoded = encode(event)
         self._settle()
-        self._require_in_place()
+        self._require_present()
         row = Row(
             number=self._number + 1,
             kind=encoded.kind,
@@ -146,15 +158,8 @@ class Journal:
         with as_record_error(self.path, verb="written"):
             add_row(self._connection, row, encoded.samples)
         self._note(row, event)
+        self._require_present()
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
-
-    def _require_in_place(self) -> None:
-        """Refuse to write a file that nobody can open by its name any more."""
-        if _inode(self.path) != self._inode:
-            raise RecordError(
-                f"{self.path}: the journal was deleted, or replaced by another file, while the search ran; "
-                "what was committed before may be lost: begin a new search, and leave its journal where it is"
-            )
 
     def _settle(self) -> None:
         """Ask the file whether the last commit succeeded, if an error or a signal came before that was noted."""
@@ -168,6 +173,28 @@ class Journal:
         if committed:
             self._note(row, event)
         self._uncertain = None
+
+    def _require_present(self) -> None:
+        """See that what was written lies where it can be found again; copy it to a new file if it does not.
+
+        Raises
+        ------
+        RecordError
+            If the file or its rollback journal was removed or replaced; the message says where the copy is, or that
+            there is none.
+        """
+        with as_record_error(self.path, verb="written"):
+            loss = self._presence.loss()
+        if loss is None:
+            return
+        finding = f"{self.path}: {loss} was removed or replaced while the run was written"
+        try:
+            self.path = copied(self._connection, self.path)
+        except (OSError, sqlite3.Error, RecordError) as problem:
+            self._lost = RecordError(f"{finding}, and no copy could be made ({problem}): what it held is gone")
+        else:
+            self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
+        raise self._lost
 
     def _note(self, row: Row, event: JournalEvent) -> None:
         self._number, self._checksum = row.number, row.checksum
@@ -220,7 +247,8 @@ class Journal:
         Raises
         ------
         RecordError
-            If SQLite cannot close it; what was committed is in the file.
+            If SQLite cannot close it; what was committed is in the file. Or if the file is not there any more, as in
+            `commit`.
         """
         if not self._open:
             return
@@ -228,6 +256,9 @@ class Journal:
         with as_record_error(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
+            if self._lost is not None:
+                return
+            self._require_present()
             remove_rollback_file(connection)
 
     def __enter__(self) -> Self:
@@ -246,16 +277,3 @@ def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
     """Refuse a journal that another program wrote after it was read and before it was locked."""
     if counted(connection) != (len(held.entries), held.last_checksum):
         raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")
-
-
-def _resolved(path: Path) -> Path:
-    """The file itself: SQLite follows symbolic links, so that its rollback journal lies beside the file."""
-    return path.resolve()
-
-
-def _inode(path: Path) -> tuple[int, int] | None:
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino

@@ -1,0 +1,90 @@
+"""Whether the files of an open journal still lie where they were, and a copy of what is in them where they do not."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from markerseek.core import RecordError
+from markerseek.files import sync_folder
+from markerseek.records.journal.connection import rollback_file
+
+_MOST_COPIES = 100
+
+
+class Presence:
+    """The identity of a journal and of its rollback journal, as the file system has it.
+
+    A file that is deleted or replaced stays readable and writable for the program that has it open, and is gone when
+    this program ends; a rollback journal that is gone is missed if the program dies in a commit.
+
+    Parameters
+    ----------
+    path
+        The journal, just opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = _identity(path)
+        self._rollback: tuple[int, int] | None = None
+
+    def loss(self) -> str | None:
+        """What is missing or was replaced, in words; None while both files are those that were opened.
+
+        Raises
+        ------
+        OSError
+            If the file system cannot be asked.
+        """
+        if _identity(self._path) != self._file:
+            return f"{self._path}"
+        rollback = _identity(rollback_file(self._path))
+        # SQLite makes it with the first commit, and keeps it open as long as the journal is.
+        if self._rollback is None:
+            self._rollback = rollback
+        return None if rollback == self._rollback else f"its {rollback_file(self._path)}"
+
+
+def copied(connection: sqlite3.Connection, path: Path) -> Path:
+    """Copy of an open journal in a new file beside it.
+
+    Parameters
+    ----------
+    connection
+        To the journal.
+    path
+        Where it lay.
+
+    Raises
+    ------
+    RecordError
+        If no such file can be made.
+    sqlite3.Error, OSError
+        If it cannot be written; nothing is left behind.
+    """
+    for number in range(1, _MOST_COPIES + 1):
+        copy = path.with_name(f"{path.stem}-rescued-{number}{path.suffix}")
+        try:
+            copy.open("xb").close()
+        except FileExistsError:
+            continue
+        try:
+            with closing(sqlite3.connect(copy)) as target:
+                target.execute("PRAGMA synchronous = FULL")
+                connection.backup(target)
+            sync_folder(copy.parent)
+        except BaseException:
+            copy.unlink(missing_ok=True)
+            raise
+        return copy
+    raise RecordError(f"{path.parent} holds {_MOST_COPIES} rescued copies of it already; remove those not needed")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat(follow_symlinks=False)
+    except FileNotFoundError:
+        return None
+    return found.st_dev, found.st_ino

@@ -1,0 +1,138 @@
+"""Texts and angles of a journal from elsewhere: shown without commanding the terminal, refused outside the limits."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from markerseek import rigs
+from markerseek.cli.terminal import printable
+from markerseek.core import (
+    Asked,
+    Failed,
+    Finished,
+    Interval,
+    Measured,
+    MoveError,
+    NotFound,
+    Reading,
+    RecordError,
+    Refused,
+    Sample,
+    Started,
+)
+from markerseek.records.journal import Configuration, Interrupted, Journal, verify
+from markerseek.records.journal.events import JournalEvent
+from markerseek.rigs.journalled import configuration_of
+
+Shell = Callable[..., tuple[int, str, str]]
+
+EVIL = "\x1b]0;owned\x07\x1b[2J\r\x9b31m\u202e\nstate: finished"
+SHOWN = r"\x1b]0;owned\x07\x1b[2J\r\x9b31m\u202e"
+RANGE = Interval(low_deg=-35.0, high_deg=35.0)
+
+
+def begun_with(**changes: object) -> Configuration:
+    plain = configuration_of(
+        rigs.simulated(seed=1), method="ternary", acquisitions=8, as_published=False,
+        start_deg=0.0, dark_frames=0, stay=False, seed=1,
+    )  # fmt: skip
+    return msgspec.structs.replace(plain, **changes)
+
+
+def journal(path: Path, *events: JournalEvent, **changes: object) -> Path:
+    with Journal.create(path, begun_with(**changes)) as kept:
+        for event in events:
+            kept.commit(event, clock_s=0.0)
+    return path
+
+
+def controls(text: str) -> set[str]:
+    return {char for char in text if char != "\n" and not char.isprintable()}
+
+
+STARTED = Started(start_deg=0.0, limits=RANGE)
+ASKED = Asked(role="search", index=1, angle_deg=1.0)
+
+
+@pytest.mark.parametrize("words", [("journal", "show"), ("journal", "verify"), ("journal", "replay"), ("resume",)])
+@pytest.mark.parametrize("last", [Interrupted(reason=EVIL), Failed(error=MoveError(EVIL))])
+def test_no_command_hands_control_characters_of_a_journal_to_the_terminal(
+    shell: Shell, tmp_path: Path, words: tuple[str, ...], last: JournalEvent
+) -> None:
+    path = journal(
+        tmp_path / "run.journal", STARTED, ASKED, Refused(angle_deg=1.0, reason=EVIL), last,
+        description=EVIL, versions={"evil": EVIL},
+    )  # fmt: skip
+    for as_json in ((), ("--json",)):
+        _, out, err = shell(*words, path, *as_json)
+        assert controls(out) | controls(err) == set()
+    _, out, _ = shell("journal", "show", path)
+    assert out.count(SHOWN) >= 2
+    assert out.count(SHOWN[:12]) >= 4  # those in the narrow columns of the table are wrapped
+    assert sum(line.startswith("state: ") for line in out.splitlines()) == 1
+
+
+def test_nor_does_a_list_of_journals(shell: Shell, tmp_path: Path) -> None:
+    journal(tmp_path / "a\x1b[31m.journal", STARTED, Failed(error=MoveError(EVIL)))
+    journal(tmp_path / "b.journal", STARTED, method=EVIL)
+    for as_json in ((), ("--json",)):
+        code, out, err = shell("journal", "list", tmp_path, *as_json)
+        assert (code, controls(out) | controls(err)) == (0, set())
+    assert SHOWN in shell("journal", "list", tmp_path)[1]
+
+
+def test_what_people_write_is_left_as_it_is() -> None:
+    plain = "Zwölf Grad: 12.5° ± 0.1°, 14 µs – λ\n\tend"
+    assert printable(plain) == plain
+    assert printable(EVIL) == SHOWN + "\nstate: finished"
+
+
+def sample(angle_deg: float) -> Sample:
+    return Sample(angle_deg=angle_deg, reading=Reading(intensity=1.0))
+
+
+@pytest.mark.parametrize("angle_deg", [1e300, -1e300, 35.2, -170.0])
+def test_an_angle_outside_the_limits_of_the_run_is_found_and_not_resumed(
+    shell: Shell, tmp_path: Path, angle_deg: float
+) -> None:
+    away = Asked(role="search", index=1, angle_deg=angle_deg)
+    taken = Measured(role="search", index=1, sample=sample(angle_deg))
+    for number, events in enumerate(
+        (
+            (STARTED, away),
+            (STARTED, ASKED, taken),
+            (STARTED, ASKED, Refused(angle_deg=angle_deg, reason="a burst")),
+        )
+    ):
+        path = journal(tmp_path / f"{number}.journal", *events)
+        code, out, _ = shell("journal", "verify", path, "--json")
+        assert code == 1
+        assert f"the angle {angle_deg:g} deg lies outside" in json.loads(out)["faults"][0]
+        with pytest.raises(RecordError, match="lies outside"):
+            Journal.reopen(path)
+        code, _, err = shell("resume", path, "--arm")
+        assert (code, "error:" in err) == (2, True)
+
+
+def test_a_start_or_an_answer_beyond_a_turn_and_another_range_are_found(tmp_path: Path) -> None:
+    over = Finished(
+        estimate=NotFound(mean_deg=1e300, reason="none"),
+        confirmation=None,
+        acquisitions=0,
+        travel_deg=0.0,
+        elapsed_s=0.0,
+    )
+    wide = Interval(low_deg=-170.0, high_deg=170.0)
+    path = journal(tmp_path / "run.journal", Started(start_deg=1e300, limits=wide), over)
+    assert [fault.split(": ")[0] for fault in verify(path).faults] == ["entry 1", "entry 1", "entry 2"]
+
+
+def test_a_readback_a_hair_outside_the_range_is_whole(tmp_path: Path) -> None:
+    edge = Asked(role="search", index=1, angle_deg=35.0)
+    taken = Measured(role="search", index=1, sample=sample(35.05))
+    assert verify(journal(tmp_path / "run.journal", STARTED, edge, taken)).faults == []

@@ -1,0 +1,225 @@
+"""`markerseek resume` of a journal of devices: the rig comes from the user's rig file, never from the journal."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from markerseek import rigs
+from markerseek.core import ConfigError, Interval
+from markerseek.drivers.settings import BenchLaser, BenchReceiver, BenchSettings, BenchStage
+from markerseek.guard import FiringLimits, Limits
+from markerseek.records.journal import Configuration, Journal
+from markerseek.rigs.again import rig_again
+from markerseek.rigs.recipe import BenchRecipe, SimulatedRecipe
+from markerseek.rigs.rig import fingerprint
+from markerseek.rigs.same_bench import differences_of_benches, require_same_measurement
+from markerseek.sim import SimulatedSettings
+
+Shell = Callable[..., tuple[int, str, str]]
+
+RIG = """kind = "bench"
+[stage]
+port = "{0}/stage"
+zero_deg = 0.0
+[laser]
+port = "{0}/laser"
+[receiver]
+folder = "{0}"
+"""
+
+
+def configuration(**changes: object) -> Configuration:
+    plain = Configuration(
+        method="golden-section",
+        acquisitions=10,
+        as_published=False,
+        search=Interval(low_deg=-35.0, high_deg=35.0),
+        start_deg=0.0,
+        dark_frames=3,
+        stay=False,
+        rig="simulated",
+        recipe=msgspec.Raw(b"null"),
+        fingerprint="0" * 32,
+        description="a test's rig",
+        face_radius_m=0.01,
+        truth_deg=None,
+        reference_deg=None,
+        seed=None,
+    )
+    return msgspec.structs.replace(plain, **changes)
+
+
+def settings_of(folder: Path) -> BenchSettings:
+    return BenchSettings(
+        stage=BenchStage(port=f"{folder}/stage", zero_deg=0.0),
+        laser=BenchLaser(port=f"{folder}/laser"),
+        receiver=BenchReceiver(folder=str(folder)),
+    )
+
+
+def hostile(folder: Path) -> BenchSettings:
+    """The same bench with a program, wide limits, a larger budget, and another port."""
+    plain = settings_of(folder)
+    return replace(
+        plain,
+        stage=replace(plain.stage, port="/elsewhere/stage"),
+        receiver=replace(plain.receiver, start_command=("touch", str(folder / "ran"))),
+        limits=replace(plain.limits, travel=Interval(low_deg=-170.0, high_deg=170.0)),
+        firing=FiringLimits(pulses_per_session=10**9),
+    )
+
+
+def begun_with(settings: BenchSettings, **changes: object) -> Configuration:
+    return configuration(
+        rig="bench",
+        recipe=msgspec.Raw(msgspec.json.encode(BenchRecipe(settings=settings))),
+        fingerprint=fingerprint(settings),
+        search=settings.limits.search,
+        truth_deg=None,
+        seed=None,
+        **changes,
+    )
+
+
+def journal_and_rig(folder: Path, settings: BenchSettings) -> tuple[Path, Path]:
+    path, rig = folder / "run.journal", folder / "rig.toml"
+    Journal.create(path, begun_with(settings)).close()
+    rig.write_text(RIG.format(folder))
+    return path, rig
+
+
+def test_without_a_rig_file_a_journal_of_devices_is_not_armed(shell: Shell, tmp_path: Path) -> None:
+    path, _ = journal_and_rig(tmp_path, hostile(tmp_path))
+    code, _, err = shell("resume", path, "--arm")
+    assert code == 2
+    assert f"a journal does not bring its own rig; name the rig file: markerseek resume {path} --rig RIG.toml" in err
+    assert "elsewhere" not in err  # nothing was opened
+    code, out, _ = shell("resume", path)
+    assert code == 4
+    assert f"go on with: markerseek resume {path} --rig RIG.toml --arm" in out
+    code, out, _ = shell("resume", path, "--json")
+    assert (code, json.loads(out)["rig_file_needed"], json.loads(out)["armed"]) == (4, True, False)
+
+
+def test_ports_limits_budgets_and_programs_are_those_of_the_rig_file_and_shown(shell: Shell, tmp_path: Path) -> None:
+    path, rig = journal_and_rig(tmp_path, hostile(tmp_path))
+    code, _, err = shell("resume", path, "--rig", rig, "--arm")
+    assert code == 1
+    assert re.search(f"{tmp_path}/(laser|stage).*cannot be opened", err)
+    for shown in (
+        "limits: search [-35, 35] deg, travel [-36.5, 36.5] deg",
+        "budgets: 128 pulses per permit, 1000 per second, 100000 per session",
+        "start_command: none",
+        "limits.travel.high_deg is 36.5, was 170.0",
+        "firing.pulses_per_session is 100000, was 1000000000",
+        "receiver.start_command is None, was",
+        "was /elsewhere/stage",
+    ):
+        assert shown in err, err
+    code, out, _ = shell("resume", path, "--rig", rig, "--json")
+    assert (code, json.loads(out)["rig_file_needed"]) == (4, False)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda s: replace(s, stage=replace(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
+        (lambda s: replace(s, laser=replace(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
+        (
+            lambda s: replace(s, probe=replace(s.probe, trigger_offset_s=1e-6)),
+            "probe.trigger_offset_s is 0.0, was 1e-06",
+        ),
+        (
+            lambda s: replace(s, limits=Limits(search=Interval(low_deg=-20.0, high_deg=35.0))),
+            "limits.search.low_deg is -35.0, was -20.0",
+        ),
+    ],
+)
+def test_a_rig_file_of_another_rig_is_refused(
+    shell: Shell, tmp_path: Path, change: Callable[[BenchSettings], BenchSettings], said: str
+) -> None:
+    path, rig = journal_and_rig(tmp_path, change(settings_of(tmp_path)))
+    code, _, err = shell("resume", path, "--rig", rig, "--arm")
+    assert (code, f"{rig}: the rig file does not describe the rig of the journal: {said}" in err) == (2, True), err
+
+
+def test_a_search_range_wider_than_the_rig_file_s_is_refused(tmp_path: Path) -> None:
+    settings = settings_of(tmp_path)
+    wide = begun_with(settings)
+    wide = msgspec.structs.replace(wide, search=Interval(low_deg=-170.0, high_deg=170.0))
+    with pytest.raises(ConfigError, match=r"limits.search is \[-35, 35\] deg, the journal searches \[-170, 170\] deg"):
+        require_same_measurement(wide, settings, settings)
+
+
+def test_equal_settings_differ_in_nothing(tmp_path: Path) -> None:
+    settings = settings_of(tmp_path)
+    assert differences_of_benches(settings, settings) == {}
+    assert require_same_measurement(begun_with(settings), settings, settings) == []
+    assert set(differences_of_benches(settings, hostile(tmp_path))) == {
+        "stage.port",
+        "receiver.start_command",
+        "limits.travel.low_deg",
+        "limits.travel.high_deg",
+        "firing.pulses_per_session",
+    }
+
+
+def test_a_rig_file_where_none_is_needed_or_of_another_kind_is_refused(shell: Shell, tmp_path: Path) -> None:
+    path, rig = journal_and_rig(tmp_path, settings_of(tmp_path))
+    simulated = tmp_path / "simulated.toml"
+    simulated.write_text('kind = "simulated"\n')
+    code, _, err = shell("resume", path, "--rig", simulated, "--arm")
+    assert (code, "describes a simulated rig" in err) == (2, True)
+    other = tmp_path / "other.journal"
+    recipe = SimulatedRecipe(seed=1, settings=SimulatedSettings(), pace=0.0)
+    Journal.create(other, configuration(recipe=msgspec.Raw(msgspec.json.encode(recipe)))).close()
+    code, _, err = shell("resume", other, "--rig", rig, "--arm")
+    assert (code, "describes it in full; leave --rig out" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"rig": "simulated"}, "says that its rig is simulated and holds the settings of another kind, bench"),
+        ({"recipe": b'{"type":"bench","settings":{}}'}, "missing required field"),
+    ],
+)
+def test_a_journal_that_contradicts_itself_is_refused(
+    shell: Shell, tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    if "recipe" in changes:
+        changes = {"recipe": msgspec.Raw(changes["recipe"])}  # type: ignore[arg-type]
+    path = tmp_path / "run.journal"
+    Journal.create(path, msgspec.structs.replace(begun_with(settings_of(tmp_path)), **changes)).close()
+    code, _, err = shell("resume", path, "--arm")
+    assert (code, said in err) == (2, True), err
+
+
+def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell: Shell, tmp_path: Path) -> None:
+    rig = rigs.simulated(seed=1)
+    good = msgspec.json.encode(rig.recipe)
+    for number, (old, new, said) in enumerate(
+        (
+            (b'"seed":1', b'"seed":-1', "seed is -1"),
+            (b'"speed_deg_s":10.0', b'"speed_deg_s":1e9', "speed_deg_s is 1000000000.0"),
+            (b'"high_deg":36.5', b'"high_deg":170000.0', "more than one turn"),
+        )
+    ):
+        assert old in good
+        path = tmp_path / f"{number}.journal"
+        Journal.create(path, configuration(recipe=msgspec.Raw(good.replace(old, new)))).close()
+        code, _, err = shell("resume", path, "--arm")
+        assert (code, said in err) == (2, True), err
+
+
+def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="does not bring its own rig"):
+        rig_again(begun_with(hostile(tmp_path)))
