@@ -39,7 +39,7 @@ def raising(error: BaseException) -> Callable[[], None]:
         (MemoryError(), 1, "not enough memory"),
         (MemoryError("Unable to allocate 119. GiB"), 1, "Unable to allocate 119. GiB"),
         (BrokenPipeError(32, "Broken pipe"), 1, "the output cannot be written: Broken pipe"),
-        (FileNotFoundError(2, "No such file", "/a"), 70, "No such file"),
+        (OSError(36, "File name too long", "/a"), 2, "/a: File name too long; check the name"),
         (KeyboardInterrupt(), 130, "stopped by the user"),
     ],
 )

@@ -6,6 +6,7 @@ read, 4 nobody armed the rig, 70 a defect of this program, 130 stopped by the us
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -18,6 +19,9 @@ DEFECT = 70
 
 STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
+
+_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of standard output, which names no file: a pipe that was closed, a disk that is full."""
 
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 """Variable of the environment that has the traceback of such an error printed."""
@@ -37,10 +41,11 @@ def main() -> NoReturn:
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
-        # Who reads or writes a file says which; what names none is standard output: a closed pipe, a full disk.
         if problem.filename is None:
-            _end(f"the output cannot be written: {problem.strerror or problem}", kind="OSError", code=1)
-        _end_of_defect(problem)
+            what = "the output cannot be written" if problem.errno in _OUTPUT else "reading or writing failed"
+            _end(f"{what}: {problem.strerror or problem}", kind="OSError", code=1)
+        # Already the question whether there is a file fails for a name that is too long, or a folder without leave.
+        _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
     except MemoryError as problem:
         said = str(problem) or "no more can be had"
         _end(f"not enough memory: {said}; close other programs, or ask for less", kind="MemoryError", code=1)

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
@@ -121,7 +121,13 @@ def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> I
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
         if any(given):
             raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
-        return journal_bank(source) if source.is_file() and is_journal(source) else read_bank(source)
+        try:
+            journal = source.is_file() and is_journal(source)
+        except OSError as problem:
+            raise RecordError(
+                f"{source}: it cannot be read: {problem.strerror or problem}; check the name"
+            ) from problem
+        return journal_bank(source) if journal else read_bank(source)
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import math
 import platform
 import time
@@ -89,6 +87,9 @@ def command(
 
 def _packages() -> list[Finding]:
     """Python, the packages that are needed, and those of the extras."""
+    import importlib.metadata
+    import importlib.util
+
     found = [Finding(what="Python", state="ok", detail=platform.python_version())]
     found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():

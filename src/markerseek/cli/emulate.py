@@ -32,7 +32,9 @@ def command(
         typer.Argument(help="kdc101: the stage; laser: the laser box; daq: the SonixDAQ's folder; bench: all of them."),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated world behind the devices.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**63 - 1, help="Seed of the simulated world behind the devices.")
+    ] = 1,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML, kind simulated) of that world; without one, its defaults.")
     ] = None,

@@ -20,7 +20,7 @@ from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found,
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
-from markerseek.core.interval import PAPER_RANGE, Interval
+from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.permit import Permit
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
@@ -81,4 +81,5 @@ __all__ = [
     "Stage",
     "Started",
     "Unsure",
+    "as_interval",
 ]

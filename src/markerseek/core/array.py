@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float64
+from typing import TYPE_CHECKING
 
 from markerseek.core.errors import ConfigError
+from markerseek.core.shapes import CHECKED, Float64
+
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,4 +36,7 @@ class LinearArray:
     @property
     def lateral_m(self) -> Float64[np.ndarray, " elements"]:
         """Centre of each element along the array, in metres."""
-        return (np.arange(self.elements) - (self.elements - 1) / 2) * self.pitch_m
+        import numpy as np
+
+        from_middle: Float64[np.ndarray, " elements"] = np.arange(self.elements) - (self.elements - 1) / 2
+        return from_middle * self.pitch_m

@@ -15,9 +15,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import MissingExtraError, RecordError
+from markerseek.core.shapes import Float64
 from markerseek.records.sandbox import MOST_PER_BYTE
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import struct
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Int16
 
 CHANNELS = 128
 """Channels, and files, of one acquisition."""

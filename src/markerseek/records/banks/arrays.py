@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int16
 
 from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Float64, Int16
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int16, UInt8
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Int16, UInt8
 from markerseek.files import MIB, open_input
 from markerseek.wire import ultrasonix
 

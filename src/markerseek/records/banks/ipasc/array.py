@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Float64
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 

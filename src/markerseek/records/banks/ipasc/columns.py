@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import MOST_INTENSITY, RecordError
+from markerseek.core.shapes import Float64
 from markerseek.records.banks.bank import BankFacts, require_angles
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.rows import row_sum
