@@ -9,31 +9,31 @@ The names here are all that most users need::
     for event in markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames):
         print(event)
 
-`simulated` and `replayed` bring the imaging chain with them, and are imported when they are first used.
+Each is imported when it is first used: `simulated` and `replayed` bring NumPy, SciPy and Numba with them.
 """
 
 from typing import TYPE_CHECKING
 
 from markerseek._version import __version__
-from markerseek.core import (
-    Ambiguous,
-    AtBound,
-    Finished,
-    Found,
-    Interval,
-    MarkerseekError,
-    Measured,
-    NotFound,
-    Policy,
-    Reading,
-    Sample,
-    Unsure,
-)
-from markerseek.scan import run
-from markerseek.search import build
 
 if TYPE_CHECKING:
+    from markerseek.core import (
+        Ambiguous,
+        AtBound,
+        Finished,
+        Found,
+        Interval,
+        MarkerseekError,
+        Measured,
+        NotFound,
+        Policy,
+        Reading,
+        Sample,
+        Unsure,
+    )
     from markerseek.rigs import replayed, simulated
+    from markerseek.scan import run
+    from markerseek.search import build
 
 __all__ = [
     "Ambiguous",
@@ -55,11 +55,21 @@ __all__ = [
     "simulated",
 ]
 
+_PACKAGES = {"build": "search", "replayed": "rigs", "run": "scan", "simulated": "rigs"}
+"""Packages of the names that are not of `markerseek.core`."""
+
 
 def __getattr__(name: str) -> object:
-    """The two names that are imported late."""
-    if name in ("replayed", "simulated"):
-        from markerseek import rigs
+    """One of the public names, imported at its first use (PEP 562)."""
+    if name not in __all__:
+        raise AttributeError(f"module 'markerseek' has no attribute {name!r}")
+    from importlib import import_module
 
-        return getattr(rigs, name)
-    raise AttributeError(f"module 'markerseek' has no attribute {name!r}")
+    value: object = getattr(import_module(f"markerseek.{_PACKAGES.get(name, 'core')}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """All names, also of what was not imported yet."""
+    return sorted({*globals(), *__all__})

@@ -12,7 +12,17 @@ import types
 import typing
 from pathlib import Path
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, RecordError
+from markerseek.files import MIB, read_input
+
+_MOST_BYTES = MIB // 4
+"""Largest settings file; the longest of the examples has 5 KB."""
+
+_MOST_COLUMNS = 4096
+"""Longest line of a settings file: Python's parser takes time with the square of the dots in a key."""
+
+_MOST_DEPTH = 16
+"""Deepest nesting of lists and tables; settings need 4."""
 
 
 def read_toml(path: Path, *, what: str) -> dict[str, object]:
@@ -31,11 +41,41 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
         If it cannot be read or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = read_input(path, most_bytes=_MOST_BYTES).decode("utf-8").replace("\r\n", "\n")
+        _require_short_lines(text)
+        table = tomllib.loads(text)
+        _require_plain(table)
+    except RecordError as problem:
+        raise ConfigError(str(problem)) from problem
     except OSError as problem:
-        raise ConfigError(f"{path}: the {what} cannot be read: {problem.strerror}; check the name") from problem
+        raise ConfigError(
+            f"{path}: the {what} cannot be read: {problem.strerror or problem}; check the name"
+        ) from problem
+    except RecursionError as problem:
+        raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
+    # Of our checks, and of the parser where a whole number is too long for Python.
+    except ValueError as problem:
+        raise ConfigError(f"{path}: the {what} cannot be read: {problem}") from problem
+    return table
+
+
+def _require_short_lines(text: str) -> None:
+    longest = max(map(len, text.split("\n")))
+    if longest > _MOST_COLUMNS:
+        raise ValueError(f"a line has {longest} characters, at most {_MOST_COLUMNS} are read; break it into several")
+
+
+def _require_plain(value: object, *, depth: int = 0) -> None:
+    """Refuse nesting and whole numbers that no setting has, on which checks and messages further on would fail."""
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"lists or tables are nested more than {_MOST_DEPTH} deep")
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            _require_plain(part, depth=depth + 1)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError("a whole number has more than 64 bits")
 
 
 def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:

@@ -10,12 +10,14 @@ from journal_checks import (
     a_changed_configuration_is_refused,
     a_changed_row_is_refused,
     a_commit_is_on_the_disk,
+    a_deleted_journal_is_noticed,
+    a_foreign_rollback_journal_changes_nothing,
     a_journal_is_not_written_over,
+    a_lost_end_is_refused,
+    a_newer_journal_is_refused,
     a_number_that_is_not_finite_is_refused,
     a_signal_behind_a_commit_leaves_room_for_a_note,
-    an_older_program_does_not_read_what_was_added,
     changed_samples_are_refused,
-    damaged_salts_are_noticed,
     every_row_is_read,
     what_is_handed_out_is_on_the_disk,
 )
@@ -23,34 +25,40 @@ from seeding import Bug, caught
 
 JOURNAL_BUGS = {
     "a noise of NaN written as not known": Bug(
-        where="records.journal.plain:require_finite",
+        where="records.journal.encoding:require_finite",
         old="not math.isfinite(number)",
         new="False",
         check=a_number_that_is_not_finite_is_refused,
     ),
     "a commit forgotten that a signal followed": Bug(
         where="records.journal.writer:Journal._settle",
-        old="if kept:",
+        old="if committed:",
         new="if False:",
         check=a_signal_behind_a_commit_leaves_room_for_a_note,
     ),
-    "the salts of a damaged frame believed": Bug(
-        where="records.journal.log:commits",
-        old="lost += frame.ends or frame.would_end(sums)",
-        new="lost += frame.ends and frame.salts == salts",
-        check=damaged_salts_are_noticed,
-    ),
-    "a journal opened to be written before its log is looked at": Bug(
+    "a rollback journal undone in the file itself": Bug(
         where="records.journal.writer:Journal.reopen",
         old="held = read_journal(path)",
-        new="connect(path, how=WRITTEN).execute('SELECT 1 FROM run').connection.close()\n    held = read_journal(path)",
-        check=damaged_salts_are_noticed,
+        new="connect(path, mode='rw').execute('SELECT 1 FROM run').connection.close()\n    held = read_journal(path)",
+        check=a_foreign_rollback_journal_changes_nothing,
     ),
-    "a version that is not lifted": Bug(
-        where="records.journal.writer:Journal.commit",
-        old="if self._version == VERSION else",
-        new="if True else",
-        check=an_older_program_does_not_read_what_was_added,
+    "a lost end not looked for": Bug(
+        where="records.journal.reader:iterate",
+        old="if (entries, last) != (number, previous):",
+        new="if False:",
+        check=a_lost_end_is_refused,
+    ),
+    "a newer version read": Bug(
+        where="records.journal.schema:require_schema",
+        old="version > VERSION",
+        new="False",
+        check=a_newer_journal_is_refused,
+    ),
+    "a deleted file written on": Bug(
+        where="records.journal.presence:Presence.loss",
+        old="if _identity(self._path) != self._file:",
+        new="if False:",
+        check=a_deleted_journal_is_noticed,
     ),
     "an event handed out before it is kept": Bug(
         where="runs.journalled:journalled",
@@ -59,9 +67,9 @@ JOURNAL_BUGS = {
         check=what_is_handed_out_is_on_the_disk,
     ),
     "a transaction that is not committed": Bug(
-        where="records.journal.tables:transact",
+        where="records.journal.schema:_transact",
         old='connection.execute("COMMIT")',
-        new='connection.execute("COMMIT" if "events" not in statements[0][0] else "ROLLBACK")',
+        new='connection.execute("COMMIT" if "INTO events" not in statements[0][0] else "ROLLBACK")',
         check=a_commit_is_on_the_disk,
     ),
     "a row's checksum not looked at": Bug(

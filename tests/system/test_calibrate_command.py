@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import ChannelFrame
+from markerseek.core import ChannelFrame, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.rigs import simulated
 from markerseek.runs.journalled import configuration_of
@@ -39,6 +39,20 @@ def test_a_scan_over_a_source_gives_the_lines_of_rig_toml(shell: Shell, scan: Pa
     report = json.loads(out)
     assert report["zero_deg"]["value"] == pytest.approx(SOURCE_DEG, abs=0.1)
     assert f"zero_deg = {report['zero_deg']['value']:.3f}" in report["rig_toml"]
+
+
+@pytest.mark.parametrize(
+    ("direction", "zero_deg"), [("forward", 10 + SOURCE_DEG - 2), ("reverse", 10 - SOURCE_DEG + 2)]
+)
+def test_angle_zero_follows_the_sense_of_rotation(shell: Shell, scan: Path, direction: str, zero_deg: float) -> None:
+    words = ("--zero-deg", 10, "--source-deg", 2, "--direction", direction, "--json")
+    code, out, err = shell("calibrate", scan, *words)
+    assert code == 0, err
+    report = json.loads(out)
+    low, high = report["zero_deg"]["interval95"]
+    assert low < report["zero_deg"]["value"] < high
+    assert report["zero_deg"]["value"] == pytest.approx(zero_deg, abs=0.1)
+    assert f'direction = "{direction}"' in report["rig_toml"]
 
 
 def ends_early(scan: Path, to: Path) -> Path:
@@ -76,10 +90,8 @@ def intensities(_scan: Path, to: Path) -> Path:
 
 
 def journal(_scan: Path, to: Path) -> Path:
-    begun = configuration_of(
-        simulated(seed=1), method="ternary", acquisitions=8, as_published=False,
-        start_deg=0.0, dark_frames=0, stay=False, seed=1,
-    )  # fmt: skip
+    begun = configuration_of(simulated(seed=1), SearchPlan(method="ternary", acquisitions=8, as_published=False,
+        start_deg=0.0, dark_frames=0, stay=False))  # fmt: skip
     Journal.create(to, begun).close()
     return to
 

@@ -12,7 +12,7 @@ from journalled_runs import MARKER_DEG, begin, configured, go_on, live, times_an
 from markerseek import rigs
 from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
-from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, standing
+from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, run_state
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import journalled
 from markerseek.runs.rebuild import rebuild_policy
@@ -61,9 +61,9 @@ def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: f
     checked = held.entries[-1].event
     assert isinstance(checked, Checked)
     assert checked.difference is not None
-    assert standing(held.entries).state == "open"
+    assert run_state(held.entries).state == "open"
     go_on(path)
-    assert standing(read_journal(path).entries).state == "finished"
+    assert run_state(read_journal(path).entries).state == "finished"
 
 
 @pytest.mark.parametrize("moved_deg", [-2.0, -0.7, 0.7, 2.0])

@@ -12,7 +12,7 @@ import pytest
 from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
 from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, result_of, standing, verify
+from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
 from markerseek.runs.journalled import journalled
 from markerseek.runs.rebuild import next_angle, rebuild_reader
 from markerseek.runs.recompute import differences
@@ -109,7 +109,7 @@ def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
     rig.stage.move_to = lambda angle_deg: sound(angle_deg) + 1.0  # type: ignore[method-assign]
     with pytest.raises(MoveError):
         go_on(path, rig=rig)
-    assert standing(read_journal(path).entries).state == "fault"
+    assert run_state(read_journal(path).entries).state == "fault"
     with pytest.raises(DeviceError, match="--reset-fault"):
         go_on(path)
 

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
 import markerseek
+from markerseek.core import ConfigError, Interval
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_the_public_names_are_these() -> None:
@@ -27,3 +38,43 @@ def test_the_public_names_are_these() -> None:
     ]
     for name in markerseek.__all__:
         assert getattr(markerseek, name) is not None
+
+
+def test_all_names_are_listed_before_they_are_used() -> None:
+    program = "import markerseek, sys; print(set(markerseek.__all__) <= set(dir(markerseek)), 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "True False\n"
+    with pytest.raises(AttributeError, match="has no attribute 'simulate'"):
+        markerseek.simulate  # noqa: B018
+
+
+def test_a_range_is_any_two_numbers() -> None:
+    for limits in ((-35, 35), [-35.0, 35.0], (np.float32(-35), np.int64(35)), Interval(low_deg=-35.0, high_deg=35.0)):
+        policy = markerseek.build("ternary", limits=limits, acquisitions=np.int64(16), start_deg=np.float32(2))
+        assert policy.ask() == markerseek.build("ternary", acquisitions=16, start_deg=2).ask()
+    for limits in (35, "ab", (1, 2, 3), (), ("x", "y"), (35, -35), (math.nan, 1), None, (True, None)):
+        with pytest.raises(ConfigError, match=r"limits is|interval \["):
+            markerseek.build("ternary", limits=limits)  # type: ignore[arg-type]
+
+
+def test_rigs_take_names_of_files_and_numbers_of_all_kinds(tmp_path: Path) -> None:
+    rig = EXAMPLES / "rigs" / "simulated.toml"
+    first, second = (
+        markerseek.simulated(seed=np.int64(3), settings=str(rig)),
+        markerseek.simulated(seed=3, settings=rig),
+    )
+    assert first.configuration == second.configuration
+    assert first.truth_deg == second.truth_deg == 12.5
+    turned = markerseek.simulated(seed=3, marker_deg=np.float32(7.5), pace=0)
+    assert type(turned.truth_deg) is float
+    scan = EXAMPLES / "simulated_scan.csv"
+    played = markerseek.replayed(str(scan), reference_deg=np.float64(-8.25))
+    assert played.configuration == markerseek.replayed(scan, reference_deg=-8).configuration
+    with pytest.raises(ConfigError, match="its kind is bench"):
+        markerseek.simulated(seed=1, settings=EXAMPLES / "rigs" / "bench.toml")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", True, None, np.int64(-1), math.nan])
+def test_what_is_no_seed_is_refused(seed: object) -> None:
+    with pytest.raises(ConfigError, match=r"it must be a whole number from 0 to 2\*\*63 - 1"):
+        markerseek.simulated(seed=seed)  # type: ignore[arg-type]

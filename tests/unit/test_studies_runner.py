@@ -85,8 +85,8 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     monkeypatch.setattr(runner, "on_processes", mortal)
     with pytest.raises(KilledError):
         run_study(STUDY, tmp_path)
-    (tmp_path / "parts" / "00000002.csv.unfinished").write_bytes(b"half a li")
-    (tmp_path / "rows.csv.unfinished").write_bytes(b"half a table")
+    (tmp_path / "parts" / ".00000002.csv.0123abcd.part").write_bytes(b"half a li")
+    (tmp_path / ".rows.csv.0123abcd.part").write_bytes(b"half a table")
     assert "rows.csv" not in files(tmp_path)
 
     def counted(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:

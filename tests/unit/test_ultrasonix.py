@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.recordings.ultrasonix import open_ultrasonix
+from markerseek.records.banks.ultrasonix import open_ultrasonix
 
 RNG = np.random.default_rng(3)
 CORNERS = (82, 5, 545, 5, 545, 448, 82, 448)
@@ -89,5 +89,5 @@ def test_what_is_not_in_the_file_is_refused(tmp_path):
     with pytest.raises(RecordError, match="check the name"):
         open_ultrasonix(tmp_path / "b.rf")
     os.mkfifo(tmp_path / "c.rf")
-    with pytest.raises(RecordError, match="no ordinary file"):
+    with pytest.raises(RecordError, match="no regular file"):
         open_ultrasonix(tmp_path / "c.rf")

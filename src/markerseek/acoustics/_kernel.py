@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
 from markerseek.core.compiled import compiled
+from markerseek.core.shapes import Float32, Float64
 
 MIXED_BELOW_NP = 0.02
 """Change of the attenuation from the middle of a face to its edge, up to which one table serves a whole element."""

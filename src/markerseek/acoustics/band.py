@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int16
 
 from markerseek.acoustics._checks import positive
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float32, Int16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

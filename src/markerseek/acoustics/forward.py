@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float32, Float64
 from scipy.special import roots_legendre
 
 from markerseek.acoustics._checks import positive, within
@@ -27,6 +26,7 @@ from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
 from markerseek.acoustics.source import Source
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float32, Float64
 
 NEAREST_M = 1e-3
 """Distance in front of the face's plane within which, as behind it, nothing is heard, in metres."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Float32
 
 from markerseek.acoustics._checks import not_negative, positive, within
 from markerseek.acoustics.band import Band
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

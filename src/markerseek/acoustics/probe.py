@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.acoustics._checks import positive
 from markerseek.core import ConfigError, LinearArray
+from markerseek.core.shapes import Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,13 +13,13 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex128, Float32
 
 from markerseek.acoustics.band import Band
 from markerseek.acoustics.laser import LaserPulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.source import Source
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Complex128, Float32
 
 REFERENCE_RANGE_M = 50e-3
 """Distance at which an absorber of strength 1 peaks at 1, in a lossless medium, on a point of an element."""

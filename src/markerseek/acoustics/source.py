@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from jaxtyping import Complex128, Float64
 from scipy.special import j1, spherical_jn
 
 from markerseek.acoustics._checks import positive, within
+from markerseek.core.shapes import Complex128, Float64
 
 Frequencies: TypeAlias = Float64[np.ndarray, " frequencies"]
 """Frequencies in Hz, not negative."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
 from scipy.interpolate import CubicSpline
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import hilbert
@@ -20,6 +19,7 @@ from scipy.signal import hilbert
 from markerseek.calibration.moveout import Moveout
 from markerseek.calibration.requirements import BESIDE, LEAST_ANGLES
 from markerseek.core import SearchError
+from markerseek.core.shapes import Float64
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 

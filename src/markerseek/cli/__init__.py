@@ -1,81 +1,80 @@
-"""The command line: one file a command, and this one, which gathers them and turns errors into exit codes.
+"""The command line: one file a command, `app`, which gathers them, and `main`, which no error gets past.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 nobody armed the rig, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
+read, 4 nobody armed the rig, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
 
-import io
+import errno
+import json
+import os
 import sys
-import warnings
+from typing import NoReturn
 
-import typer
+from markerseek._version import __version__
 
-from markerseek import __version__
-from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
-from markerseek.cli.signals import Stopped
-from markerseek.cli.terminal import print_error, print_json, print_warning
-from markerseek.core import MarkerseekError
-
-WRONG_USAGE = 2
-"""Exit code after arguments that the command does not take."""
+DEFECT = 70
+"""Exit code after an error that nobody foresaw; EX_SOFTWARE of sysexits.h."""
 
 STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
 
-app = typer.Typer(
-    name="markerseek",
-    help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
-    epilog="Try: markerseek search --seed 1 --plot\n\n"
-    "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
-    "4 not armed",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-)
-for command in (search, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
-    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
-app.add_typer(bank.app)
-app.add_typer(journal.app, name=journal.NAME)
+_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of standard output, which names no file: a pipe that was closed, a disk that is full."""
+
+SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
+"""Variable of the environment that has the traceback of such an error printed."""
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
-        typer.echo(__version__)
-        raise typer.Exit
-
-
-@app.callback()
-def _top(
-    version: bool = typer.Option(
-        False, "--version", help="Print the version and end.", callback=_print_version, is_eager=True
-    ),
-) -> None:
-    """Find a photoacoustic marker with a motorised transrectal ultrasound probe."""
-
-
-def main() -> None:
-    """Run the command line, and end the process with its exit code."""
-    warnings.showwarning = print_warning
-    for stream in (sys.stdout, sys.stderr):
-        # A terminal that knows no degree sign gets a question mark, and not an error in place of the answer.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+def main() -> NoReturn:
+    """Run the command line, and end the process with its exit code; whatever happens is said in one sentence."""
     try:
-        app()
-    except Stopped:
-        raise
-    except SystemExit as ended:
-        if ended.code == STOPPED_BY_USER:
-            print_error(MarkerseekError("stopped by the user"), as_json="--json" in sys.argv)
-        elif ended.code == WRONG_USAGE and "--json" in sys.argv:
-            print_json({"error": "wrong usage; standard error says what is wrong", "kind": "UsageError"})
-        raise
+        if sys.argv[1:] == ["--version"]:
+            # For scripts that ask often: typer alone takes longer to import than this takes.
+            sys.stdout.write(f"{__version__}\n")
+            sys.exit(0)
+        # Imported here, so that Ctrl-C while it is imported is met below.
+        from markerseek.cli.app import run
+
+        run()
+    except KeyboardInterrupt:
+        _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
-        print_error(MarkerseekError(f"the output cannot be written: {problem.strerror}"), as_json=False)
-        sys.exit(1)
-    except MarkerseekError as error:
-        print_error(error, as_json="--json" in sys.argv)
-        sys.exit(error.exit_code)
+        if problem.filename is None:
+            what = "the output cannot be written" if problem.errno in _OUTPUT else "reading or writing failed"
+            _end(f"{what}: {problem.strerror or problem}", kind="OSError", code=1)
+        # Already the question whether there is a file fails for a name that is too long, or a folder without leave.
+        _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
+    except MemoryError as problem:
+        said = str(problem) or "no more can be had"
+        _end(f"not enough memory: {said}; close other programs, or ask for less", kind="MemoryError", code=1)
+    except Exception as problem:  # noqa: BLE001  the last resort
+        _end_of_defect(problem)
+    sys.exit(0)
+
+
+def _end_of_defect(problem: Exception) -> NoReturn:
+    """Say what was not foreseen, and where its traceback is to be had."""
+    kind = type(problem).__name__
+    if os.environ.get(SHOW_TRACEBACK) == "1":
+        import traceback
+
+        traceback.print_exception(problem)
+    said = " ".join(str(problem).split())[:500] or "no more is known"
+    _end(
+        f"a defect of markerseek {__version__}: {kind}: {said}; please report it with the traceback, which the same "
+        f"command shows with {SHOW_TRACEBACK}=1",
+        kind=kind,
+        code=DEFECT,
+    )
+
+
+def _end(said: str, *, kind: str, code: int) -> NoReturn:
+    """Say how a command ended without what it may not have imported, or has no memory for."""
+    sys.stderr.write(f"error: {said}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
+    if "--json" in sys.argv:
+        # Bytes of a file's name that are no Unicode come out as escapes.
+        sys.stdout.write(json.dumps({"error": said, "kind": kind}) + "\n")
+        sys.stdout.flush()
+    sys.exit(code)

@@ -54,9 +54,9 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
+    from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.records.exports import write_intensities
-    from markerseek.records.whole_files import require_new
     from markerseek.runs.bank_images import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
@@ -65,7 +65,7 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import require_new_bank, whole_bank
+    from markerseek.records.banks.ipasc import require_new_bank, whole_bank
     from markerseek.runs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
@@ -113,16 +113,21 @@ def command(
 
 
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import read_bank
+    from markerseek.records.banks import ARRAY_SUFFIXES, read_arrays, read_bank
     from markerseek.records.journal import is_journal
-    from markerseek.records.recordings.arrays import ARRAY_SUFFIXES, read_arrays
     from markerseek.runs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
         if any(given):
             raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
-        return journal_bank(source) if source.is_file() and is_journal(source) else read_bank(source)
+        try:
+            journal = source.is_file() and is_journal(source)
+        except OSError as problem:
+            raise RecordError(
+                f"{source}: it cannot be read: {problem.strerror or problem}; check the name"
+            ) from problem
+        return journal_bank(source) if journal else read_bank(source)
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")

@@ -61,7 +61,7 @@ def command(
     Stopped at any moment, the file holds what was taken.
     """
     from markerseek.cli.open_rig import arm_rig, open_rig
-    from markerseek.records.ipasc import require_new_bank
+    from markerseek.records.banks.ipasc import require_new_bank
     from markerseek.runs.bank_scan import scan_angles, scan_bank
 
     require_new_bank(out)

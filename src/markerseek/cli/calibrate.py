@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
@@ -61,12 +61,17 @@ def command(
     ] = None,
     source_deg: Annotated[float, typer.Option(help="Where the point source really stands, in degrees.")] = 0.0,
     zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
+    direction: Annotated[
+        Literal["forward", "reverse"],
+        typer.Option(help="The direction of rig.toml with which the scan was taken; one scan cannot prove it."),
+    ] = "forward",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
 
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
-    sides of the strongest. The element height is found as well, for without it off-plane sound seems to come late.
+    sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
+    --source-deg ANGLE. The element height is found as well, for without it off-plane sound seems to come late.
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
@@ -100,20 +105,25 @@ def command(
         found = calibrate(samples, preset)
     except SearchError as problem:
         raise RecordError(f"{bank}: {problem}") from problem
-    report = _report(found, zero_deg=zero_deg, source_deg=source_deg)
+    report = _report(found, zero_deg=zero_deg, source_deg=source_deg, direction=direction)
     if as_json:
         print_json(report)
     else:
         _print_table(report)
 
 
-def _report(found: Calibration, *, zero_deg: float, source_deg: float) -> CalibrationReport:
+def _report(
+    found: Calibration, *, zero_deg: float, source_deg: float, direction: Literal["forward", "reverse"]
+) -> CalibrationReport:
     geometry = found.geometry
-    zero = _estimated(geometry.source_deg, add=zero_deg - source_deg)
+    # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
+    sense = 1 if direction == "forward" else -1
+    zero = _estimated(geometry.source_deg, times=sense, add=zero_deg - sense * source_deg)
     # As many digits as the interval makes worth writing.
     lines = [
         "[stage]",
         f"zero_deg = {zero.value:.3f}",
+        f'direction = "{direction}"',
         "",
         "[probe]",
         f"sound_speed_m_s = {geometry.sound_speed_m_s.value:.1f}",
@@ -136,9 +146,9 @@ def _report(found: Calibration, *, zero_deg: float, source_deg: float) -> Calibr
     )
 
 
-def _estimated(value: Value, *, add: float = 0.0) -> Estimated:
-    low, high = value.interval95
-    return Estimated(value=value.value + add, sigma=value.sigma, interval95=(low + add, high + add))
+def _estimated(value: Value, *, times: int = 1, add: float = 0.0) -> Estimated:
+    low, high = sorted(times * end + add for end in value.interval95)
+    return Estimated(value=times * value.value + add, sigma=value.sigma, interval95=(low, high))
 
 
 def _print_table(report: CalibrationReport) -> None:

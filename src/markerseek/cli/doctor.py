@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import math
 import platform
 import time
@@ -15,12 +13,15 @@ import msgspec
 import typer
 from rich.markup import escape
 
+from markerseek.core import ConfigError
+
 NAME = "doctor"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek doctor\n\n"
     "  markerseek doctor --json\n\n"
-    "  markerseek doctor --rig examples/rigs/bench.toml"
+    "  markerseek doctor --rig examples/rigs/bench.toml\n\n"
+    "  markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm"
 )
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
@@ -47,17 +48,33 @@ def command(
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML): connect to its devices too, without moving or firing.")
     ] = None,
+    source_deg: Annotated[
+        float | None,
+        typer.Option(help="Where a point source really stands, in degrees: search it, to prove the sense of rotation."),
+    ] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be)."""
+    """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be).
+
+    With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
+    be found there. A probe that is mounted the other way round finds it at the mirrored angle, which nothing else
+    shows. Place it at least 5 degrees off 0, and elsewhere than the source by which zero_deg was calibrated.
+    """
     from markerseek.cli.terminal import print_json, stdout
 
+    if rig is None and source_deg is not None:
+        raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
+    if source_deg is None and arm:
+        raise ConfigError("--arm: without --source-deg nothing moves and nothing is fired; leave it out")
     lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if lease_s is not None:
         findings.append(_punctuality(lease_s))
     if rig is not None:
         findings.append(_rig(rig))
+        if source_deg is not None and findings[-1].state == "ok":
+            findings.append(_direction(rig, source_deg, arm=arm, as_json=as_json))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -70,6 +87,9 @@ def command(
 
 def _packages() -> list[Finding]:
     """Python, the packages that are needed, and those of the extras."""
+    import importlib.metadata
+    import importlib.util
+
     found = [Finding(what="Python", state="ok", detail=platform.python_version())]
     found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():
@@ -93,6 +113,14 @@ def _rig(path: Path) -> Finding:
     except DeviceError as error:
         return Finding(what=str(path), state="broken", detail=str(error))
     return Finding(what=str(path), state="ok", detail=detail)
+
+
+def _direction(path: Path, source_deg: float, *, arm: bool, as_json: bool) -> Finding:
+    """Whether the stage turns the right way."""
+    from markerseek.cli.direction import prove_direction
+
+    right, detail = prove_direction(path, source_deg=source_deg, arm=arm, as_json=as_json)
+    return Finding(what="sense of rotation", state="ok" if right else "broken", detail=detail)
 
 
 def _lease_s(path: Path) -> float | None:

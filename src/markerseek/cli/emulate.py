@@ -32,7 +32,9 @@ def command(
         typer.Argument(help="kdc101: the stage; laser: the laser box; daq: the SonixDAQ's folder; bench: all of them."),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated world behind the devices.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**63 - 1, help="Seed of the simulated world behind the devices.")
+    ] = 1,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML, kind simulated) of that world; without one, its defaults.")
     ] = None,
@@ -86,6 +88,7 @@ def _serve(
     from markerseek.drivers.clock import SystemClock
     from markerseek.emulators import ByteDevice, PtyLine
     from markerseek.emulators.bench import ServingClock, serve
+    from markerseek.files import replaced
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -103,7 +106,8 @@ def _serve(
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             place = folder / "rig.toml"
-            place.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
+            with replaced(place) as part:
+                part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
             stdout.print(f"try: markerseek search --rig {place} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")

@@ -37,7 +37,7 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
 def show(journal: _File, as_json: _Json = False) -> None:
     """Print what happened, entry by entry; of a damaged journal as much as is whole, then the error."""
     from markerseek.cli.terminal import print_json
-    from markerseek.records.journal import salvage, standing
+    from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
     # Frames are half a megabyte each, and are only looked at here to say how large they are.
@@ -47,7 +47,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
         print_json(
             {
                 "configuration": held.configuration.flat(),
-                "state": standing(held.entries).state,
+                "state": run_state(held.entries).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
@@ -81,14 +81,14 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 def replay(journal: _File, as_json: _Json = False) -> None:
     """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
-    from markerseek.records.journal import read_journal, standing
+    from markerseek.records.journal import read_journal, run_state
     from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
     from markerseek.runs.recompute import differences
 
     held = read_journal(journal)
     announce_compilation()
     found = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
-    state = standing(held.entries).state
+    state = run_state(held.entries).state
     if as_json:
         print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
     else:
@@ -103,15 +103,15 @@ def replay(journal: _File, as_json: _Json = False) -> None:
 def _as_object(entry: Entry) -> dict[str, object]:
     import msgspec
 
-    from markerseek.records.journal.rows import to_row
+    from markerseek.records.journal import encode
 
-    kind, body, _ = to_row(entry.event)
+    encoded = encode(entry.event)
     return {
         "number": entry.number,
-        "kind": kind,
+        "kind": encoded.kind,
         "written": entry.written,
         "clock_s": entry.clock_s,
-        "body": msgspec.Raw(body),
+        "body": msgspec.Raw(encoded.body),
     }
 
 
@@ -120,7 +120,7 @@ def _print_table(held: Recording) -> None:
     from rich.table import Table
 
     from markerseek.cli.terminal import one_line, stdout
-    from markerseek.records.journal import standing
+    from markerseek.records.journal import run_state
 
     plan, facts = held.configuration.plan, held.configuration.facts
     form = " as published" if plan.as_published else ""
@@ -135,7 +135,7 @@ def _print_table(held: Recording) -> None:
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
-    stands = standing(held.entries)
+    stands = run_state(held.entries)
     stdout.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
 
 

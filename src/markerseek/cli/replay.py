@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -55,11 +54,11 @@ def command(
     interpolated between recorded angles, as in the paper's offline analysis.
     """
     from markerseek import rigs
-    from markerseek.cli.session import closed_at_end, new_journal, run_session
+    from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.core import ConfigError, SearchPlan
-    from markerseek.runs.session import new_session
+    from markerseek.core import ConfigError
+    from markerseek.runs.session import new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
@@ -76,17 +75,14 @@ def command(
         raise ConfigError(
             f"--acquisitions is {acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
-    plan = SearchPlan(
+    plan = plan_on(
+        assembled,
         method=method,
         acquisitions=acquisitions,
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
-        dark_frames=0 if as_published else assembled.dark_frames,
         stay=stay,
     )
     session = new_session(assembled, plan)
-    kept = new_journal(journal, session.configuration, wanted=journal is not None)
-    with closed_at_end(kept):
-        session = replace(session, journal=kept)
-        run_session(session, as_json=as_json)
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=kept)
+    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)
+    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

@@ -53,12 +53,12 @@ def command(
     from markerseek.cli.open_rig import NOT_ARMED
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.records.journal import read_journal, result_of, standing
+    from markerseek.records.journal import read_journal, result_of, run_state
     from markerseek.runs.resume import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     held = read_journal(journal, frames=plot)
-    state = standing(held.entries)
+    state = run_state(held.entries)
     if state.state == "finished":
         recorder, _ = result_of(held)
         imaging = _imaging(held) if plot else None
@@ -133,11 +133,11 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
 
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_json, stdout
-    from markerseek.records.journal import standing
+    from markerseek.records.journal import run_state
     from markerseek.runs.rebuild import next_angle, rebuild_policy
     from markerseek.runs.recheck import samples_to_recheck
 
-    state = standing(held.entries)
+    state = run_state(held.entries)
     rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
     following_deg = next_angle(held, rebuild_policy(held.configuration))
     checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +20,7 @@ EXAMPLES = (
 def command(
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[
-        int | None, typer.Option(min=2, max=500, help="Most acquisitions; each method has its own default.")
+        int | None, typer.Option(min=2, help="Most acquisitions; each method has its own default.")
     ] = None,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
@@ -55,30 +54,25 @@ def command(
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
     from markerseek.cli.open_rig import arm_rig, open_rig
-    from markerseek.cli.session import closed_at_end, new_journal, run_session
+    from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.core import SearchPlan
-    from markerseek.runs.session import new_session
+    from markerseek.runs.session import new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
-        plan = SearchPlan(
+        plan = plan_on(
+            assembled,
             method=method,
             acquisitions=acquisitions,
             as_published=as_published,
             start_deg=start_deg,
-            dark_frames=0 if as_published else assembled.dark_frames,
             stay=stay,
-            closing_dark=assembled.closing_dark,
         )
         session = new_session(assembled, plan)
         announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
-        kept = new_journal(journal, session.configuration, wanted=not no_journal)
-        with closed_at_end(kept):
-            session = replace(session, journal=kept)
-            run_session(session, as_json=as_json, rig_file=rig)
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=kept)
+        session = run_new_session(session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig)
+    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from rich.markup import escape
@@ -38,6 +39,40 @@ def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None
         except MarkerseekError:
             _print_how_to_resume(journal, rig_file)
             raise
+
+
+def run_new_session(
+    session: Session,
+    *,
+    as_json: bool,
+    journal: Path | None = None,
+    keep: bool = True,
+    rig_file: Path | None = None,
+) -> Session:
+    """Run a new search to its end, kept in a new journal; the session with that journal comes back.
+
+    Parameters
+    ----------
+    session
+        The search.
+    as_json, rig_file
+        As in `run_session`.
+    journal
+        The user's file; None for one in the data folder.
+    keep
+        Whether to keep a journal at all.
+
+    Raises
+    ------
+    RecordError
+        If the journal cannot be written.
+    ConfigError
+        If a journal was named and none is to be kept.
+    """
+    session = replace(session, journal=new_journal(journal, session.configuration, wanted=keep))
+    with closed_at_end(session.journal):
+        run_session(session, as_json=as_json, rig_file=rig_file)
+    return session
 
 
 def _watch(session: Session) -> None:

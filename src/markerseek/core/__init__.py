@@ -21,14 +21,23 @@ from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Ref
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
-from markerseek.core.interval import PAPER_RANGE, Interval
+from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
-from markerseek.core.reading import Reading, Sample
+from markerseek.core.reading import (
+    LEAST_INTENSITY,
+    MOST_ACQUISITIONS,
+    MOST_INTENSITY,
+    Reading,
+    Sample,
+)
 
 __all__ = [
+    "LEAST_INTENSITY",
+    "MOST_ACQUISITIONS",
+    "MOST_INTENSITY",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
@@ -78,6 +87,7 @@ __all__ = [
     "Stage",
     "Started",
     "Unsure",
+    "as_interval",
     "is_finite",
     "is_whole",
 ]

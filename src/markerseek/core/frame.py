@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TypeAlias
-
-import numpy as np
-from jaxtyping import Int16
+from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek.core.errors import ConfigError
+from markerseek.core.shapes import CHECKED, Int16
+
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,12 +62,12 @@ class ChannelFrame:
     sampling_hz: float
 
     def __post_init__(self) -> None:
-        if self.samples.ndim != 2 or self.samples.dtype != np.int16:
+        if self.samples.ndim != 2 or self.samples.dtype != "int16":
             raise ConfigError(
                 f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, "
                 "they must be int16 of shape (channels, samples)"
             )
-        if not 0 < self.sampling_hz < np.inf:
+        if not 0 < self.sampling_hz < math.inf:
             raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from jaxtyping import Float32, Float64
+from markerseek.core.shapes import CHECKED, Float32, Float64
+
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

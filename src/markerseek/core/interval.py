@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import SupportsFloat
 
 from markerseek.core.errors import ConfigError
 from markerseek.core.number import is_finite
@@ -50,6 +52,32 @@ class Interval:
 
     def __str__(self) -> str:
         return f"[{self.low_deg:g}, {self.high_deg:g}] deg"
+
+
+def as_interval(ends_deg: Interval | Sequence[SupportsFloat], *, name: str) -> Interval:
+    """Interval of two angles, given as such or as any two numbers, low end first.
+
+    Parameters
+    ----------
+    ends_deg
+        The interval, or its ends in degrees: a tuple or a list.
+    name
+        Name of the argument, for the message.
+
+    Raises
+    ------
+    ConfigError
+        If they are no two finite numbers that rise.
+    """
+    if isinstance(ends_deg, Interval):
+        return ends_deg
+    try:
+        low_deg, high_deg = map(float, ends_deg)
+    except (TypeError, ValueError) as problem:
+        raise ConfigError(
+            f"{name} is {ends_deg!r}, two angles in degrees are needed, as in {name}=(-35, 35)"
+        ) from problem
+    return Interval(low_deg=low_deg, high_deg=high_deg)
 
 
 PAPER_RANGE = Interval(low_deg=-35.0, high_deg=35.0)

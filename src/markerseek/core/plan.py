@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from markerseek.core.errors import ConfigError
 from markerseek.core.number import is_finite, is_whole
+from markerseek.core.reading import MOST_ACQUISITIONS
 
 MOST_DARK_FRAMES = 100
 """Most dark frames before a search."""
@@ -53,8 +54,12 @@ class SearchPlan:
     closing_dark: bool = False
 
     def __post_init__(self) -> None:
-        if self.acquisitions is not None and not (is_whole(self.acquisitions) and self.acquisitions >= 1):
-            raise ConfigError(f"acquisitions is {self.acquisitions}, it must be a whole number of at least 1")
+        number = self.acquisitions
+        if number is not None and not (is_whole(number) and 1 <= number <= MOST_ACQUISITIONS):
+            raise ConfigError(
+                f"acquisitions is {number}, it must be a whole number between 1 and {MOST_ACQUISITIONS}; leave it out "
+                "for the number of the method"
+            )
         if self.start_deg is not None and not is_finite(self.start_deg):
             raise ConfigError(f"start_deg is {self.start_deg} deg, it must be a finite number")
         if not (is_whole(self.dark_frames) and 0 <= self.dark_frames <= MOST_DARK_FRAMES):

@@ -6,6 +6,12 @@ from dataclasses import dataclass, field
 
 from markerseek.core.frame import Frame
 
+MOST_ACQUISITIONS = 500
+"""Most acquisitions of one search, without dark frames."""
+
+LEAST_INTENSITY, MOST_INTENSITY = 1e-60, 1e60
+"""Intensities outside are none, or damaged: squares and ratios of those inside neither vanish nor overflow."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import AcquisitionError, NotConnectedError, RecordError
+from markerseek.core.shapes import Int16
 from markerseek.wire import sonixdaq as wire
 
 _LARGEST_BYTES = 1 << 26

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader
+from markerseek.core.shapes import Int16
 from markerseek.sim import Flash, Surroundings
 from markerseek.wire import sonixdaq as wire
 

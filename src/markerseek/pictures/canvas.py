@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markerseek.core import ConfigError, MissingExtraError
+from markerseek.files import replaced
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,10 +89,13 @@ def save_png(figure: Figure, path: Path) -> None:
     ------
     ConfigError
         If the file cannot be written.
+    RecordError
+        If its name is that of a symbolic link, a pipe or a device.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120, format="png")
+        with replaced(path) as part:
+            figure.savefig(part, dpi=120, format="png")
     except OSError as problem:
         raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
 
@@ -103,13 +107,15 @@ def save_svg(figure: Figure, path: Path) -> None:
     ------
     ConfigError
         If the file cannot be written.
+    RecordError
+        If its name is that of a symbolic link, a pipe or a device.
     """
     import matplotlib as mpl
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context({"svg.hashsalt": "markerseek"}):
-            figure.savefig(path, format="svg", metadata={"Date": None})
+        with replaced(path) as part, mpl.rc_context({"svg.hashsalt": "markerseek"}):
+            figure.savefig(part, format="svg", metadata={"Date": None})
     except OSError as problem:
         raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
+from markerseek.core.shapes import Float32, Float64
 from markerseek.pictures.canvas import ACCENT, new_figure, put_title
 from markerseek.pictures.image_panel import draw_image
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, Float64
+
+from markerseek.core.shapes import Float32, Float64
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

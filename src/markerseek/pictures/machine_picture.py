@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Int16, UInt8
 
+from markerseek.core.shapes import Int16, UInt8
 from markerseek.pictures.canvas import new_figure, put_title
 
 if TYPE_CHECKING:

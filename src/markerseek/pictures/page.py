@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from markerseek.core import ConfigError
+from markerseek.files import replaced
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -71,6 +72,8 @@ def write_page(
     ------
     ConfigError
         If the file cannot be written.
+    RecordError
+        If its name is that of a symbolic link, a pipe or a device.
     """
     text = _PAGE.format(
         title=html.escape(title),
@@ -83,7 +86,8 @@ def write_page(
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with replaced(path) as part:
+            part.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ConfigError(f"{path}: the page cannot be written: {problem.strerror}; name another --out") from problem
 

@@ -5,26 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, SupportsFloat
 
 import numpy as np
 
 from markerseek.core import ConfigError, LinearArray, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
+from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
+from markerseek.signals import PRESET_NAMES, ImageReader, IntensityReader, ProbePreset, probe_preset
 from markerseek.sim import VirtualClock
 
 
 def replayed(
-    path: Path,
+    path: Path | str,
     *,
     probe: str | None = None,
-    reference_deg: float | None = None,
+    reference_deg: SupportsFloat | None = None,
     between: Literal["nearest", "interpolated"] = "nearest",
 ) -> Rig:
     """A rig that plays back a recorded scan; its search range is the range recorded.
@@ -48,6 +48,8 @@ def replayed(
     ConfigError
         If the preset is unknown, or the reference lies beyond one turn.
     """
+    path = Path(path)
+    reference_deg = None if reference_deg is None else float(reference_deg)
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"reference_deg is {reference_deg} deg, it must lie within one turn")
     bank = read_bank(path)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray, PaImage
+from markerseek.core.shapes import Float64
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset
 from markerseek.signals.peaks import strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import replace
+from pathlib import Path
+from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 
 from markerseek.acoustics import Digitiser
 from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig_file import read_rig_file
 from markerseek.rigs.scene import draw_scene, image_reader
 from markerseek.scan import Scanner
-from markerseek.signals import ImageReader
+from markerseek.signals import ImageReader, IntensityReader
 from markerseek.sim import (
     CurveWorld,
     IntensityCurve,
@@ -41,24 +44,24 @@ USUAL_CELLS = 460_000
 
 def simulated(
     *,
-    seed: int,
+    seed: SupportsIndex,
     tissue: str | None = None,
-    marker_deg: float | None = None,
-    settings: SimulatedSettings | None = None,
-    pace: float = 0.0,
+    marker_deg: SupportsFloat | None = None,
+    settings: SimulatedSettings | str | Path | None = None,
+    pace: SupportsFloat = 0.0,
 ) -> Rig:
     """A rig in a simulated world; the same seed and settings give the same frames.
 
     Parameters
     ----------
     seed
-        Seed of everything that is drawn.
+        Seed of everything that is drawn, from 0 to 2**63 - 1.
     tissue
         Name of a simulated material, instead of that of the settings.
     marker_deg
         Angle of the marker in degrees, instead of that of the settings.
     settings
-        All the rest.
+        All the rest, or the name of a rig file (kind simulated) that holds it.
     pace
         Real seconds for a virtual one; 0 does not wait.
 
@@ -67,11 +70,13 @@ def simulated(
     ConfigError
         If a setting cannot be used.
     """
-    settings = settings or SimulatedSettings()
+    seed, pace = _seed(seed), float(pace)
+    if not isinstance(settings, SimulatedSettings):
+        settings = SimulatedSettings() if settings is None else _simulated_file(Path(settings))
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
     if marker_deg is not None:
-        settings = replace(settings, marker=replace(settings.marker, angle_deg=marker_deg))
+        settings = replace(settings, marker=replace(settings.marker, angle_deg=float(marker_deg)))
     rng = np.random.default_rng(seed)
     scene = draw_scene(settings, rng)
     step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
@@ -137,7 +142,7 @@ def of_intensities(
         If a setting cannot be used; bursts of noise need frames.
     """
     settings = settings or SimulatedSettings()
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_seed(seed))
     world = CurveWorld.of_settings(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng)
     return in_world(
         world,
@@ -150,6 +155,21 @@ def of_intensities(
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
         rng=rng,
     )
+
+
+def _seed(seed: SupportsIndex) -> int:
+    """The seed, if it is one; a journal and a bank keep seeds of 63 bits."""
+    whole = isinstance(seed, SupportsIndex) and not isinstance(seed, bool)
+    if not whole or not 0 <= operator.index(seed) < 2**63:
+        raise ConfigError(f"seed is {seed!r}, it must be a whole number from 0 to 2**63 - 1")
+    return operator.index(seed)
+
+
+def _simulated_file(path: Path) -> SimulatedSettings:
+    settings = read_rig_file(path)
+    if not isinstance(settings, SimulatedSettings):
+        raise ConfigError(f"{path}: its kind is bench, and a simulated rig is wanted; name a file of kind simulated")
+    return settings
 
 
 def in_world(

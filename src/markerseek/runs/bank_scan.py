@@ -12,7 +12,7 @@ from pathlib import Path
 from markerseek._version import __version__
 from markerseek.core import ConfigError, Event, Measured, RigFacts
 from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc import BankWriter
+from markerseek.records.banks.ipasc import BankWriter
 from markerseek.rigs.rig import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive

@@ -9,14 +9,13 @@ import msgspec
 from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
 from markerseek.drivers.settings import BenchSettings
 from markerseek.records.journal import Configuration, Recording
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
 from markerseek.rigs.replay import replayed
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
-from markerseek.signals import ImageReader, ProbePreset
+from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader
 from markerseek.guard import Limits
-from markerseek.records.journal import Entry, Recording
-from markerseek.records.journal.entries import Happening
-from markerseek.records.replay import IntensityReader
+from markerseek.records.journal import Entry, JournalEvent, Recording
 from markerseek.runs.journalled import run_plan
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.runs.resume import RUN_EVENTS
+from markerseek.signals import IntensityReader
 
 
 def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
@@ -45,7 +44,7 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     return found
 
 
-def _timeless(event: Happening) -> Happening:
+def _timeless(event: JournalEvent) -> JournalEvent:
     """The event without the duration of the run, which frames do not hold."""
     return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
 

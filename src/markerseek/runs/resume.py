@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
-from markerseek.records.journal import Entry, Journal, Recording, Resuming, Standing, standing
-from markerseek.records.journal.configuration import versions
+from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
 from markerseek.rigs.rig import Rig
 from markerseek.runs.journalled import closed_and_kept, keep, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
@@ -69,7 +68,7 @@ def resumed(
     RecordError
         If the run is over, the search decides otherwise than it did, or an event cannot be kept.
     """
-    state = standing(held.entries)
+    state = run_state(held.entries)
     if state.state == "finished":
         raise RecordError(f"{held.path}: the run is over; it cannot be resumed")
     require_reset(held.path, state, reset_fault=reset_fault)
@@ -136,7 +135,7 @@ class _StepToRig:
             by=self._by,
             check_deg=check_deg,
             flank_deg=flank_deg,
-            fault_reset=standing(entries).state == "fault",
+            fault_reset=run_state(entries).state == "fault",
             versions=versions(),
         )
         clock = self.scanner.clock
@@ -159,7 +158,7 @@ class _StepToRig:
                 guard.recall(replace(frame, header=header), entry.event.sample.reading)
 
 
-def require_reset(path: Path, state: Standing, *, reset_fault: bool) -> None:
+def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
     """Refuse to resume after a fault that no person has reset.
 
     Parameters

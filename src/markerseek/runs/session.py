@@ -82,6 +82,40 @@ class Session:
         return self.recorder.result(self.configuration.plan, self.configuration.facts)
 
 
+def plan_on(
+    rig: Rig,
+    *,
+    method: str,
+    acquisitions: int | None = None,
+    as_published: bool = False,
+    start_deg: float,
+    stay: bool = False,
+) -> SearchPlan:
+    """Plan of a search with the dark frames and the end that a rig needs; the paper's form takes no dark frames first.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    method, acquisitions, as_published, start_deg, stay
+        As in `SearchPlan`.
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used.
+    """
+    return SearchPlan(
+        method=method,
+        acquisitions=acquisitions,
+        as_published=as_published,
+        start_deg=start_deg,
+        dark_frames=0 if as_published else rig.dark_frames,
+        stay=stay,
+        closing_dark=rig.closing_dark,
+    )
+
+
 def new_session(rig: Rig, plan: SearchPlan) -> Session:
     """A new search, without a journal yet; nothing moves before `Session.events` is iterated.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from markerseek.core import (
+    MOST_ACQUISITIONS,
     AcquisitionError,
     Asked,
     Clock,
@@ -80,7 +81,7 @@ class RunLimits:
         How often one acquisition is tried when its frames are refused.
     """
 
-    acquisitions: int = 500
+    acquisitions: int = MOST_ACQUISITIONS
     duration_s: float = 3600.0 * 3
     attempts: int = 3
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
+from markerseek.core.shapes import Float64
 from markerseek.search.curve import Curve
 
 THRESHOLD = 0.2

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, SupportsIndex
 
 import numpy as np
-from jaxtyping import Float64
 
-from markerseek.core import ConfigError, Found, SearchError
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, Found, SearchError
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64
 
 
 class PublishedPolicy(Protocol):
@@ -84,16 +85,20 @@ def check_sample(sample: Sample) -> None:
         )
 
 
-def check_acquisitions(acquisitions: int | float, *, least: int, method: str) -> int:
+def check_acquisitions(acquisitions: SupportsIndex | float, *, least: int, method: str) -> int:
     """Return the number of acquisitions if a search can be made of it.
 
     Raises
     ------
     ConfigError
-        If it is no whole number, or fewer than ``least``.
+        If it is no whole number, or fewer than ``least``, or more than `MOST_ACQUISITIONS`.
     """
-    if isinstance(acquisitions, bool) or not isinstance(acquisitions, int):
+    # Whole numbers of all kinds, NumPy's too, but neither 16.0 nor True.
+    if isinstance(acquisitions, bool | float) or not isinstance(acquisitions, SupportsIndex):
         raise ConfigError(f"{method}: acquisitions is {acquisitions!r}, it must be a whole number of at least {least}")
-    if acquisitions < least:
+    number = operator.index(acquisitions)
+    if number < least:
         raise ConfigError(f"{method}: acquisitions is {acquisitions}, at least {least} are needed")
-    return acquisitions
+    if number > MOST_ACQUISITIONS:
+        raise ConfigError(f"{method}: acquisitions is {acquisitions}, at most {MOST_ACQUISITIONS} can be made")
+    return number

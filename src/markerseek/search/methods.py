@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import SupportsFloat, SupportsIndex
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, SearchPlan
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, SearchPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.curve import PublishedPolicy, check_acquisitions
@@ -104,10 +105,10 @@ def method_named(name: str) -> Method:
 def build(
     method: str,
     *,
-    limits: Interval = PAPER_RANGE,
-    acquisitions: int | float | None = None,
+    limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE,
+    acquisitions: SupportsIndex | float | None = None,
     as_published: bool = False,
-    start_deg: float | None = None,
+    start_deg: SupportsFloat | None = None,
     early_end: bool = True,
 ) -> Policy:
     """Return a policy for one search.
@@ -117,7 +118,7 @@ def build(
     method
         Name of the method, one of `METHODS`.
     limits
-        Range to search.
+        Range to search: an interval, or its two ends in degrees, as in ``(-35, 35)``.
     acquisitions
         Most acquisitions, a whole number; None: the method's own. An odd number is reduced by one where two are made
         per iteration.
@@ -139,14 +140,15 @@ def build(
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
     number = check_acquisitions(number, least=chosen.least, method=chosen.name)
+    searched = as_interval(limits, name="limits")
+    stands_deg = None if start_deg is None else float(start_deg)
     if chosen.name == "posterior":
-        return _posterior(limits, number, start_deg, early_end, as_published=as_published)
-    start_deg = None if as_published else start_deg
+        return _posterior(searched, number, stands_deg, early_end, as_published=as_published)
     ends_early = early_end and chosen.name == "weighted-average"
-    inner = _MAKERS[chosen.name](limits, number, start_deg, ends_early and as_published)
+    inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
         return inner
-    return Guarded(inner, limits=limits, early_threshold=THRESHOLD if ends_early else None)
+    return Guarded(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
 
 
 def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:

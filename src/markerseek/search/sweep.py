@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, SearchError
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64
 from markerseek.search.average import THRESHOLD, average_sigma_deg, weighted_average
 from markerseek.search.curve import check_acquisitions, check_sample, curve_of
 from markerseek.search.parabola import fit_top

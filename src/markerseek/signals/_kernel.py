@@ -7,9 +7,9 @@ gather: row ``t`` of the signals, shifted by some channels, is added to a row of
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
 
 from markerseek.core.compiled import compiled
+from markerseek.core.shapes import Float32, Float64, Int32, Int64
 
 PAD = 32
 """Zero columns on each side of the signals, so that every inner loop has a multiple of 32 steps."""

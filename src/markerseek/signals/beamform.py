@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
 
 from markerseek.core import ConfigError, LinearArray
+from markerseek.core.shapes import Float32, Float64, Int32
 from markerseek.signals._kernel import PAD, aligned, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset

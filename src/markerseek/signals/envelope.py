@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
+from markerseek.core.shapes import Float32, Float64
 from markerseek.signals._kernel import magnitude
 
 QUADRATURE_TAPS = 20

@@ -10,6 +10,12 @@ from dataclasses import dataclass, field
 
 from markerseek.core import ConfigError, LinearArray
 
+SAMPLING_HZ = (1e5, 1e9)
+"""Slowest and fastest sampling, and lowest and highest edge of a band, in Hz."""
+
+SOUND_SPEED_M_S = (300.0, 7000.0)
+"""Slowest and fastest speed of sound in m/s, of air and of bone with room to spare; as in `markerseek.acoustics`."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbePreset:
@@ -49,14 +55,16 @@ class ProbePreset:
     full_scale: int = 2047
 
     def __post_init__(self) -> None:
-        for name, value, unit in (
-            ("sampling_hz", self.sampling_hz, "Hz"),
-            ("sound_speed_m_s", self.sound_speed_m_s, "m/s"),
-            ("low_hz", self.low_hz, "Hz"),
-            ("high_hz", self.high_hz, "Hz"),
+        for name, value, (low, high), unit in (
+            ("sampling_hz", self.sampling_hz, SAMPLING_HZ, "Hz"),
+            ("sound_speed_m_s", self.sound_speed_m_s, SOUND_SPEED_M_S, "m/s"),
+            ("low_hz", self.low_hz, SAMPLING_HZ, "Hz"),
+            ("high_hz", self.high_hz, SAMPLING_HZ, "Hz"),
         ):
-            if not 0 < value < math.inf:
-                raise ConfigError(f"preset {self.name}: {name} is {value} {unit}, it must be positive and finite")
+            if not low <= value <= high:
+                raise ConfigError(
+                    f"preset {self.name}: {name} is {value} {unit}, it must lie between {low:g} and {high:g} {unit}"
+                )
         if not self.low_hz < self.high_hz <= 0.45 * self.sampling_hz:
             raise ConfigError(
                 f"preset {self.name}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must rise and end below "
@@ -64,8 +72,11 @@ class ProbePreset:
             )
         if not 0 <= self.f_number < math.inf:
             raise ConfigError(f"preset {self.name}: f_number is {self.f_number}, it must be 0 or more and finite")
-        if not math.isfinite(self.trigger_offset_s):
-            raise ConfigError(f"preset {self.name}: trigger_offset_s is {self.trigger_offset_s} s, it must be finite")
+        if not abs(self.trigger_offset_s) <= 1e-3:
+            raise ConfigError(
+                f"preset {self.name}: trigger_offset_s is {self.trigger_offset_s} s, it must lie between "
+                "-1e-3 and 1e-3 s"
+            )
         if self.pickup_samples < 0:
             raise ConfigError(f"preset {self.name}: pickup_samples is {self.pickup_samples}, it must be 0 or more")
         if not 1 <= self.full_scale <= 32767:

@@ -7,6 +7,9 @@ import time
 
 from markerseek.core import ConfigError
 
+MOST_PACE = 100.0
+"""Slowest simulation, in real seconds for a virtual one: a search of five minutes takes a working day."""
+
 
 class VirtualClock:
     """A clock that jumps.
@@ -14,12 +17,14 @@ class VirtualClock:
     Parameters
     ----------
     pace
-        Real seconds that a virtual second takes; 0 takes none, 1 runs at real speed.
+        Real seconds that a virtual second takes; 0 takes none, 1 runs at real speed; at most `MOST_PACE`.
     """
 
     def __init__(self, *, pace: float = 0.0) -> None:
-        if not 0 <= pace < math.inf:
-            raise ConfigError(f"pace is {pace}, it must be 0 (as fast as can be) or positive; 1 is real speed")
+        if not 0 <= pace <= MOST_PACE:
+            raise ConfigError(
+                f"pace is {pace}, it must lie between 0 (does not wait) and {MOST_PACE:g}; 1 is real speed"
+            )
         self._pace = pace
         self._now_s = 0.0
 

@@ -20,9 +20,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError, FrameHeader, ReadingFrame
+from markerseek.core.shapes import Float64
 from markerseek.sim.curves import IntensityCurve
 from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float64
 
 
 class IntensityCurve(Protocol):
@@ -25,9 +25,20 @@ class IntensityCurve(Protocol):
         """Heights of the separate peaks of the image, relative to the largest with the probe on the marker."""
 
 
+WIDTH_DEG = (1e-6, 1e6)
+"""Narrowest and widest curve, full width at half maximum in degrees."""
+
+MOST_POWER = 20.0
+"""Steepest power of a curve's tails, with which the narrowest one does not overflow."""
+
+
 def _check_width(fwhm_deg: float) -> None:
-    if not 0 < fwhm_deg < math.inf:
-        raise ConfigError(f"curve: fwhm_deg is {fwhm_deg} deg, it must be positive and finite; 2 to 35 deg are usual")
+    low_deg, high_deg = WIDTH_DEG
+    if not low_deg <= fwhm_deg <= high_deg:
+        raise ConfigError(
+            f"curve: fwhm_deg is {fwhm_deg} deg, it must lie between {low_deg:g} and {high_deg:g} deg; 2 to 35 deg are "
+            "usual"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,8 +99,8 @@ class PowerCurve:
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
-        if not 0 < self.power < math.inf:
-            raise ConfigError(f"curve: power is {self.power}, it must be positive and finite; 1 to 2 are usual")
+        if not 0 < self.power <= MOST_POWER:
+            raise ConfigError(f"curve: power is {self.power}, it must lie in (0, {MOST_POWER:g}]; 1 to 2 are usual")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from markerseek.acoustics import Bursts, Probe
@@ -68,6 +67,8 @@ class LaserSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.energy_jitter < 1:
             raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
+        if not 0 < self.rate_hz <= 1000:
+            raise ConfigError(f"laser: rate_hz is {self.rate_hz} Hz, it must lie in (0, 1000] Hz")
         most = FiringLimits().pulses_per_permit
         if not 1 <= self.pulses <= most:
             raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and {most}")
@@ -126,8 +127,10 @@ class ReceiverSettings:
     def __post_init__(self) -> None:
         if not 512 <= self.samples <= 65_536:
             raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
-        if not 0 < self.peak_counts < math.inf:
-            raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must be positive and finite")
+        if not 0 < self.peak_counts <= 1e6:
+            raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; 600 is usual")
+        if not 0 <= self.readout_s <= 3600:
+            raise ConfigError(f"receiver: readout_s is {self.readout_s} s, it must lie in [0, 3600] s; 10 s is usual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,12 +38,12 @@ class StageMotion:
     settle_s: float = 0.1
 
     def __post_init__(self) -> None:
-        for name, most in (("speed_deg_s", 25.0), ("acceleration_deg_s2", 25.0), ("counts_per_deg", math.inf)):
+        for name, most in (("speed_deg_s", 25.0), ("acceleration_deg_s2", 25.0), ("counts_per_deg", 1e9)):
             if not 0 < getattr(self, name) <= most:
                 raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
-        for name in ("backlash_deg", "approach_deg", "settle_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must be finite and not negative")
+        for name, most in (("backlash_deg", 360.0), ("approach_deg", 360.0), ("settle_s", 3600.0)):
+            if not 0 <= getattr(self, name) <= most:
+                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in [0, {most:g}]")
 
     def duration_s(self, distance_deg: float) -> float:
         """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.

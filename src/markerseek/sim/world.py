@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float32, Int16
 
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
 from markerseek.core import ChannelFrame, Frame, FrameHeader
+from markerseek.core.shapes import Float32, Int16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,7 @@ is continued by the same command, and its files do not differ from those of one 
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -18,15 +19,19 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
+from markerseek.files import MIB, read_input
 from markerseek.studies.chunks import Chunk, chunk, chunk_count, chunk_rows, run_chunk
 from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
-from markerseek.studies.table import UNFINISHED, as_csv, columns, commit, committed, read_rows
+from markerseek.studies.table import as_csv, columns, commit, committed, read_rows
 from markerseek.studies.workers import default_workers, on_processes
 
 ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
 """Names in a study's folder."""
+
+_MOST_BYTES = 256 * MIB
+"""Largest file beside the table that is read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,9 +97,14 @@ def run_study(
             summary = summarise(study, read_rows(folder / ROWS, study))
             commit(folder / SUMMARY, msgspec.json.format(msgspec.json.encode(summary), indent=1) + b"\n")
         shutil.rmtree(folder / PARTS)
-        return Finish(
-            rows=folder / ROWS, summary=msgspec.json.decode((folder / SUMMARY).read_bytes(), type=Summary, strict=True)
-        )
+        return Finish(rows=folder / ROWS, summary=_summary(folder / SUMMARY))
+
+
+def _summary(path: Path) -> Summary:
+    try:
+        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=Summary, strict=True)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem}; delete it, and it is computed again") from problem
 
 
 def _claim(folder: Path, study: Study) -> None:
@@ -103,8 +113,8 @@ def _claim(folder: Path, study: Study) -> None:
     path = folder / STUDY
     if path.exists():
         try:
-            found = msgspec.json.decode(path.read_bytes(), type=dict)
-        except (OSError, msgspec.DecodeError) as problem:
+            found = msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=dict)
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
             raise RecordError(f"{path}: it cannot be read: {problem}") from problem
         if found.get("hash") != study.digest:
             made_by = found.get("version")
@@ -115,7 +125,7 @@ def _claim(folder: Path, study: Study) -> None:
             )
     else:
         commit(path, msgspec.json.format(msgspec.json.encode(claim), indent=1) + b"\n")
-    for unfinished in [*folder.glob(f"*{UNFINISHED}"), *(folder / PARTS).glob(f"*{UNFINISHED}")]:
+    for unfinished in [*folder.glob(".*.part"), *(folder / PARTS).glob(".*.part")]:
         unfinished.unlink()
 
 
@@ -152,7 +162,7 @@ def _join(study: Study, folder: Path) -> None:
     with committed(folder / ROWS) as table:
         table.write(as_csv([columns(study)]))
         for index in range(chunk_count(study)):
-            table.write(_part(folder / PARTS, chunk(study, index)).read_bytes())
+            table.write(read_input(_part(folder / PARTS, chunk(study, index)), most_bytes=_MOST_BYTES))
 
 
 def _part(parts: Path, piece: Chunk) -> Path:
@@ -168,7 +178,12 @@ def _alone(folder: Path) -> Iterator[None]:
     except ImportError:  # not on this system: two runs of one study would only do the work twice
         yield
         return
-    with (folder / ".lock").open("w") as lock:
+    try:
+        # A lock is never a link, which would have another file opened, nor a pipe, which would wait for its reader.
+        descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    except OSError as problem:
+        raise RecordError(f"{folder / '.lock'}: it cannot be opened: {problem.strerror}; delete it") from problem
+    with os.fdopen(descriptor, "r+b", buffering=0) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as problem:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.core import ConfigError
+from markerseek.core import MOST_ACQUISITIONS, ConfigError
 from markerseek.sim import SimulatedSettings
+from markerseek.sim.curves import PowerCurve
 from markerseek.studies.policies import method_of
 
 Value: TypeAlias = str | float | int | bool | None
@@ -42,6 +42,10 @@ class PolicySettings:
         least = method_of(self.method).least
         if self.acquisitions is not None and not self.acquisitions >= least:
             raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
+        if self.acquisitions is not None and self.acquisitions > MOST_ACQUISITIONS:
+            raise ConfigError(
+                f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
+            )
         if self.cues is not None and self.method != "posterior":
             raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
 
@@ -77,9 +81,8 @@ class CurveSettings:
     draws: int = 4
 
     def __post_init__(self) -> None:
-        for name in ("fwhm_deg", "power"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"curve: {name} is {getattr(self, name)}, it must be positive and finite")
+        # The closed forms know their own bounds.
+        PowerCurve(fwhm_deg=self.fwhm_deg, power=self.power)
         if not 1 <= self.draws <= 1000:
             raise ConfigError(f"curve: draws is {self.draws}, it must lie between 1 and 1000")
 

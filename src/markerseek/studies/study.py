@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
+import math
 import typing
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -30,6 +31,9 @@ from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, Val
 
 VERSION = 1
 """Version of the form of a study."""
+
+MOST_POLICIES, MOST_CELLS, MOST_ROWS = 1000, 10_000, 10**9
+"""Most policies, combinations of varied settings, and rows of the table, of one study."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +86,9 @@ class Study:
             raise ConfigError(f"study: version is {self.version}, this package reads version {VERSION}")
         if not self.policies:
             raise ConfigError("study: there are no policies; name at least one method")
+        _require_size(self)
         if len(set(self.policies)) < len(self.policies):
             raise ConfigError("study: a policy is named twice; its rows would be the same")
-        if not 1 <= self.trials <= 10**9:
-            raise ConfigError(f"study: trials is {self.trials}, it must lie between 1 and 1,000,000,000")
         if not 0 <= self.seed < 2**63:
             raise ConfigError(f"study: seed is {self.seed}, it must be a whole number from 0 to 2**63 - 1")
         keys = [axis.key for axis in self.vary]
@@ -166,6 +169,23 @@ def cells(study: Study) -> tuple[Cell, ...]:
         digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
+
+
+def _require_size(study: Study) -> None:
+    """Refuse a study that could never be finished, before its cells are made."""
+    if len(study.policies) > MOST_POLICIES:
+        raise ConfigError(f"study: there are {len(study.policies)} policies, at most {MOST_POLICIES} are compared")
+    if not 1 <= study.trials <= MOST_ROWS:
+        raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {MOST_ROWS:,}")
+    combinations = math.prod(len(axis.values) for axis in study.vary)
+    if combinations > MOST_CELLS:
+        raise ConfigError(
+            f"vary: the values make {combinations} combinations, at most {MOST_CELLS} are computed; vary fewer "
+            "settings, or split the study"
+        )
+    rows = combinations * study.trials * len(study.policies)
+    if rows > MOST_ROWS:
+        raise ConfigError(f"study: its table has {rows:,} rows, at most {MOST_ROWS:,} are computed; take fewer trials")
 
 
 def _require_default(rig: SimulatedSettings) -> None:

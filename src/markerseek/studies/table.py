@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import BinaryIO
 import msgspec
 
 from markerseek.core import RecordError
+from markerseek.files import open_input, replaced
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Study, cells
 from markerseek.studies.trial import Row
@@ -24,8 +24,8 @@ from markerseek.studies.trial import Row
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 """Columns of every table; behind them stand the varied settings of the study, by their keys."""
 
-UNFINISHED = ".unfinished"
-"""End of the name of a file that is being written."""
+_MOST_BYTES = 1 << 40
+"""Largest table that is read; it is read line by line."""
 
 
 def columns(study: Study) -> tuple[str, ...]:
@@ -61,8 +61,11 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
         If it cannot be read, or is not this study's.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.reader(file)
+        with (
+            open_input(path, most_bytes=_MOST_BYTES) as file,
+            io.TextIOWrapper(file, newline="", encoding="utf-8") as lines,
+        ):
+            reader = csv.reader(lines)
             if tuple(next(reader, ())) != columns(study):
                 raise RecordError(f"{path}: its columns are not those of the study {study.name}")
             by_cell = [cell.varied for cell in cells(study)]
@@ -97,13 +100,9 @@ def committed(path: Path) -> Iterator[BinaryIO]:
     RecordError
         If it cannot be written.
     """
-    unfinished = path.with_name(path.name + UNFINISHED)
     try:
-        with unfinished.open("wb") as file:
+        with replaced(path) as part, part.open("xb") as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem
 

@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32
 
 from markerseek.acoustics import Absorber, AcousticModel
 from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Interval
+from markerseek.core.shapes import Float32
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
 

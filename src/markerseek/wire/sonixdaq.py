@@ -12,12 +12,15 @@ import struct
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Int16
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Int16
 
 CHANNELS = 128
 """Channels, and files, of one acquisition."""
+
+MOST_SAMPLES = 1 << 16
+"""Most samples of one pulse that are read: sound has come 2.5 m by then, and all channels take 16 MiB."""
 
 HEADER_BYTES = 12
 """Length of the longer header: as many bytes as `decode_header` wants to see."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Int16, UInt8
 
 from markerseek.core import RecordError
+from markerseek.core.shapes import Int16, UInt8
 
 HEADER_BYTES = 76
 """Length of the header."""

@@ -16,7 +16,7 @@ from .at_steps import at_steps
 
 
 def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
-    for event in run(policy, rig.scanner, dark_frames=journal.configuration.dark_frames):
+    for event in run(policy, rig.scanner, dark_frames=journal.configuration.plan.dark_frames):
         yield event
         keep(event, rig.scanner.clock, rig, journal)
 

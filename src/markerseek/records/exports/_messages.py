@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, UInt8
 
 from markerseek.core import PaImage
+from markerseek.core.shapes import Float32, UInt8
 
 Kinds: TypeAlias = Mapping[str, Any]
 """Classes of messages by name."""

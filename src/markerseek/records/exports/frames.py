@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PaImage
+from markerseek.core.shapes import Float64
 
 TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.

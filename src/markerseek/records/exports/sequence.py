@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 
 from markerseek.core import PaImage, RecordError
+from markerseek.files import new_file
 from markerseek.records.exports.frames import IMAGE_ORIENTATION, image_to_probe, probe_to_probe_home
 from markerseek.records.exports.series import Series, grid_of, one_for_each
-from markerseek.records.whole_files import new_file
 
 MOST_FRAMES = 9999
 """Frames that four digits of a field's name can count."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from markerseek.files import new_file
 from markerseek.records.banks import IntensityBank
-from markerseek.records.recordings.table import write_bank
-from markerseek.records.whole_files import new_file
+from markerseek.records.banks.table import write_bank
 
 
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from markerseek.core import Asked, Finished, Found, Interval, Measured, Refused, Started
-from markerseek.records.journal.configuration import Configuration
-from markerseek.records.journal.entries import Entry, Resuming
+from markerseek.records.configuration import Configuration
+from markerseek.records.journal.events import Entry, Resuming
 
 _ARRIVAL_DEG = 0.1
 """How far from the angle asked for the guard lets a stage come to rest, in degrees."""

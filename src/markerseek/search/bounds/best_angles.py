@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
 
 from markerseek.core import PAPER_RANGE, ConfigError, Interval
+from markerseek.core.shapes import Float64, Int64
 from markerseek.search.bounds.curves import SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float64
 
 
 class SlopedCurve(Protocol):

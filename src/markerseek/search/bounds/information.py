@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float64
 from markerseek.search.bounds.curves import SlopedCurve
 
 Nuisance: TypeAlias = Literal["amplitude", "width", "tail", "floor"]

@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PAPER_RANGE, ConfigError, Interval
+from markerseek.core.shapes import Float64
 from markerseek.search.bounds.curves import SlopedCurve
 
 _ANGLES = 281

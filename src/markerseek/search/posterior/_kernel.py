@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from markerseek.core.compiled import compiled
+from markerseek.core.shapes import Bool, Float32, Float64, Int32, Int64
 
 HOPELESS = 30.0
 """Log-likelihood below the largest from which a place of the grid is given up."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core.compiled import compiled
+from markerseek.core.shapes import Float64
 
 
 @compiled

@@ -20,9 +20,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core.compiled import compiled
+from markerseek.core.shapes import Float64
 from markerseek.search.posterior._student import student_evidence
 
 FACE_RADIUS_M = 10e-3

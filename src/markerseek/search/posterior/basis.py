@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from markerseek.core.reading import Sample
+from markerseek.core.reading import LEAST_INTENSITY, Sample
 from markerseek.search.floor import MOST_CELLS, Noise
 
 CLEAR = 6.0
@@ -58,7 +58,8 @@ def basis_of(lit: Sequence[Sample], noise: Noise) -> Basis:
     strongest = max(lit, key=lambda sample: sample.reading.intensity)
     largest = strongest.reading.intensity
     smallest = min(sample.reading.intensity for sample in lit)
-    unit = largest if largest > 0 else 1.0
+    # The tails of a computed curve underflow, and have no ratio to one another.
+    unit = largest if largest > LEAST_INTENSITY else 1.0
     sigma = max(noise.sigma or smallest / 4, 1e-4 * unit)
     clear = largest > max(CLEAR * sigma, noise.floor.level or 0.0)
     most = math.log(MOST_CELLS)

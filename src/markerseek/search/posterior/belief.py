@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+
+from markerseek.core.shapes import Float64, Int64
 
 
 def spread(angle_deg: Float64[np.ndarray, " angles"], share: Float64[np.ndarray, " angles"]) -> tuple[float, float]:

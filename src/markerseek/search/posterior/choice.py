@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
 from scipy.special import ndtr
 
 from markerseek.core import Interval
+from markerseek.core.shapes import Float64
 from markerseek.search.posterior._variance import expected_variance
 from markerseek.search.posterior.belief import Belief
 from markerseek.search.posterior.even import LENGTH, LOG_LEVELS, OWN, STRAYS

@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
 
+from markerseek.core.shapes import Float64, Int64
 from markerseek.search.posterior import _even
 from markerseek.search.posterior.grid import ERRORS, LEVELS, Heard
 from markerseek.search.posterior.heard import HEIGHTS, LOW, SPOILT, SPOILT_RANGE, STEP, log_tables

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import Interval
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64
 from markerseek.search.floor import Noise
 from markerseek.search.posterior import arrival, middle
 from markerseek.search.posterior.basis import CLEAR, Basis, all_told, basis_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
 
+from markerseek.core.shapes import Float32, Float64, Int64
 from markerseek.search.posterior import _kernel
 from markerseek.search.posterior.heard import LOW, STEP, log_tables
 from markerseek.search.posterior.shapes import MODEL_ERROR, STEP_DEG, Shapes

@@ -17,8 +17,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float64
 
+from markerseek.core.shapes import Float64
 from markerseek.search.posterior import _kernel
 
 LOW, HIGH, STEP = -6.0, 3.0, 0.02

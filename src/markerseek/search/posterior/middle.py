@@ -18,9 +18,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import Float64
 
 SHARE = 0.3
 """Prior probability of an uneven marker."""

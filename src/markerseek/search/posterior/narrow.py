@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
 
+from markerseek.core.shapes import Float64, Int64
 from markerseek.search.posterior.belief import spread
 from markerseek.search.posterior.even import LEAST_LOUD, even_log_likelihood, kinds_of, loud_ones
 from markerseek.search.posterior.grid import Grid, Heard, Marginals, Markers, finer

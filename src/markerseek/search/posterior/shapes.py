@@ -21,7 +21,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+
+from markerseek.core.shapes import Float64
 
 KNEES: tuple[tuple[float, float, float], ...] = (
     (1.0, 2.0, 0.10),

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
 
+from markerseek.core.shapes import Float64
 from markerseek.studies.paper.curve_runs import (
     Condition,
     MarkerErrors,

@@ -13,9 +13,9 @@ from markerseek import rigs
 from markerseek.core import MarkerseekError, Receiver
 from markerseek.core.estimate import Found
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.records.replay import IntensityReader
 from markerseek.scan import Scanner
 from markerseek.search import build
+from markerseek.signals import IntensityReader
 from markerseek.sim import IntensityCurve, SimulatedSettings
 from markerseek.studies.paper import faults
 from markerseek.studies.paper.bare_rules import bare_answer, bare_listener

@@ -8,9 +8,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import PAPER_RANGE
+from markerseek.core.shapes import Float64
 from markerseek.pictures import Line, Panel, panels_figure
 from markerseek.studies.paper.agreement import agreement
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_studies, study_of

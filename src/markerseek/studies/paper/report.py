@@ -10,6 +10,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
+from markerseek.files import replaced
 from markerseek.pictures import png_data_uri, save_png, save_svg
 from markerseek.studies.paper.effort import PAPER_MARKERS, Effort
 from markerseek.studies.paper.page import PAGE
@@ -81,7 +82,8 @@ def write_report(sections: Sequence[Section], folder: Path, *, effort: Effort, t
     path = folder / REPORT
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with replaced(path) as part:
+            part.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ConfigError(f"{path}: the report cannot be written: {problem.strerror}; name another --out") from problem
     return path
@@ -140,7 +142,7 @@ def _tables(section: Section) -> list[Table]:
 def _write_csv(table: Table, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as lines:
+        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(table.columns)
             writer.writerows(table.rows)

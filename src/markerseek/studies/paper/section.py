@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
 
 from markerseek.core import ConfigError
+from markerseek.core.shapes import Float64
 from markerseek.studies.paper.reported import SENSITIVE_DEG, Reported, reported
 from markerseek.studies.statistics import Moments
 

@@ -1,0 +1,5 @@
+"""``python -m markerseek`` is the command ``markerseek``."""
+
+from markerseek.cli import main
+
+main()

@@ -1,0 +1,81 @@
+"""The application: all commands under one name, and the exit codes of what ends them on purpose."""
+
+from __future__ import annotations
+
+import io
+import sys
+import warnings
+
+import typer
+
+from markerseek._version import __version__
+from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
+from markerseek.cli.signals import Stopped
+from markerseek.cli.terminal import print_error, print_json, print_warning
+from markerseek.core import MarkerseekError
+
+WRONG_USAGE = 2
+"""Exit code after arguments that the command does not take."""
+
+STOPPED_BY_USER = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+app = typer.Typer(
+    name="markerseek",
+    help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
+    epilog="Try: markerseek search --seed 1 --plot\n\n"
+    "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
+    "4 not armed; 70 a defect of this program",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+for command in (search, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
+    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+app.add_typer(bank.app)
+app.add_typer(journal.app, name=journal.NAME)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: bool = typer.Option(
+        False, "--version", help="Print the version and end.", callback=_print_version, is_eager=True
+    ),
+) -> None:
+    """Find a photoacoustic marker with a motorised transrectal ultrasound probe."""
+
+
+def run() -> None:
+    """Run the command that the arguments name, and end the process with its exit code.
+
+    Raises
+    ------
+    SystemExit
+        Always, unless something happens that was not foreseen.
+    """
+    warnings.showwarning = print_warning
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that knows no degree sign gets a question mark, and not an error in place of the answer.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    as_json = "--json" in sys.argv
+    try:
+        app()
+    except Stopped:
+        raise
+    except SystemExit as ended:
+        if ended.code == STOPPED_BY_USER:
+            print_error(MarkerseekError("stopped by the user"), as_json=as_json)
+        elif ended.code == WRONG_USAGE and as_json:
+            print_json({"error": "wrong usage; standard error says what is wrong", "kind": "UsageError"})
+        raise
+    except MarkerseekError as error:
+        print_error(error, as_json=as_json)
+        sys.exit(error.exit_code)

@@ -1,0 +1,84 @@
+"""Proves the sense of rotation of a rig: a source at a known angle must be found there, not at the mirrored angle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from markerseek.core import ConfigError
+
+LEAST_DEG = 5.0
+"""Least angle of a source that tells its side, in degrees."""
+
+_NEAR_DEG = 5.0
+"""Most that the angle found may differ from one that is meant, in degrees; for small angles, half of the angle."""
+
+Verdict = Literal["right", "mirrored", "neither"]
+
+
+def verdict_of(found_deg: float, source_deg: float) -> Verdict:
+    """Whether a source was found where it stands, at the mirrored angle, or elsewhere.
+
+    Parameters
+    ----------
+    found_deg
+        Where it was found, in degrees.
+    source_deg
+        Where it really stands, in degrees.
+    """
+    near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
+    if abs(found_deg - source_deg) <= near_deg:
+        return "right"
+    return "mirrored" if abs(found_deg + source_deg) <= near_deg else "neither"
+
+
+def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
+    """Search a source whose angle is known; whether the stage turns the right way, and what was found, in words.
+
+    Parameters
+    ----------
+    path
+        Rig file.
+    source_deg
+        Where the source really stands, in degrees, by the probe's scale.
+    arm
+        Whether the user armed the rig by an option; else whoever sits at the terminal is asked.
+    as_json
+        Whether a program reads the output.
+
+    Raises
+    ------
+    ConfigError
+        If the source tells no side, or the mirrored angle is not searched.
+    DeviceError
+        If a device did not do its part.
+    """
+    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.session import run_new_session
+    from markerseek.runs.session import new_session, plan_on
+
+    if not LEAST_DEG <= abs(source_deg) <= 360:
+        raise ConfigError(
+            f"--source-deg is {source_deg:g} deg, it must be at least {LEAST_DEG:g} deg off 0 on either side"
+        )
+    with open_rig(path) as (rig, start_deg):
+        search = rig.limits.search
+        if source_deg not in search or -source_deg not in search:
+            raise ConfigError(
+                f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
+                "place the source nearer to 0"
+            )
+        session = new_session(rig, plan_on(rig, method="posterior", start_deg=start_deg))
+        arm_rig(rig, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
+        session = run_new_session(session, as_json=as_json, rig_file=path)
+    result = session.result()
+    if not result.found:
+        return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
+    said = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
+    match verdict_of(result.angle_deg, source_deg):
+        case "right":
+            return True, f"{said}: the stage turns the right way"
+        case "mirrored":
+            return False, f"{said}, the mirrored angle: the stage turns the other way round; change stage.direction"
+        case "neither":
+            return False, f"{said}: check --source-deg, zero_deg and stage.direction, and calibrate again"

@@ -1,0 +1,20 @@
+"""Files as all readers and writers of this package open them.
+
+`open_input` is the one way to open a file that somebody names: its kind and size are checked before a byte is read.
+`new_file`, `published` and `replaced` are the one way to write one: it is whole when its name is there.
+"""
+
+from markerseek.files.inputs import MIB, open_input, read_input, require_input
+from markerseek.files.whole import new_file, published, replaced, require_new, sync_folder
+
+__all__ = [
+    "MIB",
+    "new_file",
+    "open_input",
+    "published",
+    "read_input",
+    "replaced",
+    "require_input",
+    "require_new",
+    "sync_folder",
+]

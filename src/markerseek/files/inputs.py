@@ -1,0 +1,74 @@
+"""Opens files that somebody names: regular files only, of at most the size that their format can need.
+
+A pipe would block, a device would never end, and a sparse file of some kilobytes on the disk would fill the memory.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from markerseek.core import RecordError
+
+MIB = 1 << 20
+"""Bytes of a mebibyte."""
+
+
+def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
+    """Regular file, open for reading.
+
+    Parameters
+    ----------
+    path
+        The file; symbolic links are followed.
+    most_bytes
+        Largest size that a file of this format can have.
+
+    Raises
+    ------
+    RecordError
+        If it is no regular file, or larger.
+    OSError
+        If it cannot be opened.
+    """
+    # Before it is opened: to open a serial port is to raise its DTR line.
+    _require(path, path.stat(), most_bytes=most_bytes)
+    # After that a pipe that was put in its place meanwhile must not block.
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        _require(path, os.fstat(descriptor), most_bytes=most_bytes)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
+
+
+def read_input(path: Path, *, most_bytes: int) -> bytes:
+    """All bytes of a regular file; parameters and errors as of `open_input`."""
+    with open_input(path, most_bytes=most_bytes) as file:
+        # Files of /proc say that they are empty, and one that is being written grows.
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise _too_large(path, len(data), most_bytes)
+    return data
+
+
+def require_input(path: Path, *, most_bytes: int) -> int:
+    """Size in bytes of a file that a library is to open by its name; parameters and errors as of `open_input`."""
+    with open_input(path, most_bytes=most_bytes) as file:
+        return os.fstat(file.fileno()).st_size
+
+
+def _require(path: Path, status: os.stat_result, *, most_bytes: int) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise RecordError(f"{path}: it is a folder, and a file is expected; name a file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise RecordError(f"{path}: it is no regular file, but a pipe, socket or device; copy its contents into one")
+    if status.st_size > most_bytes:
+        raise _too_large(path, status.st_size, most_bytes)
+
+
+def _too_large(path: Path, found: int, most_bytes: int) -> RecordError:
+    return RecordError(f"{path}: {found} bytes found, at most {most_bytes} expected; it is another kind of file")

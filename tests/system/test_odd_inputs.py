@@ -1,0 +1,215 @@
+"""Odd inputs to all commands and options: each is refused in one sentence, at once, with exit code 2, or is used."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCAN, STUDY = EXAMPLES / "simulated_scan.csv", EXAMPLES / "studies" / "quick.toml"
+
+Shell = Callable[..., tuple[int, str, str]]
+
+READERS: tuple[tuple[object, ...], ...] = (
+    ("search", "--no-journal", "--rig"),
+    ("doctor", "--rig"),
+    ("emulate", "kdc101", "--dir", "emulated", "--rig"),
+    ("replay",),
+    ("resume",),
+    ("frame",),
+    ("calibrate",),
+    ("study", "--row", "0"),
+    ("bank", "info"),
+    ("bank", "import", "to.hdf5"),
+    ("bank", "export", "to.csv"),
+    ("journal", "show"),
+    ("journal", "verify"),
+    ("journal", "replay"),
+    ("reproduce", "fig6", "--out", "paper", "--bank"),
+)
+"""Commands that read a file, whose name comes last, or, where a file to be written comes last, before it."""
+
+WRITERS: tuple[tuple[object, ...], ...] = (
+    ("search", "--method", "weighted-average", "--acquisitions", "2", "--stay", "--journal"),
+    ("replay", SCAN, "--plot", "--out"),
+    ("bank", "scan", "--step-deg", "40"),
+    ("bank", "import", SCAN),
+    ("bank", "export", SCAN),
+    ("reproduce", "table2", "--out"),
+)
+
+NUMBERS: tuple[tuple[tuple[object, ...], tuple[str, ...]], ...] = (
+    (("search", "--no-journal"), ("--acquisitions", "--seed", "--pace")),
+    (("replay", SCAN), ("--acquisitions", "--reference-deg")),
+    (("bank", "scan", "new.hdf5"), ("--step-deg", "--seed", "--wavelength-nm", "--pulse-energy-mj")),
+    (("bank", "import", SCAN, "new.hdf5"), ("--first-deg", "--step-deg", "--sampling-mhz", "--face-radius-mm")),
+    (("bank", "import", SCAN, "new.hdf5"), ("--reference-deg", "--wavelength-nm", "--pulse-energy-mj")),
+    (("bank", "export", SCAN, "new.mcap"), ("--face-radius-mm",)),
+    (("frame", "frame.npy"), ("--number", "--min-depth-mm", "--max-depth-mm")),
+    (("calibrate", SCAN), ("--source-deg",)),
+    (("journal", "list"), ("--last",)),
+    (("reproduce", "fig6", "--bank", SCAN), ("--markers", "--workers", "--seed", "--reference-deg")),
+    (("study", STUDY), ("--row", "--workers", "--bound")),
+    (("emulate", "daq", "--dir", "emulated"), ("--seed", "--pace", "--sdk")),
+)
+"""Commands, and their options that take a number."""
+
+WORDS: tuple[tuple[object, ...], ...] = (
+    ("search", "--method"),
+    ("search", "--tissue"),
+    ("replay", SCAN, "--method"),
+    ("replay", SCAN, "--probe"),
+    ("frame", "frame.npy", "--probe"),
+    ("bank", "import", SCAN, "new.hdf5", "--probe"),
+    ("bank", "export", SCAN, "new.csv", "--probe"),
+    ("reproduce",),
+    ("emulate", "--dir", "emulated"),
+    ("bank",),
+    ("journal",),
+    (),
+)
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("frame.npy", np.zeros((128, 2080), np.int16))
+
+
+def refused(shell: Shell, *words: object) -> None:
+    """Run a command twice, for people and for programs: each time one sentence."""
+    code, out, err = shell(*words)
+    assert (code, out) == (2, ""), (words, err)
+    assert "error" in err.lower(), (words, err)
+    if words[:1] != ("emulate",):
+        again, out, _ = shell(*words, "--json")
+        assert (again, bool(json.loads(out)["error"])) == (2, True), (words, out)
+
+
+def odd_files() -> list[str]:
+    """Names of what no command can read."""
+    Path("folder").mkdir()
+    Path("loop").symlink_to("loop")
+    os.mkfifo("pipe")
+    names = ["nothing", "x" * 300, "/dev/null", "/dev/zero", "/proc/self/mem", "loop", "pipe", "caf\udce9", "nul\x00"]
+    for suffix in ("toml", "csv", "npy", "mat", "hdf5", "rf"):
+        for stem, content in (("text", b"hello"), ("bytes", b"\xe9\xff\x00" * 50), ("empty", b"")):
+            name = f"{stem}.{suffix}"
+            Path(name).write_bytes(content)
+            names.append(name)
+    return names
+
+
+@pytest.mark.parametrize("words", READERS, ids=lambda words: " ".join(map(str, words[:2])))
+def test_what_no_command_can_read_is_refused(shell: Shell, words: tuple[object, ...]) -> None:
+    # HDF5 is opened in a process of its own, which takes a second: one file of it is enough.
+    names = [name for name in odd_files() if not name.endswith((".hdf5", ".mat"))] + ["empty.hdf5", "bytes.mat"]
+    for name in [*names, "folder"]:
+        written = words[:-1] if str(words[-1]).startswith("to.") else words
+        after = words[-1:] if written is not words else ()
+        refused(shell, *written, name, *after)
+
+
+@pytest.mark.parametrize("words", WRITERS, ids=lambda words: " ".join(map(str, words[:2])))
+def test_where_nothing_can_be_written_nothing_is_begun(shell: Shell, words: tuple[object, ...]) -> None:
+    Path("taken").write_text("precious")
+    Path("loop").symlink_to("loop")
+    os.mkfifo("pipe")
+    for name in ("taken/a.hdf5", "loop/a.csv", "/dev/null/a.hdf5", "/proc/a.hdf5", "x" * 300 + ".csv", "nul\x00.csv"):
+        refused(shell, *words, name)
+    assert Path("taken").read_text() == "precious"
+
+
+@pytest.mark.parametrize(("words", "options"), NUMBERS, ids=lambda words: " ".join(map(str, words[:2])))
+def test_numbers_that_mean_nothing_are_refused(
+    shell: Shell, words: tuple[object, ...], options: tuple[str, ...]
+) -> None:
+    for option in options:
+        for value in ("nan", "-inf", "-1e300", "abc", "", "0x10", "1e300", "-" + "9" * 400):
+            refused(shell, *words, option, value)
+
+
+@pytest.mark.parametrize("words", WORDS, ids=lambda words: " ".join(map(str, words[:2])) or "alone")
+def test_words_that_name_nothing_are_refused(shell: Shell, words: tuple[object, ...]) -> None:
+    for word in ("é\udcff", "x" * 5000, "[bold]x[/]", "$(rm)", "\n", "nul\x00", "None"):
+        refused(shell, *words, word)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "stage.counts_per_deg = 1e300",
+        "stage.settle_s = 1e300",
+        "receiver.readout_s = 1e300",
+        "receiver.readout_s = -1.0",
+        "receiver.samples = 9223372036854775807",
+        "laser.rate_hz = 0.0",
+        "laser.rate_hz = nan",
+        "laser.pulses = 1e9",
+        "probe.array.elements = 1000000000",
+        "probe.array.pitch_m = 1e-300",
+        "probe.element_height_m = nan",
+        "marker.angle_deg = 1e300",
+        "limits.search.low_deg = -inf",
+        "start_deg = [[1]]",
+        "tissue = 3",
+        "noise.peak_snr_db = 1979-05-27",
+    ],
+)
+def test_settings_of_a_rig_that_mean_nothing_are_refused(shell: Shell, line: str) -> None:
+    Path("rig.toml").write_text(f'kind = "simulated"\n{line}\n', encoding="utf-8")
+    refused(shell, "search", "--no-journal", "--rig", "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("trials = 1000000001", "trials is 1000000001"),
+        ("trials = 1.5", "Expected `int`"),
+        ("seed = -1", "seed is -1"),
+        ("marks = [2, 1]", "must be positive and rise"),
+        ("curve.power = 1e300", "power is 1e+300, it must lie in (0, 20]"),
+        ("curve.fwhm_deg = 1e-300", "fwhm_deg is 1e-300 deg, it must lie between 1e-06"),
+        ("vary.curve.fwhm_deg = [nan]", "fwhm_deg is nan"),
+        ("vary.curve.fwhm_deg = [[1]]", "Expected"),
+        ("vary.curve = [1]", "curve is 1"),
+        (
+            f"[vary]\ncurve.fwhm_deg = {list(range(1, 201))}\ncurve.power = {[each / 10 for each in range(1, 101)]}",
+            "the values make 20000 combinations, at most 10000 are computed",
+        ),
+        ("trials = 1000000000\nvary.curve.fwhm_deg = [3, 4]", "its table has 2,000,000,000 rows"),
+    ],
+)
+def test_studies_that_could_not_be_run_are_refused(shell: Shell, line: str, said: str) -> None:
+    Path("s.toml").write_text(f'policies = [{{ method = "weighted-average" }}]\n{line}\n', encoding="utf-8")
+    refused(shell, "study", "s.toml", "--row", "0")
+    _, out, _ = shell("study", "s.toml", "--row", "0", "--json")
+    assert said in json.loads(out)["error"]
+
+
+@pytest.mark.parametrize("method", ["weighted-average", "posterior", "golden-section", "scipy-bounded"])
+def test_a_search_of_a_thousand_million_acquisitions_is_refused(shell: Shell, method: str) -> None:
+    text = f'[[policies]]\nmethod = "{method}"\nacquisitions = 1000000000\n'
+    Path("s.toml").write_text(text, encoding="utf-8")
+    refused(shell, "study", "s.toml", "--row", "0")
+    if method != "scipy-bounded":
+        refused(shell, "search", "--method", method, "--acquisitions", "1000000000")
+        refused(shell, "replay", SCAN, "--method", method, "--acquisitions", "1000000000")
+
+
+def test_a_simulation_that_would_not_end_is_refused(shell: Shell) -> None:
+    for pace in ("1e9", "1e300", "inf", "nan", "-1"):
+        refused(shell, "search", "--no-journal", "--pace", pace)
+
+
+@pytest.mark.parametrize("method", ["posterior", "weighted-average", "golden-section"])
+def test_the_smallest_numbers_there_are_are_no_marker_and_no_error(shell: Shell, method: str) -> None:
+    rows = "".join(f"{angle},5e-324\n" for angle in range(-10, 11))
+    Path("scan.csv").write_text(f"angle_deg,intensity\n{rows}", encoding="utf-8")
+    code, out, _ = shell("replay", "scan.csv", "--method", method, "--json")
+    assert (code, json.loads(out)["found"]) == (3, False)
