@@ -35,8 +35,8 @@ def seconds(program: str, words: tuple[str, ...]) -> tuple[float, float]:
 def shown(runs: list[tuple[float, float]]) -> str:
     """Median and fastest of some runs."""
     wall_s, computing_s = zip(*runs, strict=True)
-    computing = f"computing {statistics.median(computing_s):.2f} (least {min(computing_s):.2f})"
-    return f"{statistics.median(wall_s):5.2f} s (fastest {min(wall_s):.2f}), {computing}"
+    wall = f"{statistics.median(wall_s):5.2f} s (fastest {min(wall_s):.2f})"
+    return f"{wall}, computing {statistics.median(computing_s):.2f} (least {min(computing_s):.2f})"
 
 
 def main() -> None:

@@ -7,11 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jaxtyping
 import numpy as np
 import pytest
 
 import markerseek
-from markerseek.core import ConfigError, Interval
+from markerseek.core import ConfigError, Interval, shapes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -78,3 +79,10 @@ def test_rigs_take_names_of_files_and_numbers_of_all_kinds(tmp_path: Path) -> No
 def test_what_is_no_seed_is_refused(seed: object) -> None:
     with pytest.raises(ConfigError, match=r"it must be a whole number from 0 to 2\*\*63 - 1"):
         markerseek.simulated(seed=seed)  # type: ignore[arg-type]
+
+
+def test_shapes_are_those_of_jaxtyping_in_tests_and_cost_nothing_elsewhere() -> None:
+    assert shapes.Float64 is jaxtyping.Float64
+    program = "from markerseek.core import shapes; print(shapes.CHECKED, shapes.Float64['2 3'])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False typing.Any\n"

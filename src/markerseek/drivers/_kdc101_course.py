@@ -19,7 +19,7 @@ _KEPT = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class DatedPosition:
     """A position in counts, and the times between which it was taken, in seconds."""
 
     counts: int
@@ -50,9 +50,11 @@ class Course:
         self._unsteady = unsteady
         self._farthest = start
         self._dated = True
-        self._last: deque[Reading] = deque([Reading(counts=start, asked_s=now_s, answered_s=now_s)], maxlen=_KEPT)
+        self._last: deque[DatedPosition] = deque(
+            [DatedPosition(counts=start, asked_s=now_s, answered_s=now_s)], maxlen=_KEPT
+        )
 
-    def objection(self, reading: Reading) -> MoveError | None:
+    def objection(self, reading: DatedPosition) -> MoveError | None:
         """Why a stage on this course cannot be there; None if it can.
 
         Parameters
@@ -79,7 +81,7 @@ class Course:
             "encoder jumped, or its motor slips: switch it off and on, home it with the probe outside the patient"
         )
 
-    def _advances(self, first: Reading, second: Reading, third: Reading) -> tuple[float, float]:
+    def _advances(self, first: DatedPosition, second: DatedPosition, third: DatedPosition) -> tuple[float, float]:
         """Least and largest advance from the second reading to the third, by the speed between the first two."""
         advance = self._heading * (second.counts - first.counts)
         change = self._acceleration * (third.answered_s - first.asked_s)
@@ -88,7 +90,7 @@ class Course:
         low = max(slowest, 0.0) * max(third.asked_s - second.answered_s, 0.0) - self._unsteady
         return low, max(fastest, 0.0) * (third.answered_s - second.asked_s) + self._unsteady
 
-    def add(self, reading: Reading, *, in_time: bool) -> None:
+    def add(self, reading: DatedPosition, *, in_time: bool) -> None:
         """Take in a reading that nothing speaks against.
 
         Parameters

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markerseek.core import Clock, DeviceError, LimitError, MoveError
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers._kdc101_course import Course, Reading
+from markerseek.drivers._kdc101_course import Course, DatedPosition
 from markerseek.wire import apt
 
 _POLL_S = 0.05
@@ -108,10 +108,10 @@ class Move:
             self._course.add(reading, in_time=in_time)
         return status
 
-    def _ask(self) -> tuple[apt.Status, Reading]:
+    def _ask(self) -> tuple[apt.Status, DatedPosition]:
         asked_s = self._clock.now_s()
         status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
-        return status, Reading(counts=status.position, asked_s=asked_s, answered_s=self._clock.now_s())
+        return status, DatedPosition(counts=status.position, asked_s=asked_s, answered_s=self._clock.now_s())
 
     def go(self, target: int, start: int) -> int:
         """Go from a place to another, and return where it came to rest, all in counts.
@@ -183,7 +183,7 @@ class Move:
     def _pause_s(self, left: int) -> float:
         return min(_POLL_S, max(_NEAR_POLL_S, left / self._rules.speed))
 
-    def _objection(self, status: apt.Status, reading: Reading) -> DeviceError | None:
+    def _objection(self, status: apt.Status, reading: DatedPosition) -> DeviceError | None:
         rules = self._rules
         if status.faults:
             return MoveError(f"the stage reports: {', '.join(status.faults)}; look for an obstacle")

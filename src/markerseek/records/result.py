@@ -32,7 +32,7 @@ from markerseek.core import (
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One acquisition of a result; what the frame does not show is None."""
+    """One acquisition of a result; what the frame did not contain is None."""
 
     angle_deg: float
     intensity: float
@@ -93,7 +93,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Recorder:
-    """Collects from the events of a run what its result needs."""
+    """Collects from the events of a run what the result needs."""
 
     def __init__(self) -> None:
         self.samples: list[Sample] = []
@@ -168,8 +168,8 @@ class Recorder:
 
     def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
         """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""
-        samples = [*self.samples, *([self.confirmation] if self.confirmation else [])]
-        strongest = max(samples, key=lambda sample: sample.reading.intensity).reading
+        measured = [*self.samples, *([self.confirmation] if self.confirmation else [])]
+        strongest = max(measured, key=lambda sample: sample.reading.intensity).reading
         if face_radius_m is None or strongest.depth_m is None or strongest.lateral_m is None:
             return None
         radius_m = face_radius_m + strongest.depth_m

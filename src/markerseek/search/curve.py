@@ -85,13 +85,15 @@ def check_sample(sample: Sample) -> None:
         )
 
 
-def check_acquisitions(acquisitions: SupportsIndex | float, *, least: int, method: str) -> int:
+def check_acquisitions(
+    acquisitions: SupportsIndex | float, *, least: int, most: int = MOST_ACQUISITIONS, method: str
+) -> int:
     """Return the number of acquisitions if a search can be made of it.
 
     Raises
     ------
     ConfigError
-        If it is no whole number, or fewer than ``least``, or more than `MOST_ACQUISITIONS`.
+        If it is no whole number, or fewer than ``least``, or more than ``most``.
     """
     # Whole numbers of all kinds, NumPy's too, but neither 16.0 nor True.
     if isinstance(acquisitions, bool | float) or not isinstance(acquisitions, SupportsIndex):
@@ -99,6 +101,6 @@ def check_acquisitions(acquisitions: SupportsIndex | float, *, least: int, metho
     number = operator.index(acquisitions)
     if number < least:
         raise ConfigError(f"{method}: acquisitions is {acquisitions}, at least {least} are needed")
-    if number > MOST_ACQUISITIONS:
-        raise ConfigError(f"{method}: acquisitions is {acquisitions}, at most {MOST_ACQUISITIONS} can be made")
+    if number > most:
+        raise ConfigError(f"{method}: acquisitions is {acquisitions}, at most {most} can be made")
     return number

@@ -25,6 +25,10 @@ def equal_steps(limits: Interval, *, acquisitions: int) -> Float64[np.ndarray, "
     return np.linspace(limits.low_deg, limits.high_deg, acquisitions)
 
 
+MOST_STEPS = 5000
+"""Most angles of one sweep: a bank's scan has more of them than a search may make acquisitions."""
+
+
 def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float = THRESHOLD) -> bool:
     """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
 
@@ -62,7 +66,7 @@ class Sweep:
     least = 2
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
-        check_acquisitions(acquisitions, least=self.least, method=self.method)
+        check_acquisitions(acquisitions, least=self.least, most=MOST_STEPS, method=self.method)
         if start_deg is not None and not math.isfinite(start_deg):
             raise ConfigError(f"{self.method}: start_deg is {start_deg} deg, it must be finite")
         angles = equal_steps(limits, acquisitions=acquisitions)

@@ -27,7 +27,7 @@ class BankFacts:
     Attributes
     ----------
     description
-        What was scanned, with what, in words; empty where nobody said.
+        What was scanned, with what, in words; empty where it is not known.
     probe
         Name of the preset by which its frames were imaged.
     sampling_hz

@@ -74,7 +74,7 @@ def read_folder(path: Path) -> FolderBank:
         if len(words) > 1:
             first = next(iter(words.values()))
             raise RecordError(
-                f"{place}: it is named by another word than {first.name}; if the words tell the sides apart, write "
+                f"{place}: it is named by another word than {first.name}; if the words name the two sides, write "
                 "negative angles with a sign, as in 'angle_-12.5deg', and the same word everywhere"
             )
         if angle in by_angle:
@@ -99,7 +99,7 @@ def _named(place: Path) -> tuple[str, float]:
     word = match["word"].strip("_ ").lower() if match else ""
     if match is None or _SIGN_WORDS.search(word):
         raise RecordError(
-            f"{place}: the angle cannot be told from this name; it must be a word, or none, and then degrees in plain "
+            f"{place}: the angle cannot be read from this name; it must be a word, or none, and then degrees in plain "
             "digits with a point and, below zero, a hyphen as the sign, set off from the word: -12.5 or angle_-12.5deg"
         )
     return word, float(match["angle"])

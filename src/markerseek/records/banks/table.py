@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.files import MIB, open_input, replaced
+from markerseek.files import MIB, new_file, open_input, replaced
 from markerseek.records.banks.bank import IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -36,6 +36,12 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
     except OSError as problem:
         raise RecordError(f"{path}: the bank cannot be written: {problem.strerror}; name another place") from problem
+
+
+def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
+    """Write intensities over angles in degrees as a new CSV; `RecordError` if it cannot be written."""
+    with new_file(path) as part:
+        write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), part)
 
 
 def read_table(path: Path) -> IntensityBank:

@@ -119,9 +119,9 @@ def _stamps(path: Path) -> list[tuple[int, int]]:
 def followed(path: Path) -> Path:
     """The file that a name leads to: its rollback journal lies beside it, not beside a symbolic link to it."""
     try:
-        return Path(os.path.realpath(path)) if path.is_symlink() else path
+        # What leads to no regular file is refused under the name that was given.
+        return Path(os.path.realpath(path)) if path.is_symlink() and path.is_file() else path
     except OSError:
-        # Whoever opens it says why.
         return path
 
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
 from markerseek.records.journal.reader import recording
-from markerseek.records.journal.sequence import order_faults
+from markerseek.records.journal.sequence import angle_faults, order_faults
 
 _MOST_COMPLAINTS = 20
 """Complaints of SQLite's own check that are passed on."""

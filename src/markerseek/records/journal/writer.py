@@ -14,7 +14,6 @@ import msgspec
 from markerseek.core import Failed, Finished, RecordError
 from markerseek.files import sync_folder
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.angles import angle_faults
 from markerseek.records.journal.connection import (
     as_record_error,
     connect,
@@ -28,6 +27,7 @@ from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
 from markerseek.records.journal.presence import Presence, copied
 from markerseek.records.journal.reader import Recording, read_journal
 from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
+from markerseek.records.journal.sequence import angle_faults
 
 
 class Journal:

@@ -42,12 +42,12 @@ def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow
         there are more or fewer than channels.
     """
     names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
-    told = [file.has(name) for name in names]
-    if not any(told):
+    present = [file.has(name) for name in names]
+    if not any(present):
         return ElementRow(pitch_m=None, falling=False)
-    if not all(told) or len(names) != elements:
+    if not all(present) or len(names) != elements:
         raise RecordError(
-            f"{path}: {fields.DETECTORS} holds positions of {sum(told)} elements for {elements} channels; "
+            f"{path}: {fields.DETECTORS} holds positions of {sum(present)} elements for {elements} channels; "
             "each channel must have one"
         )
     positions = [file.numbers(name) for name in names]

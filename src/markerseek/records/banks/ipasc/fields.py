@@ -80,7 +80,7 @@ def acquisition_fields(
         SIZES: np.array([*shape, 1, count]),
         SAMPLING: sampling_hz,
         SOUND_SPEED: facts.sound_speed_m_s,
-        # PATATO does without many fields, and not without this one: NaN where nobody said.
+        # PATATO does without many fields, and not without this one: NaN where it is not known.
         WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
         PULSE_ENERGY: None if facts.pulse_energy_j is None else np.full(count, facts.pulse_energy_j),
         TIMES: unmeasured,

@@ -129,7 +129,7 @@ class BankWriter:
 
         The room stays, and readers pass over it, where the disk cannot hold a copy beside the file.
         """
-        if not self.let_go() or (self.taken, self._taken_dark) == (self._planned, self._planned_dark):
+        if not self.release() or (self.taken, self._taken_dark) == (self._planned, self._planned_dark):
             return
         try:
             if shutil.disk_usage(self._path.parent).free > self._path.stat().st_size + _ROOM_BYTES:
@@ -148,7 +148,7 @@ class BankWriter:
         """Close the file, whatever happened."""
         self.close()
 
-    def let_go(self) -> bool:
+    def release(self) -> bool:
         """Close the file as it is, and say whether there was one; `RecordError` where the disk does not take it."""
         file, self._file = self._file, None
         if file is None:
@@ -269,9 +269,9 @@ def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFact
                 inside = False
             except BaseException:
                 with suppress(RecordError):
-                    writer.let_go()
+                    writer.release()
                 raise
-            writer.let_go()
+            writer.release()
             writer.require_whole()
     except OSError as problem:
         if inside:
