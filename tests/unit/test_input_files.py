@@ -12,13 +12,13 @@ import pytest
 
 from markerseek.core import ConfigError, MarkerseekError, RecordError
 from markerseek.files import open_input, read_input, replaced, require_input, require_new
+from markerseek.files.settings import read_toml
 from markerseek.pictures import write_page
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.arrays import read_arrays
 from markerseek.records.banks.frames import load_frame
 from markerseek.records.banks.ultrasonix import open_ultrasonix
 from markerseek.records.journal import read_journal
-from markerseek.settings_file import read_toml
 from markerseek.studies import read_study
 
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {

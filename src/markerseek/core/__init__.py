@@ -1,6 +1,7 @@
 """The vocabulary of markerseek: values, protocols, events and errors. Pure, and on the floor of the house."""
 
 from markerseek.core.array import LinearArray
+from markerseek.core.checks import require_range
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -90,4 +91,5 @@ __all__ = [
     "as_interval",
     "is_finite",
     "is_whole",
+    "require_range",
 ]

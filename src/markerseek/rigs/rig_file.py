@@ -9,7 +9,7 @@ import msgspec
 
 from markerseek.core import ConfigError
 from markerseek.drivers.settings import BenchSettings
-from markerseek.settings_file import known_keys, read_toml
+from markerseek.files.settings import known_keys, read_toml
 from markerseek.sim.settings import SimulatedSettings
 
 _SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {

@@ -25,7 +25,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.settings_file import require_key
+from markerseek.files.settings import require_key
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.settings import Axis, CurveSettings, PolicySettings, Value, World
 

@@ -13,7 +13,7 @@ import typing
 from pathlib import Path
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import MIB, read_input
+from markerseek.files.inputs import MIB, read_input
 
 _MOST_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""
