@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from markerseek.core import ConfigError
 
@@ -83,30 +84,31 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
     from markerseek.runs.same_bench import require_same_measurement
 
     recorded = recorded_bench(held.configuration)
-    if recorded is None:
-        if rig is not None:
+    named: BenchSettings | None = None
+    if recorded is None and rig is not None:
+        raise ConfigError(
+            f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
+            "leave --rig out"
+        )
+    if recorded is not None and rig is None and arm:
+        raise ConfigError(
+            f"{held.path}: it is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
+        )
+    if recorded is not None and rig is not None:
+        settings = read_rig_file(rig)
+        if not isinstance(settings, BenchSettings):
             raise ConfigError(
-                f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
-                "leave --rig out"
+                f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file"
             )
-        return None
-    if rig is None:
-        if arm:
-            raise ConfigError(
-                f"{held.path}: it is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
-                f"{resume_command(held.path, Path('RIG.toml'))} --arm"
-            )
-        return None
-    named = read_rig_file(rig)
-    if not isinstance(named, BenchSettings):
-        raise ConfigError(f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file")
-    try:
-        differences = require_same_measurement(held.configuration, recorded, named)
-    except ConfigError as problem:
-        raise ConfigError(f"{rig}: {problem}") from problem
-    for difference in differences:
-        print_warning(f"{rig} differs from the rig of the journal: {difference}")
-    print_permissions(named)
+        named = settings
+        try:
+            differences = require_same_measurement(held.configuration, recorded, named)
+        except ConfigError as problem:
+            raise ConfigError(f"{rig}: {problem}") from problem
+        for difference in differences:
+            print_warning(f"{rig} differs from the rig of the journal: {difference}")
+        print_permissions(named)
     return named
 
 
@@ -128,9 +130,15 @@ def _resume(
 
 
 def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -> bool:
-    """Print where the run stands, and ask whoever sits at the terminal whether to go on."""
-    from rich.markup import escape
+    """Print the state of the run, and ask whoever sits at the terminal whether to continue; a program is not asked."""
+    rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
+    can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
+    _print_state(held, as_json=as_json, rig_file_needed=rig_file_needed, can_ask=can_ask)
+    return can_ask and typer.confirm("Arm the laser and go on?", default=False)
 
+
+def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
+    """What is kept, where the next acquisition would be, what would be measured again, and how to continue."""
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_json, stdout
     from markerseek.records.journal import run_state
@@ -138,8 +146,7 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
     from markerseek.runs.recheck import samples_to_recheck
 
     state = run_state(held.entries)
-    rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
-    following_deg = next_angle(held, rebuild_policy(held.configuration))
+    next_deg = next_angle(held, rebuild_policy(held.configuration))
     checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]
     if as_json:
         print_json(
@@ -147,30 +154,29 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
                 "state": state.state,
                 "armed": False,
                 "acquisitions": state.acquisitions,
-                "next_deg": following_deg,
+                "next_deg": next_deg,
                 "checks_deg": checks_deg,
                 "journal": str(held.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
-        return False
+        return
     kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
-    stdout.print(
-        f"{escape(held.configuration.plan.method)} on a {held.configuration.facts.kind} rig: {kept}; "
-        + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
-    )
+    lines = [
+        f"{held.configuration.plan.method} on a {held.configuration.facts.kind} rig: {kept}; "
+        + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
+    ]
     if checks_deg:
-        stdout.print(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
+        lines.append(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
     if rig_file_needed:
-        stdout.print(
+        lines.append(
             "not armed: nothing moved and nothing was fired; a journal does not bring its own rig, go on with: "
-            + escape(f"{resume_command(held.path, Path('RIG.toml'))} --arm")
+            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
         )
-        return False
-    if not sys.stdin.isatty():
-        stdout.print("not armed: nothing moved and nothing was fired; add --arm to go on")
-        return False
-    return typer.confirm("Arm the laser and go on?", default=False)
+    elif not can_ask:
+        lines.append("not armed: nothing moved and nothing was fired; add --arm to go on")
+    for line in lines:
+        stdout.print(escape(line))
 
 
 def _imaging(held: Recording) -> ImageReader | None:

@@ -9,7 +9,7 @@ import msgspec
 from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
 from markerseek.drivers.settings import BenchSettings
 from markerseek.records.journal import Configuration, Recording
-from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe
+from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
 from markerseek.rigs.replay import replayed
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.simulation import simulated
@@ -64,16 +64,16 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
         raise ConfigError(
             f"the journal is of a {configuration.facts.kind} rig and describes it in full; leave --rig out"
         )
-    if isinstance(recipe, ReplayedRecipe):
+    if isinstance(recipe, SimulatedRecipe):
+        rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
+    else:
         rig = _replayed(recipe)
-        # Any other rig is put together from the recipe itself, and so is the same.
+        # A simulated rig is made from the recipe alone; a recording can change beside it.
         if rig.facts.fingerprint != configuration.facts.fingerprint:
             raise RecordError(
                 f"{recipe.path}: the recording is not what it was when the run began: its fingerprint was "
                 f"{configuration.facts.fingerprint} and is {rig.facts.fingerprint}; begin a new replay"
             )
-    else:
-        rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
     return rig
 
 
