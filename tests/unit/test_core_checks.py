@@ -38,7 +38,7 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"acquisitions": 0}, "acquisitions is 0, it must be a whole number between 1 and 500"),
+        ({"acquisitions": -1}, "acquisitions is -1, it must be a whole number between 0 and 500"),
         ({"acquisitions": MOST_ACQUISITIONS + 1}, "acquisitions is 501"),
         ({"acquisitions": 8.5}, "acquisitions is 8.5"),
         ({"acquisitions": True}, "acquisitions is True"),

@@ -173,7 +173,8 @@ def test_without_a_marker_a_guarded_search_finds_nothing_and_there_is_no_truth()
     assert last.estimate.floor is not None
     assert last.estimate.floor.source == "dark frames"
     hidden = SimulatedSettings(marker=MarkerSettings(present=False))
-    assert rigs.of_intensities(seed=1, curve=SechCurve(fwhm_deg=5.0), marker_deg=0.0, settings=hidden).facts.truth_deg is None
+    rig = rigs.of_intensities(seed=1, curve=SechCurve(fwhm_deg=5.0), marker_deg=0.0, settings=hidden)
+    assert rig.facts.truth_deg is None
 
 
 def test_the_energy_jitter_of_the_settings_reaches_the_intensities() -> None:

@@ -55,9 +55,9 @@ class SearchPlan:
 
     def __post_init__(self) -> None:
         number = self.acquisitions
-        if number is not None and not (is_whole(number) and 1 <= number <= MOST_ACQUISITIONS):
+        if number is not None and not (is_whole(number) and 0 <= number <= MOST_ACQUISITIONS):
             raise ConfigError(
-                f"acquisitions is {number}, it must be a whole number between 1 and {MOST_ACQUISITIONS}; leave it out "
+                f"acquisitions is {number}, it must be a whole number between 0 and {MOST_ACQUISITIONS}; leave it out "
                 "for the number of the method"
             )
         if self.start_deg is not None and not is_finite(self.start_deg):

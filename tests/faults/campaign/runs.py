@@ -278,7 +278,7 @@ def _configuration(rig: Rig, plan: Plan) -> Configuration:
         rig,
         SearchPlan(
             method=plan.method,
-            acquisitions=plan.acquisitions or None,
+            acquisitions=plan.acquisitions,
             as_published=False,
             start_deg=plan.start_deg,
             dark_frames=3,
