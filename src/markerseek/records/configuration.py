@@ -60,7 +60,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     method: str
-    acquisitions: Annotated[int, msgspec.Meta(ge=1, le=MOST_ACQUISITIONS)] | None
+    acquisitions: Annotated[int, msgspec.Meta(ge=0, le=MOST_ACQUISITIONS)] | None
     as_published: bool
     search: Interval
     start_deg: float
