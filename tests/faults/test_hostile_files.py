@@ -395,3 +395,36 @@ def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(RecordError, match="Permission denied"):
         read_bank(tmp_path)
+
+
+def test_the_files_of_a_folder_are_read_by_one_child(tmp_path):
+    for angle_deg in (-1, 0, 2):
+        (tmp_path / f"{angle_deg}.npy").write_bytes(DECODERS["npy"][1]())
+    bank = read_bank(tmp_path)
+    children = set()
+    for index in range(3):
+        assert bank.frame(index).samples.shape == (2, 6)
+        children.add(bank.sandbox._child.pid)
+    assert len(children) == 1
+    bank.sandbox.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_after_a_fork_each_process_has_a_child_of_its_own(tmp_path):
+    path = tmp_path / "a.npy"
+    path.write_bytes(DECODERS["npy"][1]())
+    with Sandbox() as sandbox:
+        arrays_in(path, sandbox, most_bytes=1 << 20)
+        forked = os.fork()
+        if forked == 0:
+            code = 1
+            try:
+                shared = sandbox._child.pid
+                arrays_in(path, sandbox, most_bytes=1 << 20)
+                code = 0 if sandbox._child.pid != shared else 2
+                sandbox.close()
+            finally:
+                os._exit(code)
+        _, status = os.waitpid(forked, 0)
+        assert os.waitstatus_to_exitcode(status) == 0
+        assert arrays_in(path, sandbox, most_bytes=1 << 20)[""].shape == (2, 6)

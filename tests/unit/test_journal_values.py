@@ -203,3 +203,14 @@ def test_a_token_that_is_no_unicode_is_kept_as_escapes(tmp_path: Path) -> None:
     assert isinstance(entry.event, Measured)
     assert entry.event.sample.frame is not None
     assert entry.event.sample.frame.header.token == ESCAPED
+
+
+def test_a_configuration_that_could_not_be_read_again_is_refused_and_no_file_is_left(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"the configuration cannot be recorded: .*versions"):
+        Journal.create(tmp_path / "run.journal", configuration(versions={"numpy": 2}))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_search_without_acquisitions_is_recorded(tmp_path: Path) -> None:
+    Journal.create(tmp_path / "run.journal", configuration(acquisitions=0)).close()
+    assert read_journal(tmp_path / "run.journal").configuration.plan.acquisitions == 0

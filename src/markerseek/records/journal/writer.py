@@ -64,6 +64,11 @@ class Journal:
             If the file exists or cannot be written; nothing is left behind.
         """
         as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
+        try:
+            # msgspec checks limits when it decodes, and a journal that is written must be readable.
+            msgspec.json.decode(as_json, type=Configuration)
+        except msgspec.ValidationError as problem:
+            raise RecordError(f"{path}: the configuration cannot be recorded: {problem}") from problem
         path = followed(path)
         with as_record_error(path, verb="written"):
             if rollback_file(path).exists() and not path.exists():

@@ -148,35 +148,46 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
     """The same of a file that is known to do no harm."""
     with _as_bank_error(path):
         file = UntrustedHdf5(path)
-        ours = _is_ours(path, file)
-        if not file.has(fields.ANGLES):
-            raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-        columns = read_columns(path, file, ours=ours)
-        room = columns.room
-        frames = _frame_shape(path, file, room)
-        if frames is None:
-            if not all(map(math.isfinite, columns.intensities)):
-                raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
-            facts = read_facts(file, ours=ours, pitch_m=None)
-            return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
-        array = element_row(path, file, elements=frames[0])
-        dark_frames = _dark_frames(file, frames)
-        return IpascBank(
-            angles_deg=columns.angles_deg,
-            intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
-            facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
-            dark_frames=dark_frames,
-            started_s=columns.started_s,
-            pulses=columns.pulses,
-            path=path,
-            file=file,
-            rows=columns.rows,
-            room=room,
-            falling=array.falling,
-            row_sums=columns.row_sums,
-            frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=room),
-            dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
-        )
+        try:
+            bank = _bank_of(path, file)
+        except BaseException:
+            file.close()
+            raise
+        if not isinstance(bank, IpascBank):
+            file.close()
+        return bank
+
+
+def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
+    ours = _is_ours(path, file)
+    if not file.has(fields.ANGLES):
+        raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
+    columns = read_columns(path, file, ours=ours)
+    room = columns.room
+    frames = _frame_shape(path, file, room)
+    if frames is None:
+        if not all(map(math.isfinite, columns.intensities)):
+            raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
+        facts = read_facts(file, ours=ours, pitch_m=None)
+        return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
+    array = element_row(path, file, elements=frames[0])
+    dark_frames = _dark_frames(file, frames)
+    return IpascBank(
+        angles_deg=columns.angles_deg,
+        intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
+        facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
+        dark_frames=dark_frames,
+        started_s=columns.started_s,
+        pulses=columns.pulses,
+        path=path,
+        file=file,
+        rows=columns.rows,
+        room=room,
+        falling=array.falling,
+        row_sums=columns.row_sums,
+        frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=room),
+        dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
+    )
 
 
 def walk_bank(path: Path) -> dict[str, np.ndarray]:
