@@ -48,7 +48,7 @@ def command(
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.", show_default="1"),
     ] = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, to be written down.")] = None,
     pulse_energy_mj: Annotated[
@@ -84,9 +84,9 @@ def command(
                 for event in events:
                     if isinstance(event, Measured) and event.role == "search":
                         taken = event.index
-                        heard = event.sample
-                        said = f"{heard.angle_deg:+7.2f}°  intensity {heard.reading.intensity:.4g}"
-                        progress.update(task, completed=taken, description=said)
+                        sample = event.sample
+                        shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                        progress.update(task, completed=taken, description=shown)
                     elif isinstance(event, Measured):
                         dark += 1
                     elif isinstance(event, Refused):

@@ -1,4 +1,4 @@
-"""``markerseek calibrate``: what a rig must be told about itself, from one scan of a point source."""
+"""``markerseek calibrate``: geometry, timing, sound speed and noise of a rig, from one scan of a point source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
@@ -37,7 +37,7 @@ class Estimated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a scan of a point source told; see `Calibration` and `Geometry`."""
+    """Result of a scan of a point source; see `Calibration` and `Geometry`."""
 
     zero_deg: Estimated
     source_deg: Estimated
@@ -80,8 +80,7 @@ def command(
     from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
-        if not -360 <= angle_deg <= 360:
-            raise ConfigError(f"{name} is {angle_deg:g} deg, it must lie within one turn")
+        require_range(name, angle_deg, low=-360, high=360, unit="deg")
     scan = read_bank(bank)
     if not isinstance(scan, FrameBank):
         raise ConfigError(

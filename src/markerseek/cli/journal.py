@@ -1,4 +1,4 @@
-"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and works its result out anew."""
+"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and computes its result again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 NAME = "journal"
 
 app = typer.Typer(
-    help="List the journals of runs; look at one, check it, work its result out anew.", no_args_is_help=True
+    help="List the journals of runs; look at one, check it, compute its result again.", no_args_is_help=True
 )
 app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
 
@@ -79,7 +79,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
-    """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
+    """Compute readings from the stored frames again, let a new search decide, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
     from markerseek.runs.rebuild import rebuild_policy, rebuild_reader

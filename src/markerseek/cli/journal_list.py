@@ -59,5 +59,5 @@ def _in_words(each: JournalSummary) -> str:
     end = each.answer or each.state
     if each.angle_deg is not None:
         end += f" at {each.angle_deg:.3f}°"
-    told = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
-    return f"{told}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
+    text = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
+    return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")

@@ -1,4 +1,4 @@
-"""The rig that a command was given: simulated, or of devices, which a person arms."""
+"""Opens the rig of a command, simulated or of devices, and arms the devices in the name of a person."""
 
 from __future__ import annotations
 

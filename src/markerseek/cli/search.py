@@ -33,7 +33,7 @@ def command(
         typer.Option(help="Simulated stand-in for a material, instead of the rig's; an unknown name lists all."),
     ] = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
     seed: Annotated[
         int | None,

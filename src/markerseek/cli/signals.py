@@ -1,4 +1,4 @@
-"""Ctrl-C, a closed terminal and a polite kill end a search alike: rig stopped, laser disarmed, journal closed."""
+"""SIGINT, SIGTERM and SIGHUP end a search in the same way: rig stopped, laser disarmed, journal closed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all commands share: where people and programs are written to, and how long work shows that it goes on.
+"""What all commands share: standard output and error, JSON for programs, and progress bars.
 
 Programs read one JSON object on standard output (``--json``); progress, warnings and errors go to standard error.
 """
@@ -172,7 +172,7 @@ def announce_compilation() -> None:
 def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
     """A bar on standard error for each stage of a long work; invisible where that is no terminal.
 
-    What comes back hears of a stage's name, how many of its steps are done, and how many there are.
+    The function that comes back takes the name of a stage, how many of its steps are done, and how many there are.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=stderr, disable=not stderr.is_terminal) as progress:

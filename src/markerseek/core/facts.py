@@ -1,4 +1,4 @@
-"""What is known of a rig, or of the recording that it plays back, beside its devices."""
+"""What is known of a rig, or of the recording that it plays back, apart from its devices."""
 
 from __future__ import annotations
 

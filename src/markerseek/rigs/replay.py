@@ -9,7 +9,7 @@ from typing import Literal, SupportsFloat
 
 import numpy as np
 
-from markerseek.core import ConfigError, LinearArray, RigFacts
+from markerseek.core import LinearArray, RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
@@ -50,8 +50,8 @@ def replayed(
     """
     path = Path(path)
     reference_deg = None if reference_deg is None else float(reference_deg)
-    if reference_deg is not None and not -360 <= reference_deg <= 360:
-        raise ConfigError(f"reference_deg is {reference_deg} deg, it must lie within one turn")
+    if reference_deg is not None:
+        require_range("reference_deg", reference_deg, low=-360, high=360, unit="deg")
     bank = read_bank(path)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)

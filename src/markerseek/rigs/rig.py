@@ -1,4 +1,4 @@
-"""What an assembled rig is, and the fingerprint by which equal ones are known."""
+"""An assembled rig: its devices, its scanner and its facts; and the fingerprint, which is the same for equal rigs."""
 
 from __future__ import annotations
 

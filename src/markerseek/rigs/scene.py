@@ -1,4 +1,4 @@
-"""What a simulated rig hears: marker, spot and surroundings drawn from settings; and their intensity curve.
+"""Scene of a simulated rig: marker, light spot and clutter drawn from settings, and their intensity curve.
 
 `draw_scene` is the only place where settings become absorbers and noise; rigs of frames and of curves both begin here.
 """
@@ -38,14 +38,14 @@ _APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """What there is to hear.
+    """Sources of sound, and how they are received.
 
     Attributes
     ----------
     description
         The material in words.
     model
-        How it is heard.
+        How the probe receives it.
     marker
         The marker's place.
     absorbers
@@ -68,7 +68,7 @@ class Scene:
 def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
     """Imaging chain of a simulated probe; it keeps its tables, so that there is one of each.
 
-    It is told the array and the sampling, as a user would tell it; speed of sound, band and aperture are those of the
+    Array and sampling are those of the rig, which a user would know; speed of sound, band and aperture are those of the
     usual preset, whatever the tissue's are.
     """
     return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
@@ -87,7 +87,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     Raises
     ------
     ConfigError
-        If the marker cannot be heard.
+        If no signal of the marker reaches the receiver.
     """
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
@@ -98,8 +98,8 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
-        loud = settings.receiver.peak_counts / _loudness([marker], model, marker)
-        absorbers = absorbers + [replace(weak, strength=weak.strength * loud) for weak in clutter]
+        scale = settings.receiver.peak_counts / _loudness([marker], model, marker)
+        absorbers = absorbers + [replace(weak, strength=weak.strength * scale) for weak in clutter]
     return Scene(
         description=material.description,
         model=model,
@@ -114,13 +114,13 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
     """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
 
     Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
-    without noise: one frame for each angle of a fixed grid. A single absorber without clutter is heard alike on both
-    sides, and computed on one.
+    without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
+    both sides, which is computed on one.
 
     Parameters
     ----------
     scene
-        What there is to hear.
+        The sources, and how they are received.
     peak_counts
         Largest count of the marker in one channel, as in the settings from which the scene was drawn.
     """
@@ -129,8 +129,8 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
     absorbers = [replace(absorber, strength=absorber.strength * louder) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
-        heard = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
-        counts = np.clip(np.rint(heard), -32767, 32767).astype(np.int16)
+        received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
+        counts = np.clip(np.rint(received), -32767, 32767).astype(np.int16)
         return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
 
     alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
@@ -173,7 +173,7 @@ def _separate(picture: PaImage) -> list[float]:
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
-    """How the material is heard by the probe of the settings."""
+    """How the probe of the settings receives sound in the material."""
     return AcousticModel(
         probe=settings.probe,
         medium=material.medium,
@@ -188,7 +188,7 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
     """Place of the marker of the settings, what they leave open drawn; of strength 1."""
     search = settings.limits.search
-    # Off the ends of the array a marker is hardly heard: it is drawn in front of its inner four fifths.
+    # Off the ends of the array a marker gives hardly any signal: it is drawn in front of its inner four fifths.
     reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
     marker = settings.marker
@@ -216,17 +216,17 @@ def scaled_spot(
     settings
         The simulated rig; of it count the receiver and the noise.
     model
-        How it is heard.
+        How the probe receives it.
 
     Raises
     ------
     ConfigError
-        If it cannot be heard.
+        If no signal of it reaches the receiver.
     """
-    heard = model.channel_data(spot, angle_deg=marker.angle_deg)
+    received = model.channel_data(spot, angle_deg=marker.angle_deg)
     largest = _loudness(spot, model, marker)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    counts = np.rint(heard * (_MOST_COUNTS / largest)).astype(np.int16)
+    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
     peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2

@@ -49,7 +49,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -
     bank
         The bank.
     probe
-        As in `bank_images`; named, the intensities are computed anew.
+        As in `bank_images`; named, the intensities are computed again.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a rig must be told about itself, from the frames of a scan over one point source."""
+"""Calibrates a rig from the frames of a scan over one point source: geometry, timing, sound speed and noise."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from markerseek.signals import ProbePreset
 from markerseek.signals.picks import common_wave
 
 NEAR_SHARE = 0.4
-"""Frames of at least this share of the largest intensity are near enough to the plane to tell the speed of sound."""
+"""Frames of at least this share of the largest intensity are near enough to the plane to show the speed of sound."""
 
 STRAIGHT_SHARE = 0.2
-"""Channels at most this share of the depth beside the source hear it from straight below."""
+"""Channels at most this share of the depth to the side of the source receive its wave from straight below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     RecordError
         If the scan holds no channel data.
     SearchError
-        If the scan does not pass one source that is heard well enough, and is one point; the message says the cure.
+        If the scan does not pass one source that is strong enough, and is one point; the message says the cure.
     """
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     if len(frames) < len(samples) or not frames:
@@ -77,26 +77,26 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     moveout = fit_moveout(near, element_m)
     # Off the plane an oblique wave is smeared less than one from straight below, so that few channels are alike.
     straight_m = STRAIGHT_SHARE * strongest.depth_m
-    heard = [
+    received = [
         (sample.angle_deg, wave)
         for sample, frame, sigma in zip(samples, frames, noise, strict=True)
         if sample.reading.intensity > HEARD_RATIO * sigma
         and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
     ]
-    if not heard:
+    if not received:
         raise SearchError("no angle hears the source's wave well enough straight above it; average more pulses")
-    loudest = max((wave for _, wave in heard), key=lambda wave: float(np.abs(wave.wave).max()))
-    plane_s = apex_s(loudest.arrival_s, element_m, moveout)
+    strongest_wave = max((wave for _, wave in received), key=lambda wave: float(np.abs(wave.wave).max()))
+    plane_s = apex_s(strongest_wave.arrival_s, element_m, moveout)
     waves = Waves(
-        angle_deg=np.array([angle_deg for angle_deg, _ in heard]),
-        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout, plane_s=plane_s) for _, wave in heard]),
-        wave=np.array([wave.wave for _, wave in heard]),
-        sigma=np.array([wave.sigma for _, wave in heard]),
+        angle_deg=np.array([angle_deg for angle_deg, _ in received]),
+        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout, plane_s=plane_s) for _, wave in received]),
+        wave=np.array([wave.wave for _, wave in received]),
+        sigma=np.array([wave.sigma for _, wave in received]),
         sampling_hz=preset.sampling_hz,
     )
     return Calibration(
         geometry=fit_geometry(waves, moveout),
         noise_sigma=Value(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
         frames=len(frames),
-        waves=len(heard),
+        waves=len(received),
     )

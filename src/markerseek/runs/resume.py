@@ -1,4 +1,4 @@
-"""Resumes a run from its journal, after any end.
+"""Resumes a run from its journal, whatever ended it.
 
 The run is repeated from its beginning: a `ReplayedScanner` hands out what the journal holds, and each decision of the
 policy is compared with the one in the journal. Then two angles are measured again on the rig, and the run continues

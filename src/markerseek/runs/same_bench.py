@@ -1,4 +1,4 @@
-"""Compares the bench of a journal with the rig file that a person names to resume on.
+"""Compares the bench of a journal with the rig file that is named to resume it.
 
 A journal is a file like any other and may come from anywhere: it does not choose ports, limits, budgets or programs.
 """
