@@ -61,6 +61,6 @@ def test_a_marker_that_cannot_be_heard_is_refused() -> None:
 def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> None:
     without = SimulatedSettings(marker=MarkerSettings(present=False))
     silent, heard = rigs.simulated(seed=4, settings=without), rigs.simulated(seed=4)
-    assert silent.truth_deg is None
+    assert silent.facts.truth_deg is None
     one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, heard))
     assert one == pytest.approx(other, rel=0.02)

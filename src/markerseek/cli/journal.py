@@ -79,7 +79,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
-    """Compute readings from the stored frames again, let a new search decide, and compare; exit code 1 if anything differs."""
+    """Compute the readings again, let a new search decide on them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
     from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
