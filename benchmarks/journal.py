@@ -22,9 +22,9 @@ import numpy as np
 from benchmarks import machine
 from benchmarks.timing import QUICK, Effort, Single
 from markerseek import rigs
-from markerseek.core import Asked, ChannelFrame, FrameHeader, Measured, Reading, Sample
-from markerseek.records.journal import Configuration, Journal, read_journal, size_with_log
-from markerseek.rigs.journalled import configuration_of
+from markerseek.core import Asked, ChannelFrame, FrameHeader, Measured, Reading, Sample, SearchPlan
+from markerseek.records.journal import Configuration, Journal, read_journal, size_bytes_of
+from markerseek.runs.journalled import configuration_of
 
 FRAME = "journal: a frame of 128 × 2080 committed, on the disk"
 COMMAND = "journal: a command committed, on the disk"
@@ -103,13 +103,13 @@ def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list
                     _once_ms(lambda event=measured: journal.commit(event, clock_s=1.0, checkpoint=checkpoint))
                 )
                 spans[BARE].append(_once_ms(lambda: (bare.write(samples.data), os.fsync(bare.fileno()))))
-        log_mb = size_with_log(path) / 1e6
-        folding_ms, _ = _once_ms(journal.close)
+        journal.close()
+        file_mb = size_bytes_of(path) / 1e6
         reading_ms, _ = _once_ms(lambda: read_journal(path, frames=False))
     body = len(msgspec.json.encode(_measured(1, samples).sample.reading))
     held = f"{samples.nbytes} bytes of samples, {body} of reading, {len(checkpoint)} of checkpoint"
-    end = f"folded in within {folding_ms:.0f} ms at the end, read and checked within {reading_ms:.0f} ms"
-    remarks = [f"journal: {held}", f"journal: a log of {log_mb:.0f} MB after {commits} frames, {end}"]
+    end = f"read and checked within {reading_ms:.0f} ms"
+    remarks = [f"journal: {held}", f"journal: {file_mb:.0f} MB after {commits} frames, {end}"]
     return [Times(work=work, clock_ms=clock, processor_ms=busy) for work, (clock, busy) in _columns(spans)], remarks
 
 
@@ -128,13 +128,7 @@ def _begun_with() -> tuple[bytes, Configuration]:
     assert rig.world is not None
     configuration = configuration_of(
         rig,
-        method="ternary",
-        acquisitions=None,
-        as_published=False,
-        start_deg=0.0,
-        dark_frames=0,
-        stay=False,
-        seed=1,
+        SearchPlan(method="ternary", acquisitions=None, as_published=False, start_deg=0.0, dark_frames=0, stay=False),
     )
     return rig.world.checkpoint(), configuration
 

@@ -17,4 +17,4 @@ policy = markerseek.build("weighted-average", limits=rig.limits.search, start_de
 for event in markerseek.run(policy, rig.scanner, dark_frames=rig.dark_frames):
     if isinstance(event, markerseek.Finished):
         print(event.estimate)
-print(f"truth: {rig.truth_deg:.3f} deg (simulated)")
+print(f"truth: {rig.facts.truth_deg:.3f} deg (simulated)")

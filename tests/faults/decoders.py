@@ -14,13 +14,18 @@ import numpy as np
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.careful.mat73 import HEAD_BYTES, is_mat73, unvetted_arrays, walk_arrays
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.reading import read_unvetted, walk_frames
-from markerseek.records.recordings.arrays import read_arrays
-from markerseek.records.recordings.frames import load_frame
-from markerseek.records.recordings.ultrasonix import open_ultrasonix
+from markerseek.records.banks import (
+    BankFacts,
+    BankWriter,
+    FrameBank,
+    IntensityBank,
+    load_frame,
+    open_ultrasonix,
+    read_arrays,
+    read_bank,
+)
+from markerseek.records.banks.ipasc.reading import read_probed, walk_bank
+from markerseek.records.untrusted_arrays import read_mat73
 from markerseek.wire import sonixdaq
 
 _FRAME = np.arange(2 * 6, dtype=np.int16).reshape(2, 6)
@@ -84,7 +89,6 @@ def _whole_csv() -> bytes:
 
 def _whole_hdf5() -> bytes:
     from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
-    from markerseek.records.banks import BankFacts
 
     header = FrameHeader(sequence=1, token="a", pulses=16, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     frame = ChannelFrame(header=header, samples=_FRAME, sampling_hz=40e6)
@@ -118,17 +122,9 @@ def _read_ultrasonix(path: Path) -> None:
         (file.b_mode if file.header.kind == "b-mode" else file.rf)(index)
 
 
-def _read_unvetted_mat73(path: Path) -> None:
-    if not is_mat73(path.read_bytes()[:HEAD_BYTES]):
-        raise RecordError(f"{path}: it is another version, which goes to another reader")
-    walk_arrays(path)
-    unvetted_arrays(path)
-
-
-def _read_unvetted_hdf5(path: Path) -> None:
-    bank = read_unvetted(path)
-    walk_frames(bank)
-    _frames_of(bank)
+def _read_probed_hdf5(path: Path) -> None:
+    walk_bank(path)
+    _frames_of(read_probed(path))
 
 
 DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
@@ -145,12 +141,12 @@ DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] =
 }
 """File's name, a whole file, and what reads it, by the decoder's name."""
 
-UNVETTED = {
+IN_THIS_PROCESS = {
     **DECODERS,
-    "hdf5": ("a.hdf5", _whole_hdf5, _read_unvetted_hdf5),
-    "mat73": ("a.mat", _whole_mat73, _read_unvetted_mat73),
+    "hdf5": ("a.hdf5", _whole_hdf5, _read_probed_hdf5),
+    "mat73": ("a.mat", _whole_mat73, read_mat73),
 }
-"""The same, HDF5 without the process of its own that would shield it: for fuzzing that library."""
+"""The same, HDF5 without the child process: for fuzzing that library."""
 
 
 def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:

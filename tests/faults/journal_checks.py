@@ -11,12 +11,13 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
-from journal_runs import configuration
+from journal_runs import configuration, died_in_commit
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
-from markerseek.records.journal.store import PAGE_BYTES, VERSION
-from markerseek.rigs.journalled import journalled
+from markerseek.records.journal.connection import rollback_file
+from markerseek.records.journal.schema import VERSION
+from markerseek.runs.journalled import journalled
 from markerseek.search import build
 
 
@@ -38,12 +39,12 @@ def new(path: Path) -> Journal:
 
 
 def events(acquisitions: int) -> list[Event]:
-    told: list[Event] = [Started(start_deg=0.0, limits=Interval(low_deg=-35.0, high_deg=35.0))]
+    made: list[Event] = [Started(start_deg=0.0, limits=Interval(low_deg=-35.0, high_deg=35.0))]
     for index in range(1, acquisitions + 1):
         sample = Sample(angle_deg=0.0, reading=Reading(intensity=float(index)))
-        told.append(Asked(role="search", index=index, angle_deg=0.0))
-        told.append(Measured(role="search", index=index, sample=sample))
-    return told
+        made.append(Asked(role="search", index=index, angle_deg=0.0))
+        made.append(Measured(role="search", index=index, sample=sample))
+    return made
 
 
 def what_is_handed_out_is_on_the_disk() -> None:
@@ -65,9 +66,9 @@ def a_commit_is_on_the_disk() -> None:
 
 
 def copied(place: Path) -> list[object]:
-    """Entries in a copy of the journal and its log, as after a sudden death."""
-    for name in ("a", "a-wal"):
-        shutil.copyfile(place / name, place / name.replace("a", "b", 1))
+    """Entries in a copy of the journal and its rollback journal, as after a sudden death."""
+    for copy_of in (lambda path: path, rollback_file):
+        shutil.copyfile(copy_of(place / "a"), copy_of(place / "b"))
     return list(read_journal(place / "b").entries)
 
 
@@ -149,30 +150,41 @@ def a_signal_behind_a_commit_leaves_room_for_a_note() -> None:
         assert read_whole(place / "a") == 3
 
 
-def damaged_salts_are_noticed() -> None:
-    """Those of the last but one of the commits in a log."""
+def a_lost_end_is_refused() -> None:
+    assert unreadable_after("DELETE FROM events WHERE number > 5")
+
+
+def a_foreign_rollback_journal_changes_nothing() -> None:
+    """It is undone in a copy, and a journal that is not whole after that is not opened to be written."""
     with folder() as place:
-        with new(place / "a") as journal:
-            for event in events(2):
-                journal.commit(event, clock_s=0.0)
-            copied(place)
-        log = bytearray((place / "b-wal").read_bytes())
-        ends = [start for start in range(32, len(log), 24 + PAGE_BYTES) if any(log[start + 4 : start + 8])]
-        log[ends[-2] + 8] ^= 1
-        (place / "b-wal").write_bytes(log)
-        assert read_whole(place / "b") == -1
-        before = {each.name: each.read_bytes() for each in place.iterdir()}
+        kept(place / "a", acquisitions=20)
+        died_in_commit(place / "b", lambda journal: journal.commit(events(1)[0], clock_s=0.0))
+        rollback_file(place / "b").replace(rollback_file(place / "a"))
+        before = (place / "a").read_bytes()
         with contextlib.suppress(RecordError):
-            Journal.reopen(place / "b")[0].close()
-        assert {each.name: each.read_bytes() for each in place.iterdir()} == before
+            Journal.reopen(place / "a")[0].close()
+        assert (place / "a").read_bytes() == before
 
 
-def an_older_program_does_not_read_what_was_added() -> None:
+def a_newer_journal_is_refused() -> None:
     with folder() as place:
         kept(place / "a")
         with closing(sqlite3.connect(place / "a")) as connection:
-            connection.execute("PRAGMA user_version = 1")
-        with Journal.reopen(place / "a")[0] as journal:
+            connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+        try:
+            read_journal(place / "a")
+        except RecordError as refusal:
+            sentence = str(refusal)
+        else:
+            raise AssertionError("a journal of a newer version is read")
+        assert "written by a newer markerseek" in sentence
+
+
+def a_deleted_journal_is_noticed() -> None:
+    with folder() as place, new(place / "a") as journal:
+        (place / "a").unlink()
+        try:
             journal.commit(events(1)[0], clock_s=0.0)
-        with closing(sqlite3.connect(place / "a")) as connection:
-            assert connection.execute("PRAGMA user_version").fetchone() == (VERSION,)
+        except RecordError:
+            return
+        raise AssertionError("an event is committed to a file that is gone")

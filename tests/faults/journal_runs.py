@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +19,11 @@ from markerseek.core import (
     Reading,
     RecordError,
     Sample,
+    SearchPlan,
     Started,
 )
 from markerseek.records.journal import Configuration, Journal, read_journal
-from markerseek.rigs.journalled import configuration_of
+from markerseek.runs.journalled import configuration_of
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 
@@ -27,14 +31,7 @@ RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 def configuration() -> Configuration:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     return configuration_of(
-        rig,
-        method="ternary",
-        acquisitions=6,
-        as_published=False,
-        start_deg=0.0,
-        dark_frames=0,
-        stay=False,
-        seed=1,
+        rig, SearchPlan(method="ternary", acquisitions=6, as_published=False, start_deg=0.0, dark_frames=0, stay=False)
     )
 
 
@@ -82,3 +79,20 @@ def require_all(path: Path, acknowledged: int) -> None:
         assert isinstance(wanted, ChannelFrame)
         assert isinstance(event.sample.frame, ChannelFrame)
         np.testing.assert_array_equal(event.sample.frame.samples, wanted.samples)
+
+
+def died_in_commit(path: Path, write: Callable[[Journal], object]) -> None:
+    """Let another process write a journal, and be killed when half of a commit is in the file."""
+    child = os.fork()
+    if child == 0:
+        try:
+            journal = Journal.create(path, configuration())
+            write(journal)
+            # With no room in memory SQLite writes changed pages into the file before the commit.
+            journal._connection.execute("PRAGMA cache_size = 1")
+            journal._connection.execute("BEGIN IMMEDIATE")
+            journal._connection.execute("UPDATE run SET entries = entries + 1")
+            journal._connection.execute("UPDATE events SET samples = zeroblob(300000) WHERE number > 1")
+        finally:
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)

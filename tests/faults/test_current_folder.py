@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import RecordError
-from markerseek.records.careful.vetting import vet
+from markerseek.core import MissingExtraError
+from markerseek.records.banks.ipasc.reading import walk_bank
+from markerseek.records.sandbox import probe_in_child
 
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("h5py", reason="needs the extra records")
 
-BANK = Path(__file__).parents[1] / "unit" / "banks" / "v2.hdf5"
+BANK = Path(__file__).parents[1] / "unit" / "banks" / "bank.hdf5"
 NAMES = ("serial", "h5py", "msgspec", "numpy", "socket", "struct", "multiprocessing", "markerseek", "resource")
 """What the processes that we start import; a file of each name lies in the folder."""
 
@@ -42,7 +43,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("program", [SUPERVISOR, BANKS, WORKERS], ids=["supervisor", "vetting", "workers"])
+@pytest.mark.parametrize("program", [SUPERVISOR, BANKS, WORKERS], ids=["supervisor", "sandbox", "workers"])
 @pytest.mark.parametrize("where", ["folder", "python path"])
 def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: str, where: str) -> None:
     lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"
@@ -62,10 +63,10 @@ def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: s
     assert done.stdout == "done\n", done.stderr
 
 
-def test_a_library_that_the_vetting_process_misses_is_a_refusal(
+def test_a_library_that_the_sandbox_lacks_is_an_error_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "h5py.py").write_text("raise ImportError('not installed')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(RecordError, match=r"cannot be vetted.*h5py"):
-        vet(BANK)
+    with pytest.raises(MissingExtraError, match="needs the package h5py, which is not installed"):
+        probe_in_child(walk_bank, BANK)

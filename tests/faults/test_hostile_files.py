@@ -6,9 +6,12 @@ otherwise, by the name of the decoder; ``tests/faults/fuzz.py`` looks for more o
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
 import tracemalloc
 import zlib
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -17,23 +20,24 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from decoders import DECODERS, UNVETTED, outcome, zip_bomb
-from markerseek.core import RecordError
+from decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
+from markerseek.core import MissingExtraError, RecordError
 from markerseek.records.banks import read_bank
-from markerseek.records.careful.mat73 import walk_arrays
-from markerseek.records.careful.vetting import _walker, vet
-from markerseek.records.ipasc.reading import read_unvetted
+from markerseek.records.banks.ipasc.reading import read_probed
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_arrays import arrays_in
 
 CORPUS = Path(__file__).parent / "corpus"
-VETTED = ("hdf5", "mat73")
-IN_PROCESS = sorted(set(DECODERS) - set(VETTED))
+HDF5 = ("hdf5", "mat73")
+SANDBOXED = ("hdf5", "mat", "mat73", "mat-frame", "npy", "npz")
+IN_PROCESS = sorted(set(DECODERS) - set(SANDBOXED))
 ROOM_BYTES = 3_000_000
 
 
-@pytest.mark.parametrize("decoder", sorted(UNVETTED))
+@pytest.mark.parametrize("decoder", sorted(IN_THIS_PROCESS))
 def test_a_whole_file_is_read(tmp_path, decoder):
     """Without it the other tests could not fail: a reader that refused everything would pass them."""
-    name, whole, read = UNVETTED[decoder]
+    name, whole, read = IN_THIS_PROCESS[decoder]
     assert outcome(read, tmp_path / name, whole()) == "read"
 
 
@@ -68,6 +72,127 @@ def test_any_table_is_read_or_refused(tmp_path, text):
     name, _, read = DECODERS["csv"]
     data = b"angle_deg,intensity\n" + text.encode("utf-8")
     assert outcome(read, tmp_path / name, data) in ("read", "refused")
+
+
+@pytest.fixture(scope="module")
+def sandbox():
+    with Sandbox() as one:
+        yield one
+
+
+@settings(
+    max_examples=200,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    derandomize=True,
+)
+@given(data=st.data(), decoder=st.sampled_from(("mat", "mat73", "mat-frame", "npy", "npz")))
+def test_damaged_arrays_are_read_or_refused_by_one_child(tmp_path, sandbox, data, decoder):
+    """Which goes on after any of them, or is started again."""
+    name, whole, _ = DECODERS[decoder]
+    damaged = bytearray(whole())
+    for _ in range(data.draw(st.integers(1, 8))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    length = data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))
+    read = partial(arrays_in, sandbox=sandbox, most_bytes=1 << 20)
+    assert outcome(read, tmp_path / name, bytes(damaged[:length])) in ("read", "refused")
+
+
+@pytest.fixture
+def readers(tmp_path, monkeypatch):
+    """Readers that go out of bounds, as the libraries do on damaged files; the child finds them on its path."""
+    package = tmp_path / "path" / "out_of_bounds.py"
+    package.parent.mkdir()
+    package.write_text(OUT_OF_BOUNDS)
+    monkeypatch.syspath_prepend(package.parent)
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.delitem(sys.modules, package.stem, raising=False)
+    return importlib.import_module(package.stem)
+
+
+OUT_OF_BOUNDS = """
+import os
+import numpy as np
+
+def dies(path):
+    os.abort()
+
+def fills_the_memory(path):
+    return {"": np.ones(1 << 37)}
+
+def computes_for_ever(path):
+    while True:
+        pass
+
+def says_too_much(path):
+    os.write(1, b"x" * 100)
+    print("not an answer")
+    return {"": np.arange(3)}
+
+def sends_other_kinds(path):
+    return {"": np.array(["text"])}
+
+def needs_a_library(path):
+    import no_such_library
+"""
+
+
+@pytest.mark.parametrize(
+    ("reader", "error", "said"),
+    [
+        ("dies", RecordError, "breaks down"),
+        ("fills_the_memory", RecordError, "far more memory than it has bytes"),
+        ("computes_for_ever", RecordError, "breaks down"),
+        ("sends_other_kinds", RecordError, "breaks down"),
+        ("needs_a_library", MissingExtraError, r"needs the package no_such_library.*pip install"),
+    ],
+)
+def test_a_reader_that_goes_out_of_bounds_is_a_refusal_and_the_next_file_is_read(
+    tmp_path, readers, reader, error, said
+):
+    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
+    with Sandbox() as sandbox:
+        with pytest.raises(error, match=said):
+            sandbox.read(getattr(readers, reader), tmp_path / "a.npy")
+        assert arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)[""].shape == (2, 6)
+
+
+def test_what_a_library_prints_is_not_taken_for_an_answer(tmp_path, readers):
+    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
+    with Sandbox() as sandbox:
+        np.testing.assert_array_equal(sandbox.read(readers.says_too_much, tmp_path / "a.npy")[""], [0, 1, 2])
+
+
+def test_nothing_is_imported_from_the_current_folder(tmp_path, monkeypatch):
+    """A library of that name beside the data would run, and the check of the file with it would be off."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("h5py.py", "numpy.py", "scipy.py", "markerseek.py"):
+        (tmp_path / name).write_text(f"open({str(tmp_path / 'imported')!r}, 'w').close()")
+    for decoder in SANDBOXED:
+        name, whole, read = DECODERS[decoder]
+        assert outcome(read, tmp_path / name, whole()) == "read"
+    assert not (tmp_path / "imported").exists()
+
+
+def test_a_sandbox_serves_many_files_by_one_child(tmp_path):
+    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
+    with Sandbox() as sandbox:
+        children = set()
+        for _ in range(3):
+            arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
+            children.add(sandbox._child.pid)
+        assert len(children) == 1
+        child = sandbox._child
+    assert child.poll() is not None
+
+
+def test_a_sandbox_that_is_forgotten_ends_its_child(tmp_path):
+    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
+    sandbox = Sandbox()
+    arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
+    child = sandbox._child
+    del sandbox
+    assert child.poll() is not None
 
 
 def corpus():
@@ -108,7 +233,7 @@ def test_a_file_that_promises_much_costs_little(tmp_path, decoder, data):
 
 
 def bank(path):
-    path.write_bytes(UNVETTED["hdf5"][1]())
+    path.write_bytes(IN_THIS_PROCESS["hdf5"][1]())
     return path
 
 
@@ -217,17 +342,17 @@ def test_hdf5_that_leads_elsewhere_or_promises_much_is_refused(tmp_path, change)
         change(file, path)
     tracemalloc.start()
     with pytest.raises(RecordError, match=r"a\.hdf5"):
-        read_unvetted(path)
+        read_probed(path)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 40 * path.stat().st_size + ROOM_BYTES
 
 
-@pytest.mark.parametrize("decoder", VETTED)
+@pytest.mark.parametrize("decoder", HDF5)
 @pytest.mark.parametrize("seed", range(40))
 def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
     """In this process, what the library merely dislikes; what it hangs on is in the corpus, and needs the other."""
-    name, whole_file, read = UNVETTED[decoder]
+    name, whole_file, read = IN_THIS_PROCESS[decoder]
     whole = whole_file()
     rng = np.random.default_rng(seed)
     damaged = np.frombuffer(whole, np.uint8).copy()
@@ -236,33 +361,24 @@ def test_damaged_hdf5_is_read_or_refused(tmp_path, seed, decoder):
     assert outcome(read, tmp_path / name, damaged.tobytes()) in ("read", "refused")
 
 
-@pytest.mark.parametrize("decoder", VETTED)
-def test_nothing_is_read_that_was_not_vetted(tmp_path, monkeypatch, decoder):
+@pytest.mark.parametrize("decoder", SANDBOXED)
+def test_nothing_is_read_outside_the_child(tmp_path, monkeypatch, decoder):
     name, whole, read = DECODERS[decoder]
-    monkeypatch.setattr("markerseek.records.careful.vetting.sys.executable", "/bin/false")
+    monkeypatch.setattr("markerseek.records.sandbox.sys.executable", "/bin/false")
     (tmp_path / name).write_bytes(whole())
     with pytest.raises(RecordError, match="breaks down"):
         read(tmp_path / name)
 
 
-def test_each_file_is_vetted_by_what_reads_it():
-    assert _walker(Path("a.mat")) is walk_arrays
-    assert _walker(Path("a.hdf5")) is not walk_arrays
-
-
-@pytest.mark.parametrize("decoder", VETTED)
-def test_a_process_that_dies_is_a_refusal(tmp_path, monkeypatch, decoder):
-    name, whole, _ = DECODERS[decoder]
+@pytest.mark.parametrize("decoder", SANDBOXED)
+def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch, decoder):
+    name, whole, read = DECODERS[decoder]
     path = tmp_path / name
     path.write_bytes(whole())
-    vet(path)
-    monkeypatch.setattr("markerseek.records.careful.vetting.LIMIT_S", 0.01)
+    read(path)
+    monkeypatch.setattr("markerseek.records.sandbox.LIMIT_S", 0.01)
     with pytest.raises(RecordError, match="takes more than"):
-        vet(path)
-    monkeypatch.setattr("markerseek.records.careful.vetting.sys.executable", "/bin/false")
-    monkeypatch.setattr("markerseek.records.careful.vetting.LIMIT_S", 60)
-    with pytest.raises(RecordError, match="breaks down"):
-        vet(path)
+        read(path)
 
 
 @pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
@@ -279,3 +395,36 @@ def test_a_folder_that_may_not_be_read_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(RecordError, match="Permission denied"):
         read_bank(tmp_path)
+
+
+def test_the_files_of_a_folder_are_read_by_one_child(tmp_path):
+    for angle_deg in (-1, 0, 2):
+        (tmp_path / f"{angle_deg}.npy").write_bytes(DECODERS["npy"][1]())
+    bank = read_bank(tmp_path)
+    children = set()
+    for index in range(3):
+        assert bank.frame(index).samples.shape == (2, 6)
+        children.add(bank.sandbox._child.pid)
+    assert len(children) == 1
+    bank.sandbox.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_after_a_fork_each_process_has_a_child_of_its_own(tmp_path):
+    path = tmp_path / "a.npy"
+    path.write_bytes(DECODERS["npy"][1]())
+    with Sandbox() as sandbox:
+        arrays_in(path, sandbox, most_bytes=1 << 20)
+        forked = os.fork()
+        if forked == 0:
+            code = 1
+            try:
+                shared = sandbox._child.pid
+                arrays_in(path, sandbox, most_bytes=1 << 20)
+                code = 0 if sandbox._child.pid != shared else 2
+                sandbox.close()
+            finally:
+                os._exit(code)
+        _, status = os.waitpid(forked, 0)
+        assert os.waitstatus_to_exitcode(status) == 0
+        assert arrays_in(path, sandbox, most_bytes=1 << 20)[""].shape == (2, 6)

@@ -15,6 +15,7 @@ from journal_decoders import JOURNALS
 from journal_runs import RANGE, commit, configuration, measured
 from markerseek.core import ChannelFrame, Measured, RecordError, Started
 from markerseek.records.journal import Journal, read_journal, salvage, verify
+from markerseek.records.journal.connection import rollback_file
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +84,18 @@ def test_flipped_bits_never_change_what_is_read(
 @given(
     rubbish=st.binary(min_size=1, max_size=300),
     share=st.floats(0, 1, exclude_max=True),
-    log=st.one_of(st.none(), st.binary(max_size=300)),
+    rollback=st.one_of(st.none(), st.binary(max_size=300)),
 )
 def test_rubbish_in_a_journal_is_one_kind_of_error(
-    rubbish: bytes, share: float, log: bytes | None, closed: Path, tmp_path_factory: pytest.TempPathFactory
+    rubbish: bytes, share: float, rollback: bytes | None, closed: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     data = bytearray(closed.read_bytes())
     place = int(share * (len(data) - len(rubbish)))
     data[place : place + len(rubbish)] = rubbish
     path = tmp_path_factory.mktemp("rubbish") / "run.journal"
     path.write_bytes(data)
-    if log is not None:
-        Path(f"{path}-wal").write_bytes(log)
+    if rollback is not None:
+        rollback_file(path).write_bytes(rollback)
     assert 0 <= looked_at(path) <= 25
 
 
@@ -124,11 +125,11 @@ def test_what_is_fuzzed_is_read_while_it_is_whole(
 
 @settings(max_examples=60, deadline=None)
 @given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), size=st.floats(0, 1))
-def test_a_damaged_log_is_read_or_refused(
+def test_a_damaged_rollback_journal_is_read_or_refused(
     place: float, value: int, size: float, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    name, whole, read = JOURNALS["journal-log"]
-    log = bytearray(whole())
-    log[int(place * len(log))] = value
-    torn = bytes(log[: round(size * len(log))])
-    assert outcome(read, tmp_path_factory.mktemp("log") / name, torn) in {"read", "refused"}
+    name, whole, read = JOURNALS["journal-rollback"]
+    rollback = bytearray(whole())
+    rollback[int(place * len(rollback))] = value
+    torn = bytes(rollback[: round(size * len(rollback))])
+    assert outcome(read, tmp_path_factory.mktemp("rollback") / name, torn) in {"read", "refused"}

@@ -7,7 +7,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,14 +14,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from journal_runs import RANGE, commit, configuration, fill, require_all
+from journal_runs import RANGE, commit, configuration, died_in_commit, fill, require_all
 from markerseek import rigs
 from markerseek.core import Policy, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
 
@@ -113,11 +112,14 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
 def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_read(tmp_path: Path) -> None:
     folder = tmp_path / "shelf"
     folder.mkdir()
-    with Journal.create(folder / "closed.journal", configuration()) as journal:
+
+    def write(journal: Journal) -> None:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
         commit(journal, 1)
-        for name in ("dead.journal", "dead.journal-wal"):
-            shutil.copyfile(folder / name.replace("dead", "closed"), folder / name)
+
+    with Journal.create(folder / "closed.journal", configuration()) as journal:
+        write(journal)
+    died_in_commit(folder / "dead.journal", write)
 
     def work() -> None:
         if os.getuid() == 0:
@@ -152,33 +154,3 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None
     (small_disk / "ballast").unlink()
     Journal.create(small_disk / "run.journal", configuration()).close()
     assert read_journal(small_disk / "run.journal").entries == ()
-
-
-def test_a_log_for_which_the_file_has_no_room_is_an_error_of_closing_and_nothing_is_lost(small_disk: Path) -> None:
-    path = small_disk / "run.journal"
-    journal = Journal.create(path, configuration())
-    for index in range(1, 11):
-        commit(journal, index)
-    with pytest.raises(RecordError, match=r"cannot be closed: .*make room on the disk.*stays readable"):
-        journal.close()
-    journal.close()
-    require_all(path, 10)
-    grown = small_disk.parent / "run.journal"
-    for each in small_disk.iterdir():
-        shutil.copyfile(each, small_disk.parent / each.name)
-    Journal.reopen(grown)[0].close()
-    assert [each.name for each in grown.parent.iterdir() if each.is_file()] == ["run.journal"]
-    require_all(grown, 10)
-
-
-@pytest.mark.parametrize("small_disk", [24], indirect=True)
-def test_a_search_whose_log_cannot_be_folded_in_still_says_its_answer(small_disk: Path) -> None:
-    path = small_disk / "run.journal"
-    search = ["search", "--seed", "3", "--method", "ternary", "--journal", str(path), "--json"]
-    done = subprocess.run(
-        [Path(sys.executable).with_name("markerseek"), *search], capture_output=True, text=True, check=False
-    )
-    assert done.returncode in {0, 3}, done.stderr
-    assert "cannot be closed" in done.stderr
-    assert "make room on the disk" in done.stderr
-    assert done.stdout.encode() == msgspec.json.encode(result_of(read_journal(path))[1]) + b"\n"

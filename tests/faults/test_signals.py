@@ -27,7 +27,7 @@ from markerseek.core import RecordError
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.bench import EmulatedBench, ServingClock, serve
-from markerseek.records.journal import Recording, read_journal
+from markerseek.records.journal import Recording, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
 pytestmark = pytest.mark.real_time
@@ -160,9 +160,8 @@ def _held(journal: Path) -> Recording | None:
 
 def _now_in(phase: str, bench: EmulatedBench, journal: Path) -> Callable[[], bool]:
     """Whether the search is in that phase, by the truth of its devices."""
-    log = Path(f"{journal}-wal")
     return {
-        "idle": lambda: log.exists() and log.stat().st_size > 0,
+        "idle": lambda: journal.exists() and is_journal(journal),
         "moving": lambda: bench.stage.moving and len(bench.laser_box.pulses) > 0,
         "firing": lambda: bench.laser_box.permitted and len(bench.laser_box.pulses) % PULSES > 4,
         "acquiring": lambda: bool(bench.daq._queue) and not bench.laser_box.permitted,

@@ -43,7 +43,7 @@ def test_the_peak_over_the_noise_of_the_beamformed_signal_is_as_set(peak_snr_db:
 @pytest.mark.parametrize("tissue", TISSUES)
 def test_every_tissue_is_searched_on_and_its_noise_does_not_depend_on_the_angle(tissue: str) -> None:
     rig = rigs.simulated(seed=3, tissue=tissue, marker_deg=-4.0, settings=STEADY)
-    assert "simulated stand-in" in rig.description
+    assert "simulated stand-in" in rig.facts.description
     on_marker = rig.scanner.measure(-4.0).reading
     assert on_marker.intensity > 3 * rig.scanner.measure(15.0).reading.intensity
     sigmas = [rig.scanner.measure(angle).reading.noise_sigma for angle in (-30.0, -10.0, 10.0, 30.0)]
@@ -61,6 +61,6 @@ def test_a_marker_that_cannot_be_heard_is_refused() -> None:
 def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> None:
     without = SimulatedSettings(marker=MarkerSettings(present=False))
     silent, heard = rigs.simulated(seed=4, settings=without), rigs.simulated(seed=4)
-    assert silent.truth_deg is None
+    assert silent.facts.truth_deg is None
     one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, heard))
     assert one == pytest.approx(other, rel=0.02)

@@ -10,6 +10,8 @@ import pytest
 
 from markerseek import cli
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+
 
 @pytest.fixture(autouse=True)
 def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

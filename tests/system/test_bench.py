@@ -18,8 +18,8 @@ from markerseek.core import Measured, Permit
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, Recording, read_journal
-from markerseek.records.recordings.frames import load_frame
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -125,9 +125,8 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        log = Path(f"{journal}-wal")
         # a commit of a frame takes half a megabyte: five of the eight
-        while process.poll() is None and not (log.exists() and log.stat().st_size > 5 * 2 * 128 * 2080):
+        while process.poll() is None and not (journal.exists() and journal.stat().st_size > 5 * 2 * 128 * 2080):
             time.sleep(0.02)
         process.kill()
         process.communicate()

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import ChannelFrame
+from markerseek.core import ChannelFrame, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.rigs import simulated
-from markerseek.rigs.journalled import configuration_of
+from markerseek.runs.journalled import configuration_of
 from markerseek.sim import MarkerSettings, SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -90,10 +90,8 @@ def intensities(_scan: Path, to: Path) -> Path:
 
 
 def journal(_scan: Path, to: Path) -> Path:
-    begun = configuration_of(
-        simulated(seed=1), method="ternary", acquisitions=8, as_published=False,
-        start_deg=0.0, dark_frames=0, stay=False, seed=1,
-    )  # fmt: skip
+    begun = configuration_of(simulated(seed=1), SearchPlan(method="ternary", acquisitions=8, as_published=False,
+        start_deg=0.0, dark_frames=0, stay=False))  # fmt: skip
     Journal.create(to, begun).close()
     return to
 

@@ -197,7 +197,7 @@ def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
             "probe 'L99' is not known",
         ),
         (("reproduce", "fig6", "--bank", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),
-        (("replay", EXAMPLES), "the angle cannot be told from this name"),
+        (("replay", EXAMPLES), "the angle cannot be read from this name"),
         (("frame", "nowhere.npy"), "nowhere.npy"),
         (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
         (("frame", "nowhere.npy", "--probe", "L99"), "L99"),

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from markerseek import cli
-from markerseek.cli import on_rig
+from markerseek.cli import open_rig
 from markerseek.cli.direction import verdict_of
+from markerseek.core import RigFacts
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
@@ -22,8 +23,8 @@ from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.emulators.kdc101 import Kdc101Settings
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import Rig
+from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner
-from markerseek.scene import image_reader
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -69,15 +70,11 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
     guard = Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission())
     scanner = Scanner(**devices, reader=imaging, clock=clock, guard=guard, pulses=4)
     return Rig(
-        kind="bench",
-        description="emulated",
+        facts=RigFacts(kind="bench", description="emulated", fingerprint="", search=SETTINGS.limits.search),
         **devices,
         scanner=scanner,
         imaging=imaging,
         dark_frames=2,
-        face_radius_m=None,
-        truth_deg=None,
-        configuration="",
         devices=_Lines(),
     )
 
@@ -107,7 +104,7 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
         made.append(emulated_rig(tmp_path / f"daq-{len(made)}", mirrored=mirrored, direction=direction))
         yield made[-1], made[-1].scanner.angle_deg
 
-    monkeypatch.setattr(on_rig, "open_rig", open_emulated)
+    monkeypatch.setattr(open_rig, "open_rig", open_emulated)
     monkeypatch.setattr(cli.doctor, "_search", lambda _: cli.doctor.Finding(what="", state="ok", detail=""))
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n')

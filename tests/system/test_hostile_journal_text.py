@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import pytest
 
+from changed_configuration import changed
 from markerseek import rigs
 from markerseek.cli.terminal import printable
 from markerseek.core import (
@@ -23,11 +23,12 @@ from markerseek.core import (
     RecordError,
     Refused,
     Sample,
+    SearchPlan,
     Started,
 )
 from markerseek.records.journal import Configuration, Interrupted, Journal, verify
-from markerseek.records.journal.entries import Happening
-from markerseek.rigs.journalled import configuration_of
+from markerseek.records.journal.events import JournalEvent
+from markerseek.runs.journalled import configuration_of
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -37,14 +38,12 @@ RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 
 
 def begun_with(**changes: object) -> Configuration:
-    plain = configuration_of(
-        rigs.simulated(seed=1), method="ternary", acquisitions=8, as_published=False,
-        start_deg=0.0, dark_frames=0, stay=False, seed=1,
-    )  # fmt: skip
-    return msgspec.structs.replace(plain, **changes)
+    plain = configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary", acquisitions=8, as_published=False,
+        start_deg=0.0, dark_frames=0, stay=False))  # fmt: skip
+    return changed(plain, **changes)
 
 
-def journal(path: Path, *events: Happening, **changes: object) -> Path:
+def journal(path: Path, *events: JournalEvent, **changes: object) -> Path:
     with Journal.create(path, begun_with(**changes)) as kept:
         for event in events:
             kept.commit(event, clock_s=0.0)
@@ -62,7 +61,7 @@ ASKED = Asked(role="search", index=1, angle_deg=1.0)
 @pytest.mark.parametrize("words", [("journal", "show"), ("journal", "verify"), ("journal", "replay"), ("resume",)])
 @pytest.mark.parametrize("last", [Interrupted(reason=EVIL), Failed(error=MoveError(EVIL))])
 def test_no_command_hands_control_characters_of_a_journal_to_the_terminal(
-    shell: Shell, tmp_path: Path, words: tuple[str, ...], last: Happening
+    shell: Shell, tmp_path: Path, words: tuple[str, ...], last: JournalEvent
 ) -> None:
     path = journal(
         tmp_path / "run.journal", STARTED, ASKED, Refused(angle_deg=1.0, reason=EVIL), last,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.records.recordings.frames import load_frame
+from markerseek.records.banks.frames import load_frame
 from markerseek.signals import ImageReader, probe_preset
 
 FOLDER = Path(

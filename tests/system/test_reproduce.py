@@ -14,7 +14,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ChannelFrame
 from markerseek.records.banks import IntensityBank, read_bank
-from markerseek.records.recordings.table import write_bank
+from markerseek.records.banks.table import write_bank
 from markerseek.wire.sonixdaq import element_of_file, encode_file
 
 pytest.importorskip("matplotlib")

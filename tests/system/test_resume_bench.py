@@ -11,15 +11,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from changed_configuration import changed
 from markerseek import rigs
-from markerseek.core import ConfigError, Interval
+from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
 from markerseek.drivers.settings import BenchLaser, BenchReceiver, BenchSettings, BenchStage
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal
-from markerseek.rigs.again import rig_again
 from markerseek.rigs.recipe import BenchRecipe, SimulatedRecipe
 from markerseek.rigs.rig import fingerprint
-from markerseek.rigs.same_bench import differences_of_benches, require_same_measurement
+from markerseek.runs.rebuild import rebuild_rig
+from markerseek.runs.same_bench import differences_of_benches, require_same_measurement
 from markerseek.sim import SimulatedSettings
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -37,23 +38,17 @@ folder = "{0}"
 
 def configuration(**changes: object) -> Configuration:
     plain = Configuration(
-        method="golden-section",
-        acquisitions=10,
-        as_published=False,
-        search=Interval(low_deg=-35.0, high_deg=35.0),
-        start_deg=0.0,
-        dark_frames=3,
-        stay=False,
-        rig="simulated",
+        plan=SearchPlan(method="golden-section", acquisitions=10, start_deg=0.0, dark_frames=3),
+        facts=RigFacts(
+            kind="simulated",
+            description="a test's rig",
+            fingerprint="0" * 32,
+            search=Interval(low_deg=-35.0, high_deg=35.0),
+            face_radius_m=0.01,
+        ),
         recipe=msgspec.Raw(b"null"),
-        fingerprint="0" * 32,
-        description="a test's rig",
-        face_radius_m=0.01,
-        truth_deg=None,
-        reference_deg=None,
-        seed=None,
     )
-    return msgspec.structs.replace(plain, **changes)
+    return changed(plain, **changes)
 
 
 def settings_of(folder: Path) -> BenchSettings:
@@ -78,7 +73,7 @@ def hostile(folder: Path) -> BenchSettings:
 
 def begun_with(settings: BenchSettings, **changes: object) -> Configuration:
     return configuration(
-        rig="bench",
+        kind="bench",
         recipe=msgspec.Raw(msgspec.json.encode(BenchRecipe(settings=settings))),
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
@@ -154,7 +149,7 @@ def test_a_rig_file_of_another_rig_is_refused(
 def test_a_search_range_wider_than_the_rig_file_s_is_refused(tmp_path: Path) -> None:
     settings = settings_of(tmp_path)
     wide = begun_with(settings)
-    wide = msgspec.structs.replace(wide, search=Interval(low_deg=-170.0, high_deg=170.0))
+    wide = changed(wide, search=Interval(low_deg=-170.0, high_deg=170.0))
     with pytest.raises(ConfigError, match=r"limits.search is \[-35, 35\] deg, the journal searches \[-170, 170\] deg"):
         require_same_measurement(wide, settings, settings)
 
@@ -188,7 +183,7 @@ def test_a_rig_file_where_none_is_needed_or_of_another_kind_is_refused(shell: Sh
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"rig": "simulated"}, "says that its rig is simulated and holds the settings of another kind, bench"),
+        ({"kind": "simulated"}, "says that its rig is simulated and holds the settings of another kind, bench"),
         ({"recipe": b'{"type":"bench","settings":{}}'}, "missing required field"),
     ],
 )
@@ -198,7 +193,7 @@ def test_a_journal_that_contradicts_itself_is_refused(
     if "recipe" in changes:
         changes = {"recipe": msgspec.Raw(changes["recipe"])}  # type: ignore[arg-type]
     path = tmp_path / "run.journal"
-    Journal.create(path, msgspec.structs.replace(begun_with(settings_of(tmp_path)), **changes)).close()
+    Journal.create(path, changed(begun_with(settings_of(tmp_path)), **changes)).close()
     code, _, err = shell("resume", path, "--arm")
     assert (code, said in err) == (2, True), err
 
@@ -222,4 +217,4 @@ def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell:
 
 def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="does not bring its own rig"):
-        rig_again(begun_with(hostile(tmp_path)))
+        rebuild_rig(begun_with(hostile(tmp_path)))

@@ -19,9 +19,9 @@ import numpy as np
 
 from made_up_banks import FACTS, counts, sample
 from markerseek.core import RecordError
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.reading import IpascBank, read_unvetted
-from markerseek.records.ipasc.whole import whole_bank
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
+from markerseek.records.banks.ipasc.writer import whole_bank
 
 PLANNED, TAKEN = 8, 5
 
@@ -110,7 +110,7 @@ def left(path: Path) -> dict[str, object]:
     if not path.exists():
         return {"there": False}
     try:
-        bank = read_unvetted(path)
+        bank = read_probed(path)
     except RecordError as problem:
         return {"there": True, "refused": str(problem)}
     assert isinstance(bank, IpascBank)

@@ -1,7 +1,4 @@
-"""A run with every kind of entry, as old and new versions of the journal were made to hold it.
-
-Programs of version 1 import this as well (see tests/data/README.md): what they do not know is added for version 2 only.
-"""
+"""A run with every kind of entry, which ``tests/data/every-kind.journal`` holds."""
 
 from __future__ import annotations
 
@@ -27,8 +24,7 @@ from markerseek.core import (
     Sample,
     Started,
 )
-from markerseek.records.journal import Checked, Interrupted, Resuming
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Checked, Interrupted, JournalEvent, Resuming
 from markerseek.rigs import Rig
 from markerseek.sim import ReceiverSettings, SimulatedSettings
 
@@ -48,40 +44,34 @@ def checkpoint(number: int) -> bytes:
     return b'{"now_s":%d.30000000000000004,"state":[1,2,%d]}' % (number, number)
 
 
-def happenings(version: int) -> list[Happening]:
+def journal_events() -> list[JournalEvent]:
     """What happened, in order; entry n was committed at 0.1 n seconds, Started and Measured with `checkpoint` (n)."""
-    told: list[Happening] = [
+    events: list[JournalEvent] = [
         Started(start_deg=-0.1, limits=Interval(low_deg=-35.0, high_deg=35.0)),
         Asked(role="dark", index=1, angle_deg=-0.1),
         Measured(role="dark", index=1, sample=sample(1, angle_deg=-0.1, pulses=0)),
         Asked(role="search", index=1, angle_deg=1 / 3),
-        refused(version),
+        REFUSED,
         Measured(role="search", index=1, sample=sample(3, angle_deg=0.3334)),
         Asked(role="search", index=2, angle_deg=7.25),
         Failed(error=MoveError("the stage did not arrive at 7.25°")),
-        resuming(version, fault_reset=True),
+        resuming(fault_reset=True, flank_deg=-0.1),
         Checked(reading=READING, difference=None),
-        *([Checked(reading=READING, difference=None, frame=frame(5))] if version > 1 else []),
+        Checked(reading=READING, difference=None, frame=frame(5)),
         Measured(role="search", index=2, sample=sample(6, angle_deg=7.25)),
         Asked(role="search", index=3, angle_deg=6.5),
         Interrupted(reason="SIGTERM"),
-        resuming(version, fault_reset=False),
+        resuming(fault_reset=False),
         Checked(reading=Reading(intensity=1.5), difference=None),
         Measured(role="search", index=3, sample=reading_sample(8, angle_deg=6.5)),
         Asked(role="confirmation", index=1, angle_deg=6.25),
         Measured(role="confirmation", index=1, sample=sample(9, angle_deg=6.251)),
     ]
-    return [*told, finished()]
+    return [*events, finished()]
 
 
-def refused(version: int) -> Refused:
-    reason = 'channel 7 says "nothing", 5 % off'
-    return Refused(angle_deg=1 / 3, reason=reason, **({"frame": frame(2)} if version > 1 else {}))
-
-
-def resuming(version: int, *, fault_reset: bool) -> Resuming:
-    flank = {"flank_deg": -0.1} if version > 1 and fault_reset else {}
-    return Resuming(by="a person", check_deg=1 / 3, fault_reset=fault_reset, versions=VERSIONS, **flank)
+def resuming(*, fault_reset: bool, flank_deg: float | None = None) -> Resuming:
+    return Resuming(by="a person", check_deg=1 / 3, flank_deg=flank_deg, fault_reset=fault_reset, versions=VERSIONS)
 
 
 def finished() -> Finished:
@@ -139,3 +129,6 @@ def sample(sequence: int, *, angle_deg: float, pulses: int = 16) -> Sample:
 def reading_sample(sequence: int, *, angle_deg: float) -> Sample:
     kept = ReadingFrame(header=header(sequence), intensity=1.5, noise_sigma=0.25, cells=77)
     return Sample(angle_deg=angle_deg, reading=Reading(intensity=1.5), frame=kept)
+
+
+REFUSED = Refused(angle_deg=1 / 3, reason='channel 7 says "nothing", 5 % off', frame=frame(2))

@@ -5,14 +5,13 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-import msgspec
-
+from changed_configuration import changed
 from markerseek import rigs
-from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading
+from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading, SearchPlan
 from markerseek.records.journal import Checked, Configuration, Journal, Recording, Resuming
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import configuration_of, journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
 
@@ -47,15 +46,16 @@ def begin(*, marker_deg: float = MARKER_DEG, snr_db: float = 40.0) -> tuple[Poli
 def configured(rig: Rig, **changes: object) -> Configuration:
     plain = configuration_of(
         rig,
-        method=METHOD,
-        acquisitions=ACQUISITIONS,
-        as_published=False,
-        start_deg=rig.stage.angle_deg,
-        dark_frames=rig.dark_frames,
-        stay=False,
-        seed=SEED,
+        SearchPlan(
+            method=METHOD,
+            acquisitions=ACQUISITIONS,
+            as_published=False,
+            start_deg=rig.stage.angle_deg,
+            dark_frames=rig.dark_frames,
+            stay=False,
+        ),
     )
-    return msgspec.structs.replace(plain, **changes)
+    return changed(plain, **changes)
 
 
 def live(path: Path, *, until: int | None = None) -> list[Event]:

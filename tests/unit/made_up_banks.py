@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
 from markerseek.records.banks import BankFacts
-from markerseek.records.ipasc import BankWriter
+from markerseek.records.banks.ipasc import BankWriter
 
 FIXTURES = Path(__file__).parent / "banks"
 FACTS = BankFacts(

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from changed_configuration import changed
 from markerseek.core import (
     Ambiguous,
     Asked,
@@ -27,12 +28,13 @@ from markerseek.core import (
     Reading,
     ReadingFrame,
     Refused,
+    RigFacts,
     Sample,
+    SearchPlan,
     Started,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, Resuming
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, JournalEvent, Resuming
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 FLOOR = Floor(level=3.25, source="dark frames")
@@ -61,23 +63,19 @@ FULL_READING = Reading(
 
 def configuration(**changes: object) -> Configuration:
     plain = Configuration(
-        method="golden-section",
-        acquisitions=10,
-        as_published=False,
-        search=RANGE,
-        start_deg=0.0,
-        dark_frames=3,
-        stay=False,
-        rig="simulated",
+        plan=SearchPlan(method="golden-section", acquisitions=10, start_deg=0.0, dark_frames=3),
+        facts=RigFacts(
+            kind="simulated",
+            description="a test's rig",
+            fingerprint="0" * 32,
+            search=RANGE,
+            face_radius_m=0.01,
+            truth_deg=6.3,
+            seed=7,
+        ),
         recipe=msgspec.Raw(b"null"),
-        fingerprint="0" * 32,
-        description="a test's rig",
-        face_radius_m=0.01,
-        truth_deg=6.3,
-        reference_deg=None,
-        seed=7,
     )
-    return msgspec.structs.replace(plain, **changes)
+    return changed(plain, **changes)
 
 
 def measured(index: int, *, angle_deg: float = 1.1, counts: np.ndarray | None = None) -> Measured:
@@ -111,7 +109,7 @@ def write(journal: Journal, acquisitions: int, counts_of: Callable[[int], np.nda
     journal.commit(over, clock_s=9.0)
 
 
-EVENTS: dict[str, Happening] = {
+EVENTS: dict[str, JournalEvent] = {
     "started": Started(start_deg=-0.1, limits=RANGE),
     "asked": Asked(role="dark", index=2, angle_deg=1 / 3),
     "measured intensity": measured(1),
@@ -146,3 +144,18 @@ def died(path: Path, write_to: Callable[[Journal], object]) -> None:
         finally:
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
+
+
+def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
+    """Let another process write a journal, and be killed when half of a commit is in the file."""
+
+    def work(journal: Journal) -> None:
+        write_to(journal)
+        connection = journal._connection
+        # With no room in memory SQLite writes changed pages into the file before the commit.
+        connection.execute("PRAGMA cache_size = 1")
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("UPDATE run SET entries = entries + 1")
+        connection.execute("UPDATE events SET samples = zeroblob(300000) WHERE number > 3")
+
+    died(path, work)

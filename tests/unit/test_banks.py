@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.recordings.folder import FolderBank
-from markerseek.records.replay import IntensityReader, ReplayReceiver, ReplayStage
+from markerseek.records.banks.folder import FolderBank
+from markerseek.records.replay import ReplayReceiver, ReplayStage
+from markerseek.signals import IntensityReader
 
 PERMIT = Permit(token="a", angle_deg=0.0, pulses=16, expires_s=1.0)
 
@@ -112,8 +113,8 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
     ("names", "message"),
     [
         ((), "there is no scan in this folder"),
-        (("1", "2", "scan 3 of 7"), "cannot be told"),
-        (("1", "2", "dark"), "cannot be told"),
+        (("1", "2", "scan 3 of 7"), "cannot be read"),
+        (("1", "2", "dark"), "cannot be read"),
         (("left_5", "left_6", "right_5"), "right_5: it is named by another word than left_5"),
         (("1", "2", "1.0"), "was given before"),
         (("1", "2"), "it holds 2 angles"),
@@ -172,7 +173,7 @@ def test_an_angle_that_could_be_meant_otherwise_is_refused(tmp_path: Path, name:
     for other in ("100", "101"):
         (tmp_path / other).mkdir()
     (tmp_path / (name + suffix)).touch() if suffix else (tmp_path / name).mkdir()
-    with pytest.raises(RecordError, match=r"cannot be told from this name.*-12\.5 or angle_-12\.5deg"):
+    with pytest.raises(RecordError, match=r"cannot be read from this name.*-12\.5 or angle_-12\.5deg"):
         read_bank(tmp_path)
 
 

@@ -20,7 +20,7 @@ from markerseek.drivers.settings import (
     BenchSupervisor,
 )
 from markerseek.guard import Limits
-from markerseek.rig_file import read_rig_file
+from markerseek.rigs.rig_file import read_rig_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rigs" / "bench.toml"
 
@@ -84,6 +84,12 @@ def test_the_least_that_must_be_said_is_enough_and_folders_lie_beside_the_file(t
         (LEAST + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
         (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'), "Invalid enum value 'lamp'"),
         (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
+        (
+            LEAST.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),
+            r"speed_deg_s is 99.0 deg/s, it must lie in \[0.1, 25\] deg/s",
+        ),
+        (LEAST + "timeout_s = 0.0\n", r"timeout_s is 0.0 s, it must lie in \(0, 600\] s"),
+        (LEAST + "stable_s = nan\n", "stable_s is nan s"),
         (LEAST + 'start_command = "rm -rf /"\n', "Expected `array | null`, got `str`"),
         (LEAST + 'tissue = "liver"\n', "key receiver.tissue is unknown"),
         ('tissue = "liver"\n' + LEAST, "key tissue is unknown"),

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from made_up_banks import ANGLES, FACTS, changed, counts, write
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
-from markerseek.records.ipasc.array import TOLERANCE, element_row
-from markerseek.records.ipasc.reading import read_unvetted
+from markerseek.records.banks.ipasc.array import TOLERANCE, element_row
+from markerseek.records.banks.ipasc.reading import read_probed
 
 PITCH_M = FACTS.pitch_m
 ROW_M = np.column_stack(((np.arange(8) - 3.5) * PITCH_M, np.zeros(8), np.zeros(8)))
@@ -49,7 +49,7 @@ def placed(positions_m):
 
 
 def test_the_rows_of_an_array_whose_elements_fall_are_turned_round(tmp_path):
-    bank = read_unvetted(changed(write(tmp_path / "a.hdf5"), placed(ROW_M[::-1])))
+    bank = read_probed(changed(write(tmp_path / "a.hdf5"), placed(ROW_M[::-1])))
     assert isinstance(bank, FrameBank)
     assert bank.facts.pitch_m == pytest.approx(PITCH_M)
     for index, seed in enumerate((3, 2, 1, 0)):
@@ -77,7 +77,7 @@ CURVED_M = np.column_stack((0.04 * np.sin(ROW_M[:, 0] / 0.04), np.zeros(8), 0.04
 )
 def test_other_arrays_are_refused_with_the_element_that_is_off(tmp_path, positions_m, message):
     with pytest.raises(RecordError, match=message):
-        read_unvetted(changed(write(tmp_path / "a.hdf5"), placed(positions_m)))
+        read_probed(changed(write(tmp_path / "a.hdf5"), placed(positions_m)))
 
 
 @pytest.mark.parametrize("names", [("0000000007",), tuple(f"{number:010d}" for number in range(1, 8))])
@@ -87,7 +87,7 @@ def test_each_channel_must_have_a_position(tmp_path, names):
             del file["meta_data_device/detectors"][name]
 
     with pytest.raises(RecordError, match=f"positions of {8 - len(names)} elements for 8 channels"):
-        read_unvetted(changed(write(tmp_path / "a.hdf5"), change))
+        read_probed(changed(write(tmp_path / "a.hdf5"), change))
 
 
 def test_elements_of_which_some_have_no_position_are_refused_and_without_any_the_pitch_is_unknown():

@@ -18,9 +18,9 @@ import pytest
 from made_up_banks import ANGLES, FACTS, counts, sample, write
 from markerseek.core import RecordError
 from markerseek.records.banks import IntensityBank, read_bank
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
-from markerseek.records.ipasc.reading import IpascBank
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
+from markerseek.records.banks.ipasc.reading import IpascBank
 from markerseek.signals.presets import PRESET_NAMES
 
 
@@ -89,7 +89,7 @@ KILLED = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
 import made_up_banks as here
-from markerseek.records.ipasc import BankWriter
+from markerseek.records.banks.ipasc import BankWriter
 from pathlib import Path
 from types import SimpleNamespace
 writer = BankWriter(Path({path!r}), angles=40, dark_frames=2, facts=here.FACTS)

@@ -18,13 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
-from markerseek.files.whole import published
+from markerseek.files import published
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.poses import probe_pose
-from markerseek.records.ipasc.reading import read_unvetted
-from markerseek.records.ipasc.sums import frame_sum, row_sum
-from markerseek.records.ipasc.whole import whole_bank
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.reading import read_probed
+from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, row_sum
+from markerseek.records.banks.ipasc.writer import whole_bank
 
 
 def every_frame(bank):
@@ -53,7 +52,7 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, data):
     for place, bits in flips.items():
         raw[start + place] ^= bits
     path.write_bytes(raw)
-    bank = read_unvetted(path)
+    bank = read_probed(path)
     what = f"dark frame {seed - 7}" if seed >= 8 else f"the frame at {ANGLES[seed]:g} deg"
     with pytest.raises(RecordError, match=f"{what} has changed since it was written.* from a backup or scan again"):
         every_frame(bank)
@@ -75,9 +74,9 @@ def test_no_changed_number_goes_unnoticed(tmp_path, frame, name, value):
     path = changed(write(tmp_path / "a.hdf5", frame=frame), change)
     angle = "2.5" if name == "trus_angle_deg" else "2"
     with pytest.raises(RecordError, match=f"what is written of the angle {angle} deg has changed"):
-        read_unvetted(path)
+        read_probed(path)
     changed(path, lambda _file: None, sums=False)
-    every_frame(read_unvetted(path))
+    every_frame(read_probed(path))
 
 
 def test_frames_that_changed_places_are_noticed(tmp_path):
@@ -86,13 +85,13 @@ def test_frames_that_changed_places_are_noticed(tmp_path):
         frames[..., 0], frames[..., 1] = frames[..., 1], frames[..., 0]
 
     with pytest.raises(RecordError, match="has changed"):
-        every_frame(read_unvetted(changed(write(tmp_path / "a.hdf5"), change)))
+        every_frame(read_probed(changed(write(tmp_path / "a.hdf5"), change)))
 
 
 def test_checksums_of_another_number_are_refused(tmp_path):
     path = changed(write(tmp_path / "a.hdf5"), put("meta_data/frame_crc32", np.zeros(3, np.uint32)))
     with pytest.raises(RecordError, match="frame_crc32 holds 3 checksums for 4 frames"):
-        read_unvetted(path)
+        read_probed(path)
 
 
 def test_checksums_are_those_of_zlib_over_the_numbers_and_then_the_counts(tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.records.banks import BankFacts, read_bank
-from markerseek.records.ipasc.whole import whole_bank
+from markerseek.records.banks.ipasc.writer import whole_bank
 
 if not hasattr(os, "fork"):
     pytest.skip("needs fork", allow_module_level=True)

@@ -13,14 +13,14 @@ import pytest
 from made_up_banks import FACTS, changed, counts, put, sample, write
 from markerseek.core import ChannelFrame, ConfigError, Reading, RecordError
 from markerseek.records.banks import read_bank
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.reading import read_unvetted
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.reading import read_probed
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put("meta_data/markerseek_bank_version", 3), "version 3, this markerseek reads up to 2; install a newer"),
+        (put("meta_data/markerseek_bank_version", 3), "the bank has version 3, this one reads 1; install a newer"),
         (put("meta_data/markerseek_bank_version", 0.5), "version 0.5"),
         (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
         (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg stands there twice"),
@@ -38,7 +38,7 @@ from markerseek.records.ipasc.reading import read_unvetted
 )
 def test_a_bank_with_a_fault_is_refused(tmp_path, change, message):
     with pytest.raises(RecordError, match=message):
-        read_unvetted(changed(write(tmp_path / "a.hdf5"), change, sums=False))
+        read_probed(changed(write(tmp_path / "a.hdf5"), change, sums=False))
 
 
 @pytest.mark.parametrize(
@@ -53,13 +53,13 @@ def test_a_bank_with_a_fault_is_refused(tmp_path, change, message):
 def test_frames_that_are_no_counts_are_refused(tmp_path, value, message):
     path = changed(write(tmp_path / "a.hdf5"), put("binary_time_series_data", value), sums=False)
     with pytest.raises(RecordError, match=message):
-        read_unvetted(path).frame(0)
+        read_probed(path).frame(0)
 
 
 def test_counts_of_another_type_are_read(tmp_path):
     frames = np.arange(8 * 50 * 4).reshape(8, 50, 1, 4)
     path = changed(write(tmp_path / "a.hdf5"), put("binary_time_series_data", frames.astype(np.float64)), sums=False)
-    np.testing.assert_array_equal(read_unvetted(path).frame(0).samples, frames[:, :, 0, 3])
+    np.testing.assert_array_equal(read_probed(path).frame(0).samples, frames[:, :, 0, 3])
 
 
 def test_a_writer_refuses_what_it_cannot_keep(tmp_path):

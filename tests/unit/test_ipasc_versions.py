@@ -1,4 +1,4 @@
-"""Banks of each version, and of somebody else: what they say comes back, and nothing is made up."""
+"""Banks of today's version, and of another program: what they say comes back, and nothing is made up."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import pacfish
 import pytest
 
 from made_up_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
+from markerseek.core import RecordError
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.reading import read_unvetted
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.reading import read_probed
 
 
-def test_version_0_is_somebody_elses_and_read():
-    bank = read_bank(FIXTURES / "v0.hdf5")
+def test_a_bank_of_another_program_is_read():
+    bank = read_bank(FIXTURES / "foreign.hdf5")
     assert isinstance(bank, FrameBank)
     assert bank.angles_deg == (-1.5, 0.0, 1.5, 3.0)
     np.testing.assert_array_equal(bank.frame(2).samples, counts(2, (2, 6)))
@@ -27,47 +28,32 @@ def test_version_0_is_somebody_elses_and_read():
     assert np.isnan(bank.frame(0).header.started_s)
 
 
-def test_version_1_is_read():
-    bank = read_bank(FIXTURES / "v1.hdf5")
-    assert isinstance(bank, FrameBank)
-    assert bank.angles_deg == ANGLES[::-1]
-    assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
-    np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
-    np.testing.assert_array_equal(bank.dark_frame(0).samples, counts(8, (2, 6)))
-    assert bank.facts.reference_angle_deg == 1.25
-    assert bank.facts.pitch_m == pytest.approx(0.43e-3)
-    assert (bank.facts.wavelength_m, bank.facts.face_radius_m) == (760e-9, 10e-3)
-    assert (bank.started_s, bank.facts.clock_zero_unix_s) == ((6.0, 4.0, 2.0, 0.0), None)
-
-
-def test_version_2_is_read():
-    bank = read_bank(FIXTURES / "v2.hdf5")
+def test_todays_version_is_read():
+    bank = read_bank(FIXTURES / "bank.hdf5")
     assert isinstance(bank, FrameBank)
     assert bank.angles_deg == ANGLES[::-1]
     assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
     np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
     for index, seed in enumerate((8, 9)):
         np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
-    # The fixture was written before a bank said whether it was simulated.
-    assert replace(bank.facts, pitch_m=FACTS.pitch_m, simulated=True) == FACTS
+    assert replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
     assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
 
 
-def test_times_of_version_1_that_nobody_told_are_not_made_up(tmp_path):
-    shutil.copy(FIXTURES / "v1.hdf5", tmp_path / "a.hdf5")
-    bank = read_unvetted(changed(tmp_path / "a.hdf5", put("meta_data/measurement_timestamps", np.zeros(4))))
-    assert isinstance(bank, FrameBank)
-    assert np.isnan(bank.started_s).all()
-    assert np.isnan(bank.frame(0).header.started_s)
+@pytest.mark.parametrize("version", [2, 1000, 0, 1.5])
+def test_another_version_is_refused(tmp_path, version):
+    shutil.copy(FIXTURES / "bank.hdf5", tmp_path / "a.hdf5")
+    with pytest.raises(RecordError, match=f"newer markerseek: the bank has version {version:g}, this one reads 1"):
+        read_probed(changed(tmp_path / "a.hdf5", put("meta_data/markerseek_bank_version", version)))
 
 
 def test_times_of_somebody_else_count_from_1970(tmp_path):
-    shutil.copy(FIXTURES / "v0.hdf5", tmp_path / "a.hdf5")
+    shutil.copy(FIXTURES / "foreign.hdf5", tmp_path / "a.hdf5")
 
     def change(file):
         file["meta_data/measurement_timestamps"] = np.array([1.7e9, 1.7e9 + 1, np.nan, 1.7e9 + 3])
 
-    bank = read_unvetted(changed(tmp_path / "a.hdf5", change))
+    bank = read_probed(changed(tmp_path / "a.hdf5", change))
     assert isinstance(bank, FrameBank)
     assert bank.facts.clock_zero_unix_s == 0.0
     np.testing.assert_array_equal(np.sort(bank.started_s), (1.7e9, 1.7e9 + 1, 1.7e9 + 3, np.nan))

@@ -12,11 +12,11 @@ import pytest
 
 from journalled_runs import begin
 from markerseek import rigs
-from markerseek.core import ChannelFrame, Measured, RecordError, Sample
+from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, Recording, read_journal
-from markerseek.rigs.journal_bank import JournalBank, journal_bank
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journal_bank import JournalBank, journal_bank
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.search import build
 
 
@@ -29,7 +29,7 @@ def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path)
     rig = rigs.simulated(seed=3)
     policy = build("ternary", limits=rig.limits.search, acquisitions=6, as_published=True)
     kept = configuration_of(
-        rig, method="ternary", acquisitions=6, as_published=True, start_deg=0.0, dark_frames=2, stay=False, seed=3
+        rig, SearchPlan(method="ternary", acquisitions=6, as_published=True, start_deg=0.0, dark_frames=2, stay=False)
     )
     with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
         for _ in events:
@@ -55,9 +55,9 @@ def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path)
         bank.dark_frame(2)
     facts = bank.facts
     assert rig.imaging is not None
-    assert (facts.reference_angle_deg, facts.face_radius_m) == (rig.truth_deg, rig.face_radius_m)
+    assert (facts.reference_angle_deg, facts.face_radius_m) == (rig.facts.truth_deg, rig.facts.face_radius_m)
     assert (facts.sampling_hz, facts.pitch_m) == (40e6, rig.imaging.preset.array.pitch_m)
-    assert (facts.simulated, facts.seed, facts.configuration) == (True, 3, rig.configuration)
+    assert (facts.simulated, facts.seed, facts.configuration) == (True, 3, rig.facts.fingerprint)
     assert bank.pulses == (16,) * 6
     frames = [each.frame for each in lit]
     assert list(bank.started_s) == [each.header.started_s for each in frames if each is not None]

@@ -13,8 +13,7 @@ import pytest
 from made_up_journals import RANGE, configuration, died, whole_run, write
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
-from markerseek.records.journal import Journal, default_journal, read_journal, verify
-from markerseek.records.journal.store import is_journal
+from markerseek.records.journal import Journal, default_journal, is_journal, read_journal, verify
 
 
 def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
@@ -29,7 +28,7 @@ def test_a_journal_that_exists_is_gone_on_with(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     whole_run(path)
     before = path.read_bytes()
-    with pytest.raises(RecordError, match="the journal exists already; name another file, or go on with it"):
+    with pytest.raises(RecordError, match="the journal exists already; name another file, or continue it"):
         Journal.create(path, configuration())
     assert path.read_bytes() == before
 
@@ -54,7 +53,7 @@ def test_a_dead_run_is_read_without_being_touched(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     died(path, lambda journal: write(journal, 2))
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
-    assert set(before) == {"run.journal", "run.journal-wal"}
+    assert set(before) == {"run.journal", "run.journal-journal"}
     assert len(read_journal(path).entries) == 6
     assert verify(path).faults == []
     assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before

@@ -10,8 +10,7 @@ import pytest
 
 from made_up_journals import EVENTS, configuration, counts, measured, whole_run
 from markerseek.core import Asked, RecordError
-from markerseek.records.journal import Journal, read_journal, salvage, verify
-from markerseek.records.journal.entries import Happening
+from markerseek.records.journal import Journal, JournalEvent, read_journal, salvage, verify
 
 
 def changed(path: Path, sql: str) -> None:
@@ -61,7 +60,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS.keys())
 def test_an_impossible_order_is_noticed(order: tuple[str, ...], tmp_path: Path) -> None:
-    events: dict[str, Happening] = {
+    events: dict[str, JournalEvent] = {
         **EVENTS,
         "asked": Asked(role="search", index=1, angle_deg=1.1),
         "measured": measured(1),

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from every_kind_of_entry import happenings
+from every_kind_of_entry import journal_events
 from made_up_journals import configuration, counts, died, whole_run, write
 from markerseek.core import Finished, Measured, Refused
-from markerseek.records.journal import Checked, Entry, Journal, outline, read_journal, salvage, verify
+from markerseek.records.journal import Checked, Entry, Journal, read_journal, salvage, summary, verify
 
 ACQUISITIONS, FRAME_BYTES = 40, 2 * 128 * 2080
 
@@ -37,7 +37,7 @@ def most_bytes(work: Callable[[], object]) -> int:
 
 
 @pytest.mark.parametrize(
-    "look", [verify, outline, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
+    "look", [verify, summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
 )
 def test_frames_that_nobody_needs_are_not_held(look: Callable[[Path], object], long_run: Path) -> None:
     assert most_bytes(lambda: look(long_run)) < 10 * FRAME_BYTES
@@ -57,7 +57,7 @@ def frames_of(event: object) -> list[object]:
 def test_all_but_the_frames_is_the_same(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
-        for event in happenings(2):
+        for event in journal_events():
             journal.commit(event, clock_s=0.5, checkpoint=b"{}")
     seen: list[Entry] = []
     held, damage = salvage(path, frames=False, see=seen.append)

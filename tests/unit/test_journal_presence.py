@@ -10,23 +10,23 @@ from pathlib import Path
 import pytest
 
 from journalled_runs import begin, go_on, live, times_and_events
-from made_up_journals import RANGE, configuration, died, write
+from made_up_journals import RANGE, configuration, died_in_commit, write
 from markerseek.core import Asked, RecordError, Started
 from markerseek.guard import State
-from markerseek.records.journal import Journal, outline, read_journal, verify
-from markerseek.records.journal.store import is_journal, log_of
-from markerseek.rigs.journalled import journalled
+from markerseek.records.journal import Journal, is_journal, read_journal, summary, verify
+from markerseek.records.journal.connection import rollback_file
+from markerseek.runs.journalled import journalled
 
 
-def test_a_dead_run_is_read_through_a_symbolic_link_with_its_log(tmp_path: Path) -> None:
+def test_a_dead_run_is_read_through_a_symbolic_link_with_its_rollback_journal(tmp_path: Path) -> None:
     path, link = tmp_path / "run.journal", tmp_path / "latest.journal"
-    died(path, lambda journal: write(journal, 2))
+    died_in_commit(path, lambda journal: write(journal, 2))
     link.symlink_to(path)
     assert len(read_journal(link).entries) == 6
     assert verify(link).entries == 6
     assert is_journal(link)
-    assert outline(link).acquisitions == outline(path).acquisitions
-    assert outline(link).size_bytes == outline(path).size_bytes
+    assert summary(link).acquisitions == summary(path).acquisitions
+    assert summary(link).size_bytes == summary(path).size_bytes
     journal, held = Journal.reopen(link)
     with journal:
         assert (held.path, len(held.entries)) == (path, 6)
@@ -42,7 +42,7 @@ def test_a_run_goes_on_through_a_symbolic_link(tmp_path: Path, whole: Path) -> N
 
 def test_a_file_of_two_names_is_refused(tmp_path: Path) -> None:
     path, other = tmp_path / "run.journal", tmp_path / "other.journal"
-    died(path, lambda journal: write(journal, 2))
+    died_in_commit(path, lambda journal: write(journal, 2))
     os.link(path, other)
     for look in (read_journal, verify, Journal.reopen):
         for name in (path, other):
@@ -72,15 +72,15 @@ def replaced(path: Path) -> None:
     Path(copy).replace(path)
 
 
-def log_removed(path: Path) -> None:
-    log_of(path).unlink()
+def rollback_removed(path: Path) -> None:
+    rollback_file(path).unlink()
 
 
 def folder_removed(path: Path) -> None:
     shutil.rmtree(path.parent)
 
 
-@pytest.mark.parametrize("lose", [removed, renamed, replaced, log_removed])
+@pytest.mark.parametrize("lose", [removed, renamed, replaced, rollback_removed])
 def test_a_journal_that_is_lost_in_mid_run_stops_it_and_all_of_it_is_in_a_copy(
     lose: Callable[[Path], None], tmp_path: Path, whole: Path
 ) -> None:
@@ -130,7 +130,7 @@ def test_the_copies_of_two_losses_have_names_of_their_own(tmp_path: Path) -> Non
     for number in (1, 2):
         journal = Journal.create(path, configuration())
         removed(path)
-        log_of(path).unlink(missing_ok=True)
+        rollback_file(path).unlink(missing_ok=True)
         with pytest.raises(RecordError, match=f"rescued-{number}"):
             journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
         journal.close()

@@ -14,18 +14,19 @@ from markerseek import rigs
 from markerseek.core import ChannelFrame, Event, Frame, Measured, Policy, Reader, Reading, RecordError
 from markerseek.records.journal import Configuration, Entry, Journal, read_journal
 from markerseek.rigs import Rig
-from markerseek.rigs.again import differences, policy_again, reader_again, rig_again
-from markerseek.rigs.bank_scan import scan_bank
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.bank_scan import scan_bank
+from markerseek.runs.journalled import journalled
+from markerseek.runs.rebuild import rebuild_policy, rebuild_reader, rebuild_rig
+from markerseek.runs.recompute import differences
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import SimulatedSettings
 
 
 def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
     held = read_journal(whole)
-    assert differences(held, begin()[0], reader_again(held.configuration)) == []
-    assert differences(held, build("ternary", acquisitions=ACQUISITIONS), reader_again(held.configuration)) != []
+    assert differences(held, begin()[0], rebuild_reader(held.configuration)) == []
+    assert differences(held, build("ternary", acquisitions=ACQUISITIONS), rebuild_reader(held.configuration)) != []
 
 
 class Louder:
@@ -41,14 +42,14 @@ def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
     rig = rigs.simulated(seed=2, marker_deg=4.0)
     path = tmp_path / "run.journal"
     configuration = configured(rig, dark_frames=1)
-    policy = policy_again(configuration)
+    policy = rebuild_policy(configuration)
     with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
         for _ in range(8):
             next(events)
     held = read_journal(path)
-    reader = reader_again(configuration)
-    assert differences(held, policy_again(configuration), reader) == []
-    found = differences(held, policy_again(configuration), Louder(reader))
+    reader = rebuild_reader(configuration)
+    assert differences(held, rebuild_policy(configuration), reader) == []
+    found = differences(held, rebuild_policy(configuration), Louder(reader))
     assert found
     assert "its frame is read as" in found[0]
 
@@ -56,15 +57,11 @@ def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
 def test_a_rig_is_put_together_again_from_its_settings(tmp_path: Path) -> None:
     settings = SimulatedSettings(tissue="liver", start_deg=3.0)
     rig = rigs.simulated(seed=9, settings=settings)
-    again = rig_again(configured(rig))
-    assert (again.configuration, again.truth_deg, again.description) == (
-        rig.configuration,
-        rig.truth_deg,
-        rig.description,
-    )
+    again = rebuild_rig(configured(rig))
+    assert again.facts == rig.facts
     assert again.stage.angle_deg == rig.stage.angle_deg
     with pytest.raises(RecordError, match="from Python, with the rig"):
-        rig_again(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
+        rebuild_rig(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
 
 
 def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -> None:
@@ -75,7 +72,7 @@ def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -
     def begin_replay() -> tuple[Policy, Rig, Configuration]:
         rig = rigs.replayed(scan)
         configuration = configured(rig, start_deg=rig.stage.angle_deg)
-        return policy_again(configuration), rig, configuration
+        return rebuild_policy(configuration), rig, configuration
 
     def run_until(path: Path, until: int) -> None:
         policy, rig, configuration = begin_replay()
@@ -91,15 +88,15 @@ def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -
     run_until(part, 7)
     journal, held = Journal.reopen(part)
     with journal:
-        rig = rig_again(held.configuration)
-        list(resumed(policy_again(held.configuration), rig, journal, held, by="a person"))
+        rig = rebuild_rig(held.configuration)
+        list(resumed(rebuild_policy(held.configuration), rig, journal, held, by="a person"))
     assert times_and_events(read_journal(part)) == times_and_events(read_journal(whole))
     elsewhere = scan.rename(tmp_path / "elsewhere.csv")
-    assert differences(held, policy_again(held.configuration), reader_again(held.configuration)) == []
+    assert differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration)) == []
     elsewhere.rename(scan)
     scan.write_text(scan.read_text().replace("0,", "0,1", 1))
     with pytest.raises(RecordError, match="the recording is not what it was"):
-        rig_again(held.configuration)
+        rebuild_rig(held.configuration)
 
 
 def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path: Path) -> None:
@@ -111,9 +108,9 @@ def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path:
     begun_with = configured(rig, method="posterior", acquisitions=None, dark_frames=3, start_deg=rig.stage.angle_deg)
 
     def run_until(path: Path, until: int | None) -> None:
-        again = rig_again(begun_with)
+        again = rebuild_rig(begun_with)
         with Journal.create(path, begun_with) as journal:
-            events = journalled(policy_again(begun_with), again, journal)
+            events = journalled(rebuild_policy(begun_with), again, journal)
             with closing(events):
                 for count, _ in enumerate(events, start=1):
                     if count == until:
@@ -125,7 +122,7 @@ def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path:
         run_until(path, until)
         journal, held = Journal.reopen(path)
         with journal:
-            list(resumed(policy_again(begun_with), rig_again(begun_with), journal, held, by="a person"))
+            list(resumed(rebuild_policy(begun_with), rebuild_rig(begun_with), journal, held, by="a person"))
         assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
         counts = [
             [entry.event.sample.frame.samples.tobytes() for entry in read_journal(each).entries if _has_counts(entry)]
@@ -133,7 +130,7 @@ def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path:
         ]
         assert counts[0] == counts[1] != []
     bank.unlink()
-    assert differences(read_journal(whole), policy_again(begun_with), reader_again(begun_with)) == []
+    assert differences(read_journal(whole), rebuild_policy(begun_with), rebuild_reader(begun_with)) == []
 
 
 def _has_counts(entry: Entry) -> bool:

@@ -12,12 +12,12 @@ from journalled_runs import MARKER_DEG, begin, configured, go_on, live, times_an
 from markerseek import rigs
 from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
-from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, standing
+from markerseek.records.journal import Checked, Configuration, Journal, Resuming, read_journal, run_state
 from markerseek.rigs import Rig
-from markerseek.rigs.again import policy_again
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resemblance import change_of
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import journalled
+from markerseek.runs.rebuild import rebuild_policy
+from markerseek.runs.recheck import change_of
+from markerseek.runs.resume import resumed
 
 
 def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
@@ -61,9 +61,9 @@ def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: f
     checked = held.entries[-1].event
     assert isinstance(checked, Checked)
     assert checked.difference is not None
-    assert standing(held.entries).state == "open"
+    assert run_state(held.entries).state == "open"
     go_on(path)
-    assert standing(read_journal(path).entries).state == "finished"
+    assert run_state(read_journal(path).entries).state == "finished"
 
 
 @pytest.mark.parametrize("moved_deg", [-2.0, -0.7, 0.7, 2.0])
@@ -75,7 +75,7 @@ def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path
         # As real devices do, this world outlives the program: no state of it is kept.
         rig = replace(rigs.simulated(seed=5, marker_deg=marker_deg), world=None)
         begun_with = configured(rig, method="posterior", acquisitions=None)
-        return policy_again(begun_with), rig, begun_with
+        return rebuild_policy(begun_with), rig, begun_with
 
     policy, rig, begun_with = rig_and_policy(6.3)
     with Journal.create(path, begun_with) as journal, closing(journalled(policy, rig, journal)) as events:

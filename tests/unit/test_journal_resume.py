@@ -12,10 +12,11 @@ import pytest
 from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
 from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, result_of, standing, verify
-from markerseek.rigs.again import differences, next_angle, reader_again
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
+from markerseek.runs.journalled import journalled
+from markerseek.runs.rebuild import next_angle, rebuild_reader
+from markerseek.runs.recompute import differences
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 
 
@@ -97,7 +98,7 @@ def test_a_fault_is_left_by_a_reset_only(tmp_path: Path) -> None:
     heard = go_on(path, reset_fault=True)
     assert isinstance(heard[-1], Finished)
     assert verify(path).faults == []
-    assert differences(read_journal(path), begin()[0], reader_again(configuration)) == []
+    assert differences(read_journal(path), begin()[0], rebuild_reader(configuration)) == []
 
 
 def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
@@ -108,7 +109,7 @@ def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
     rig.stage.move_to = lambda angle_deg: sound(angle_deg) + 1.0  # type: ignore[method-assign]
     with pytest.raises(MoveError):
         go_on(path, rig=rig)
-    assert standing(read_journal(path).entries).state == "fault"
+    assert run_state(read_journal(path).entries).state == "fault"
     with pytest.raises(DeviceError, match="--reset-fault"):
         go_on(path)
 
@@ -168,7 +169,7 @@ def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Pa
     assert over.acquisitions == ACQUISITIONS
     assert over.elapsed_s == times[-1] - 1000.0 > 0
     assert verify(path).faults == []
-    assert differences(held, begin()[0], reader_again(held.configuration)) == []
+    assert differences(held, begin()[0], rebuild_reader(held.configuration)) == []
 
 
 def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import pytest
 
 from journalled_runs import begin, go_on, live
 from markerseek.core import DeviceError, Finished, MoveError, NotConnectedError
-from markerseek.records.journal import Journal, Resuming, read_journal, standing, verify
+from markerseek.records.journal import Journal, Resuming, read_journal, run_state, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import journalled
+from markerseek.runs.journalled import journalled
 
 
 class Silent:
@@ -56,7 +56,7 @@ def test_a_stage_that_cannot_be_stopped_after_a_check_is_a_fault(tmp_path: Path)
     unstoppable(rig)
     with pytest.raises(MoveError, match="does not stop"):
         go_on(path, rig=rig)
-    stands = standing(read_journal(path).entries)
+    stands = run_state(read_journal(path).entries)
     assert (stands.state, stands.fault) == ("fault", "the stage does not stop")
     assert verify(path).faults == []
 
@@ -71,7 +71,7 @@ def test_a_stage_that_cannot_be_stopped_with_the_run_is_a_fault(tmp_path: Path) 
             next(events)
         with pytest.raises(MoveError):
             events.close()
-    assert standing(read_journal(path).entries).state == "fault"
+    assert run_state(read_journal(path).entries).state == "fault"
     assert verify(path).faults == []
     with pytest.raises(DeviceError, match="--reset-fault"):
         go_on(path)

@@ -15,10 +15,10 @@ from markerseek.core import Frame, LimitError, Measured, Permit, Reader, Reading
 from markerseek.guard import FiringLimits
 from markerseek.records.journal import Journal, read_journal, verify
 from markerseek.rigs import Rig
-from markerseek.rigs.again import policy_again
-from markerseek.rigs.checking import pulses_before
-from markerseek.rigs.journalled import journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.journalled import journalled
+from markerseek.runs.rebuild import rebuild_policy
+from markerseek.runs.recheck import pulses_before
+from markerseek.runs.resume import resumed
 from markerseek.sim import GaussianCurve
 
 FAULTY = 7
@@ -64,7 +64,7 @@ def run_until(path: Path, spoil: Callable[[Rig], None], *, measured: int | None)
     begun_with = configured(rig)
     with (
         Journal.create(path, begun_with) as journal,
-        closing(journalled(policy_again(begun_with), rig, journal)) as events,
+        closing(journalled(rebuild_policy(begun_with), rig, journal)) as events,
     ):
         for event in events:
             if isinstance(event, Measured) and measured is not None:
@@ -76,7 +76,7 @@ def run_until(path: Path, spoil: Callable[[Rig], None], *, measured: int | None)
 def go_on(path: Path, spoil: Callable[[Rig], None]) -> Rig:
     rig = rig_of()
     journal, held = Journal.reopen(path)
-    with journal, closing(resumed(policy_again(held.configuration), rig, journal, held, by="a person")) as events:
+    with journal, closing(resumed(rebuild_policy(held.configuration), rig, journal, held, by="a person")) as events:
         for event in events:
             # The checks are over when the last event that was kept has been told again.
             if event == held.entries[-1].event:
@@ -143,4 +143,4 @@ def test_a_budget_that_is_used_up_stays_so_behind_a_death(tmp_path: Path) -> Non
     rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
     journal, held = Journal.reopen(path)
     with journal, pytest.raises(LimitError, match="64 pulses were permitted in this session and 16 more"):
-        list(resumed(policy_again(held.configuration), rig, journal, held, by="a person"))
+        list(resumed(rebuild_policy(held.configuration), rig, journal, held, by="a person"))

@@ -24,9 +24,17 @@ from markerseek.core import (
     Sample,
     Started,
 )
-from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, Resuming, read_journal
-from markerseek.records.journal.entries import Happening
-from markerseek.records.journal.rows import from_row, to_row
+from markerseek.records.journal import (
+    Checked,
+    Configuration,
+    Interrupted,
+    Journal,
+    JournalEvent,
+    Resuming,
+    decode,
+    encode,
+    read_journal,
+)
 
 FULL = {
     **EVENTS,
@@ -91,23 +99,29 @@ def test_no_number_that_is_not_finite_passes_at_any_place(number: float) -> None
     for kind, event in FULL.items():
         for place, made in with_each_float(event, number):
             with pytest.raises(RecordError, match="not finite and cannot be recorded") as refused:
-                to_row(made)  # type: ignore[arg-type]
+                encode(made)  # type: ignore[arg-type]
             assert place.rsplit(".", 1)[-1].split("[")[0] in str(refused.value), (kind, place)
 
 
 def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> None:
     for _, broken in with_each_float(frame(1), float("nan")):
         assert isinstance(broken, ChannelFrame)
-        kind, body, samples = to_row(Refused(angle_deg=1.0, reason="not finite", frame=broken))
-        assert from_row(kind, body, samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
-        assert samples is None
+        row = encode(Refused(angle_deg=1.0, reason="not finite", frame=broken))
+        assert decode(row.kind, row.body, row.samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
+        assert row.samples is None
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_a_configuration_that_is_not_finite_is_refused_and_no_file_is_left(number: float, tmp_path: Path) -> None:
     whole = configuration(truth_deg=1.0, reference_deg=1.0, face_radius_m=0.01)
     places = dict(with_each_float(whole, number))
-    assert {".start_deg", ".search.low_deg", ".truth_deg", ".reference_deg", ".face_radius_m"} <= set(places)
+    assert {
+        ".plan.start_deg",
+        ".facts.search.low_deg",
+        ".facts.truth_deg",
+        ".facts.reference_deg",
+        ".facts.face_radius_m",
+    } <= set(places)
     for made in places.values():
         assert isinstance(made, Configuration)
         with pytest.raises(RecordError, match="not finite"):
@@ -126,7 +140,7 @@ def test_a_clock_that_is_not_finite_is_refused(number: float, tmp_path: Path) ->
 
 ODD, ESCAPED = "the stage said \udcff\ud800 \N{DEGREE SIGN}", "the stage said \\udcff\\ud800 \N{DEGREE SIGN}"
 
-WITH_ODD_TEXTS: list[tuple[Happening, Happening]] = [
+WITH_ODD_TEXTS: list[tuple[JournalEvent, JournalEvent]] = [
     (Refused(angle_deg=1.0, reason=ODD), Refused(angle_deg=1.0, reason=ESCAPED)),
     (Interrupted(reason=ODD), Interrupted(reason=ESCAPED)),
     (
@@ -157,12 +171,14 @@ WITH_ODD_TEXTS: list[tuple[Happening, Happening]] = [
 
 
 @pytest.mark.parametrize(("event", "wanted"), WITH_ODD_TEXTS, ids=lambda event: type(event).__name__)
-def test_texts_that_are_no_unicode_are_kept_as_escapes(event: Happening, wanted: Happening, tmp_path: Path) -> None:
+def test_texts_that_are_no_unicode_are_kept_as_escapes(
+    event: JournalEvent, wanted: JournalEvent, tmp_path: Path
+) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration(description=ODD)) as journal:
         journal.commit(event, clock_s=0.0)
     held = read_journal(path)
-    assert held.configuration.description == ESCAPED
+    assert held.configuration.facts.description == ESCAPED
     assert [entry.event for entry in held.entries] == [wanted]
 
 
@@ -187,3 +203,14 @@ def test_a_token_that_is_no_unicode_is_kept_as_escapes(tmp_path: Path) -> None:
     assert isinstance(entry.event, Measured)
     assert entry.event.sample.frame is not None
     assert entry.event.sample.frame.header.token == ESCAPED
+
+
+def test_a_configuration_that_could_not_be_read_again_is_refused_and_no_file_is_left(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"the configuration cannot be recorded: .*versions"):
+        Journal.create(tmp_path / "run.journal", configuration(versions={"numpy": 2}))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_search_without_acquisitions_is_recorded(tmp_path: Path) -> None:
+    Journal.create(tmp_path / "run.journal", configuration(acquisitions=0)).close()
+    assert read_journal(tmp_path / "run.journal").configuration.plan.acquisitions == 0

@@ -73,13 +73,13 @@ def test_rigs_take_names_of_files_and_numbers_of_all_kinds(tmp_path: Path) -> No
         markerseek.simulated(seed=np.int64(3), settings=str(rig)),
         markerseek.simulated(seed=3, settings=rig),
     )
-    assert first.configuration == second.configuration
-    assert first.truth_deg == second.truth_deg == 12.5
+    assert first.facts == second.facts
+    assert first.facts.truth_deg == 12.5
     turned = markerseek.simulated(seed=3, marker_deg=np.float32(7.5), pace=0)
-    assert type(turned.truth_deg) is float
+    assert type(turned.facts.truth_deg) is float
     scan = EXAMPLES / "simulated_scan.csv"
     played = markerseek.replayed(str(scan), reference_deg=np.float64(-8.25))
-    assert played.configuration == markerseek.replayed(scan, reference_deg=-8).configuration
+    assert played.facts.fingerprint == markerseek.replayed(scan, reference_deg=-8).facts.fingerprint
     with pytest.raises(ConfigError, match="its kind is bench"):
         markerseek.simulated(seed=1, settings=EXAMPLES / "rigs" / "bench.toml")
 

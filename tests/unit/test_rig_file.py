@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import ConfigError
-from markerseek.rig_file import read_rig_file
+from markerseek.rigs.rig_file import read_rig_file
 from markerseek.sim import SimulatedSettings
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "rigs"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from markerseek.core import Finished, Floor, Found, Measured, Reading, Sample, Unsure
+from markerseek.core import PAPER_RANGE, Finished, Floor, Found, Measured, Reading, RigFacts, Sample, SearchPlan, Unsure
 from markerseek.records.result import Recorder
 from markerseek.scan import run
 from markerseek.scan.confirmation import judged
@@ -81,19 +81,11 @@ def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     recorder = Recorder()
     events = list(run(Tour(-30.0, 2.0, 4.1, answer=answer), scanner(Fading())))
     for event in events:
-        recorder.hear(event)
+        recorder.add(event)
     last = events[-1]
     assert isinstance(last, Finished)
     assert last.confirmation is not None
     assert [event.role for event in events if isinstance(event, Measured)] == ["search"] * 3 + ["confirmation"]
-    result = recorder.result(
-        method="test",
-        as_published=False,
-        rig="simulated",
-        face_radius_m=None,
-        truth_deg=None,
-        reference_deg=None,
-        seed=None,
-        configuration="",
-    )
+    facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
+    result = recorder.result(SearchPlan(method="test"), facts)
     assert (result.found, result.confirmed, result.angle_deg) == (found, confirmed, 4.0)

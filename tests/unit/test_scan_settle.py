@@ -8,11 +8,23 @@ from dataclasses import replace
 import pytest
 
 from markerseek import rigs
-from markerseek.core import AcquisitionError, ConfigError, Event, Failed, Finished, Frame, Measured, Permit, Refused
+from markerseek.core import (
+    AcquisitionError,
+    ConfigError,
+    Event,
+    Failed,
+    Finished,
+    Frame,
+    Measured,
+    Permit,
+    Refused,
+    SearchPlan,
+)
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Journal, read_journal
-from markerseek.rigs.again import differences, policy_again, reader_again
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
+from markerseek.runs.recompute import differences
 from markerseek.scan import run
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
@@ -129,20 +141,22 @@ def test_a_journal_with_a_closing_dark_frame_is_replayed_equal(tmp_path) -> None
     rig = replace(rigs.simulated(seed=5, marker_deg=4.0), closing_dark=True)
     configuration = configuration_of(
         rig,
-        method="posterior",
-        acquisitions=6,
-        as_published=False,
-        start_deg=0.0,
-        dark_frames=2,
-        stay=False,
-        seed=5,
+        SearchPlan(
+            method="posterior",
+            acquisitions=6,
+            as_published=False,
+            start_deg=0.0,
+            dark_frames=2,
+            stay=False,
+            closing_dark=rig.closing_dark,
+        ),
     )
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration) as journal:
         events = list(journalled(build("posterior", acquisitions=6, limits=rig.limits.search), rig, journal))
     held = read_journal(path)
-    assert held.configuration.closing_dark
+    assert held.configuration.plan.closing_dark
     dark = [event.index for event in events if isinstance(event, Measured) and event.role == "dark"]
     assert dark == [1, 2, 3]
-    again = differences(held, policy_again(held.configuration), reader_again(held.configuration))
+    again = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
     assert again == []

@@ -30,7 +30,7 @@ from markerseek.drivers.program import run_to_its_end
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
-from markerseek.records.recordings.frames import load_frame
+from markerseek.records.banks.frames import load_frame
 from markerseek.sim import World
 from markerseek.wire import sonixdaq as wire
 

@@ -154,7 +154,7 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
     def search(seed: int) -> Finished:
         settings = SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0))
         rig = rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=8.0), marker_deg=12.5, settings=settings)
-        assert rig.truth_deg == 12.5
+        assert rig.facts.truth_deg == 12.5
         *_, last = run(build("weighted-average", start_deg=0.0), rig.scanner, dark_frames=rig.dark_frames)
         assert isinstance(last, Finished)
         return last
@@ -167,13 +167,14 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
 def test_without_a_marker_a_guarded_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     *_, last = run(build("weighted-average", acquisitions=29), rig.scanner, dark_frames=rig.dark_frames)
-    assert rig.truth_deg is None
+    assert rig.facts.truth_deg is None
     assert isinstance(last, Finished)
     assert isinstance(last.estimate, NotFound)
     assert last.estimate.floor is not None
     assert last.estimate.floor.source == "dark frames"
     hidden = SimulatedSettings(marker=MarkerSettings(present=False))
-    assert rigs.of_intensities(seed=1, curve=SechCurve(fwhm_deg=5.0), marker_deg=0.0, settings=hidden).truth_deg is None
+    rig = rigs.of_intensities(seed=1, curve=SechCurve(fwhm_deg=5.0), marker_deg=0.0, settings=hidden)
+    assert rig.facts.truth_deg is None
 
 
 def test_the_energy_jitter_of_the_settings_reaches_the_intensities() -> None:

@@ -10,7 +10,7 @@ import typer
 
 from markerseek._version import __version__
 from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
-from markerseek.cli.stopping import Stopped
+from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_json, print_warning
 from markerseek.core import MarkerseekError
 

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -54,10 +54,10 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
-    from markerseek.files.whole import require_new
+    from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.records.exports import write_intensities
-    from markerseek.rigs.bank_images import bank_curve
+    from markerseek.runs.bank_images import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
     if kind is None or to.name.lower() == kind:
@@ -85,13 +85,13 @@ def command(
     if as_json:
         print_json(ExportReport(path=str(to), angles=count, images=frames and kind != ".csv"))
     else:
-        people.print(f"{count} angles in {escape(str(to))}")
+        stdout.print(f"{count} angles in {escape(str(to))}")
 
 
 def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.banks import FrameBank
     from markerseek.records.exports import series_of, write_mcap
-    from markerseek.rigs.bank_images import bank_curve, bank_image, bank_images
+    from markerseek.runs.bank_images import bank_curve, bank_image, bank_images
 
     intensities = bank_curve(bank, probe=probe).intensity.tolist()
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
@@ -106,7 +106,7 @@ def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, 
 
 def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.exports import series_of, write_sequence
-    from markerseek.rigs.bank_images import bank_images
+    from markerseek.runs.bank_images import bank_images
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     write_sequence(to, _shown(bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series)
@@ -115,13 +115,13 @@ def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
     """Facts of a bank with the distance given; says where frames cannot be placed for want of it."""
     from markerseek.records.banks import FrameBank
-    from markerseek.rigs.bank_images import described
+    from markerseek.runs.bank_images import described
 
     facts = described(bank, probe=probe)
     if face_radius_mm is not None:
         return replace(facts, face_radius_m=face_radius_mm / 1e3)
     if facts.face_radius_m is None and isinstance(bank, FrameBank):
-        aside.print(
+        stderr.print(
             "[yellow]where the images lie is left out: the bank does not say how far the array's face is from the axis "
             "of rotation; give --face-radius-mm[/]"
         )

@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ def command(
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
-    from markerseek.records.ipasc import require_new_bank, whole_bank
-    from markerseek.rigs.bank_images import bank_samples, described
+    from markerseek.records.banks.ipasc import require_new_bank, whole_bank
+    from markerseek.runs.bank_images import bank_samples, described
 
     given: dict[str, Any] = {
         "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
@@ -92,10 +92,10 @@ def command(
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
-        aside.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
+        stderr.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
     if frames and probe is None and bank.facts.probe is None:
-        aside.print(f"[yellow]the recording does not name its probe: {facts.probe} is taken (--probe)[/]")
+        stderr.print(f"[yellow]the recording does not name its probe: {facts.probe} is taken (--probe)[/]")
     with (
         whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
@@ -107,16 +107,15 @@ def command(
     if as_json:
         print_json(ImportReport(path=str(to), content=content, angles=count))
     else:
-        people.print(f"{count} angles of {content} in {escape(str(to))}")
+        stdout.print(f"{count} angles of {content} in {escape(str(to))}")
         if not frames:
-            people.print("it holds intensities only, no channel data, which markerseek and pacfish read")
+            stdout.print("it holds intensities only, no channel data, which markerseek and pacfish read")
 
 
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import read_bank
+    from markerseek.records.banks import ARRAY_SUFFIXES, read_arrays, read_bank
     from markerseek.records.journal import is_journal
-    from markerseek.records.recordings.arrays import ARRAY_SUFFIXES, read_arrays
-    from markerseek.rigs.journal_bank import journal_bank
+    from markerseek.runs.journal_bank import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():

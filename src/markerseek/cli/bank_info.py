@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, picture_folder, print_json
+from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def command(
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
     from markerseek.records.banks import IntensityBank, read_bank
-    from markerseek.rigs.bank_images import bank_curve, dark_intensity
+    from markerseek.runs.bank_images import bank_curve, dark_intensity
     from markerseek.search.peak import peak_of
 
     folder = picture_folder(out, plot=plot)
@@ -94,7 +94,7 @@ def command(
     if plot:
         path = folder / f"{bank.stem if bank.is_file() else bank.name}.png"
         _draw(held, curve.intensity.tolist(), report, path, probe=probe)
-        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
+        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
 
 
 def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> BankReport:
@@ -144,7 +144,7 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
 
 
 def _print(report: BankReport, *, computed_with: str | None) -> None:
-    people.print(f"[bold]{escape(report.path)}[/]: {report.content}")
+    stdout.print(f"[bold]{escape(report.path)}[/]: {report.content}")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     cut = ""
     if report.planned != report.angles:
@@ -178,7 +178,7 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
     for name, value in rows:
         if value is not None:
             table.add_row(f"[dim]{name}[/]", escape(value))
-    people.print(table)
+    stdout.print(table)
 
 
 def _dark(report: BankReport) -> str:
@@ -201,7 +201,7 @@ def _draw(
 ) -> None:
     from markerseek.pictures import bank_figure, save_png
     from markerseek.records.banks import FrameBank
-    from markerseek.rigs.bank_images import bank_image
+    from markerseek.runs.bank_images import bank_image
 
     strongest = intensities.index(max(intensities))
     figure = bank_figure(

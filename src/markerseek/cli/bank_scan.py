@@ -11,8 +11,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
-from markerseek.cli.stopping import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, aside, people, print_json, progress_bar, scaled
+from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import MarkerseekError, Measured, Refused
 
 NAME = "scan"
@@ -48,7 +48,7 @@ def command(
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.", show_default="1"),
     ] = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, to be written down.")] = None,
     pulse_energy_mj: Annotated[
@@ -60,9 +60,9 @@ def command(
 
     Stopped at any moment, the file holds what was taken.
     """
-    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
-    from markerseek.records.ipasc import require_new_bank
-    from markerseek.rigs.bank_scan import scan_angles, scan_bank
+    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.records.banks.ipasc import require_new_bank
+    from markerseek.runs.bank_scan import scan_angles, scan_bank
 
     require_new_bank(out)
     announce_compilation()
@@ -84,9 +84,9 @@ def command(
                 for event in events:
                     if isinstance(event, Measured) and event.role == "search":
                         taken = event.index
-                        heard = event.sample
-                        said = f"{heard.angle_deg:+7.2f}°  intensity {heard.reading.intensity:.4g}"
-                        progress.update(task, completed=taken, description=said)
+                        sample = event.sample
+                        shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                        progress.update(task, completed=taken, description=shown)
                     elif isinstance(event, Measured):
                         dark += 1
                     elif isinstance(event, Refused):
@@ -102,17 +102,17 @@ def command(
     if as_json:
         report = ScanReport(
             path=str(out),
-            rig=assembled.description,
+            rig=assembled.facts.description,
             angles=taken,
             dark_frames=dark,
             refused=refused,
             simulated=assembled.simulated,
-            seed=seed_of(assembled),
-            configuration=assembled.configuration,
+            seed=assembled.facts.seed,
+            configuration=assembled.facts.fingerprint,
         )
         print_json(report)
     else:
-        people.print(f"{taken} angles and {dark} dark frames of a {assembled.kind} rig in {escape(str(out))}")
+        stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.kind} rig in {escape(str(out))}")
 
 
 def _say_what_is_left(path: Path, *, planned: int) -> None:
@@ -122,6 +122,6 @@ def _say_what_is_left(path: Path, *, planned: int) -> None:
     try:
         held = len(read_bank(path).angles_deg)
     except MarkerseekError as problem:
-        aside.print(f"[yellow]{escape(str(problem))}[/]")
+        stderr.print(f"[yellow]{escape(str(problem))}[/]")
     else:
-        aside.print(f"[yellow]{escape(str(path))} holds {held} of {planned} angles; they can be read[/]")
+        stderr.print(f"[yellow]{escape(str(path))} holds {held} of {planned} angles; they can be read[/]")

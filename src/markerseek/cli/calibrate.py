@@ -1,4 +1,4 @@
-"""``markerseek calibrate``: what a rig must be told about itself, from one scan of a point source."""
+"""``markerseek calibrate``: geometry, timing, sound speed and noise of a rig, from one scan of a point source."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, people, print_json, progress_bar
-from markerseek.core import ConfigError
+from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
+from markerseek.core import ConfigError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
-    from markerseek.rigs.calibrate import Calibration
+    from markerseek.runs.calibrate import Calibration
 
 NAME = "calibrate"
 EXAMPLES = (
@@ -37,7 +37,7 @@ class Estimated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a scan of a point source told; see `Calibration` and `Geometry`."""
+    """Result of a scan of a point source; see `Calibration` and `Geometry`."""
 
     zero_deg: Estimated
     source_deg: Estimated
@@ -75,13 +75,12 @@ def command(
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.rigs.calibrate import calibrate
     from markerseek.rigs.replay import preset_of
+    from markerseek.runs.calibrate import calibrate
     from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
-        if not -360 <= angle_deg <= 360:
-            raise ConfigError(f"{name} is {angle_deg:g} deg, it must lie within one turn")
+        require_range(name, angle_deg, low=-360, high=360, unit="deg")
     scan = read_bank(bank)
     if not isinstance(scan, FrameBank):
         raise ConfigError(
@@ -171,9 +170,9 @@ def _print_table(report: CalibrationReport) -> None:
         table.add_row(
             f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
         )
-    people.print(table)
-    people.print(
+    stdout.print(table)
+    stdout.print(
         f"[dim]{report.waves} of {report.frames} angles were heard well enough; what the fit leaves of them is "
         f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
     )
-    people.print(escape(report.rig_toml))
+    stdout.print(escape(report.rig_toml))

@@ -53,11 +53,9 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     DeviceError
         If a device did not do its part.
     """
-    from markerseek.cli.hunt import hunt
-    from markerseek.cli.keeping import held_open, new_journal
-    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
-    from markerseek.rigs.journalled import configuration_of, search_events
-    from markerseek.search import build, method_named
+    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.session import run_new_session
+    from markerseek.runs.session import new_session, plan_on
 
     if not LEAST_DEG <= abs(source_deg) <= 360:
         raise ConfigError(
@@ -70,23 +68,10 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
                 f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
                 "place the source nearer to 0"
             )
-        method = method_named("posterior")
-        policy = build(method.name, limits=search, start_deg=start_deg)
-        configuration = configuration_of(
-            rig,
-            method=method.name,
-            acquisitions=None,
-            as_published=False,
-            start_deg=start_deg,
-            dark_frames=rig.dark_frames,
-            stay=False,
-            seed=seed_of(rig),
-        )
+        session = new_session(rig, plan_on(rig, method="posterior", start_deg=start_deg))
         arm_rig(rig, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
-        with held_open(new_journal(None, configuration, wanted=True)) as kept:
-            events = search_events(policy, rig, configuration, kept)
-            most = method.acquisitions
-            _, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json, rig_file=path)
+        session = run_new_session(session, as_json=as_json, rig_file=path)
+    result = session.result()
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
     said = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"

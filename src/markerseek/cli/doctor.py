@@ -61,7 +61,7 @@ def command(
     be found there. A probe that is mounted the other way round finds it at the mirrored angle, which nothing else
     shows. Place it at least 5 degrees off 0, and elsewhere than the source by which zero_deg was calibrated.
     """
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.terminal import print_json, stdout
 
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
@@ -81,7 +81,7 @@ def command(
     else:
         for finding in findings:
             colour = "green" if finding.state == "ok" else ("red" if finding.needed else "yellow")
-            people.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
+            stdout.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
     raise typer.Exit(0 if ok else 1)
 
 
@@ -104,12 +104,12 @@ def _packages() -> list[Finding]:
 
 def _rig(path: Path) -> Finding:
     """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
-    from markerseek.cli.on_rig import open_rig
+    from markerseek.cli.open_rig import open_rig
     from markerseek.core import DeviceError
 
     try:
         with open_rig(path) as (rig, stands_deg):
-            detail = f"{rig.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
+            detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
     except DeviceError as error:
         return Finding(what=str(path), state="broken", detail=str(error))
     return Finding(what=str(path), state="ok", detail=detail)
@@ -126,7 +126,7 @@ def _direction(path: Path, source_deg: float, *, arm: bool, as_json: bool) -> Fi
 def _lease_s(path: Path) -> float | None:
     """Longest silence of the control loop that a rig's devices bear, in seconds; None if they are simulated."""
     from markerseek.drivers.settings import BenchSettings
-    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.rig_file import read_rig_file
 
     settings = read_rig_file(path)
     return settings.supervisor.lease_s if isinstance(settings, BenchSettings) else None

@@ -52,11 +52,11 @@ def command(
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then tell the truth about them."""
     import numpy as np
 
-    from markerseek.cli.terminal import aside
+    from markerseek.cli.terminal import stderr
     from markerseek.core import ConfigError
     from markerseek.emulators.bench import EmulatedBench, require_pace
     from markerseek.emulators.kdc101 import Kdc101Settings
-    from markerseek.rig_file import read_rig_file
+    from markerseek.rigs.rig_file import read_rig_file
     from markerseek.sim import SimulatedSettings
 
     require_pace(pace)
@@ -75,7 +75,7 @@ def command(
         signal.signal(number, lambda received, _frame: stop.append(received))
     _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
-        aside.print(line)
+        stderr.print(line)
 
 
 def _serve(
@@ -84,7 +84,7 @@ def _serve(
     """Open what was asked for, say how to use it, and serve it."""
     from contextlib import ExitStack
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
     from markerseek.drivers.clock import SystemClock
     from markerseek.emulators import ByteDevice, PtyLine
     from markerseek.emulators.bench import ServingClock, serve
@@ -101,17 +101,17 @@ def _serve(
             for name in _PORTS[device]
         }
         for name, port in ports.items():
-            people.print(f"{name}: {port.path}")
+            stdout.print(f"{name}: {port.path}")
         if device != "kdc101":
-            people.print(f"channel files: {folder / 'daq'}")
+            stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             place = folder / "rig.toml"
             with replaced(place) as part:
                 part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
-            people.print(f"try: markerseek search --rig {place} --arm")
+            stdout.print(f"try: markerseek search --rig {place} --arm")
         if device == "daq":
-            people.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
-        people.print("Ctrl-C ends it")
+            stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
+        stdout.print("Ctrl-C ends it")
         sys.stdout.flush()
 
         def until() -> bool:

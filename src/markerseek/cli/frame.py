@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import announce_compilation, aside, people, picture_folder, print_json
+from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
@@ -80,8 +80,8 @@ def command(
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.ultrasonix import show_ultrasonix
-    from markerseek.records.recordings.frames import MAT_PROBE, load_frame
-    from markerseek.records.recordings.ultrasonix import ULTRASONIX_SUFFIXES
+    from markerseek.records.banks.frames import MAT_PROBE, load_frame
+    from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES
     from markerseek.signals import ImageReader, probe_preset
 
     folder = picture_folder(out, plot=plot)
@@ -109,7 +109,7 @@ def command(
     if plot:
         path = folder / f"{file.stem if file.is_file() else file.name}.png"
         _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}")
-        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(path))}")
+        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)
 
 
@@ -148,7 +148,7 @@ def _report(findings: FrameFindings, probe: str) -> FrameReport:
 
 def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
-    people.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
+    stdout.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
     if findings.found:
         table = Table(box=None, padding=(0, 2, 0, 0))
         for column in ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence"):
@@ -163,11 +163,11 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
                 "–" if each.peak_snr_db is None else f"{each.peak_snr_db:.1f}",
                 f"{each.coherence:.2f}",
             )
-        people.print(table)
+        stdout.print(table)
     if findings.saturated_channels:
-        people.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
+        stdout.print(f"[yellow]saturated:[/] {len(findings.saturated_channels)} channels where the strongest arrives")
     if findings.dead_channels:
-        people.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
+        stdout.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
 
 
 def _draw(findings: FrameFindings, picture: PaImage, path: Path, *, title: str) -> None:

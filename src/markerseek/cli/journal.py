@@ -1,4 +1,4 @@
-"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and works its result out anew."""
+"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and computes its result again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 NAME = "journal"
 
 app = typer.Typer(
-    help="List the journals of runs; look at one, check it, work its result out anew.", no_args_is_help=True
+    help="List the journals of runs; look at one, check it, compute its result again.", no_args_is_help=True
 )
 app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
 
@@ -37,7 +37,7 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
 def show(journal: _File, as_json: _Json = False) -> None:
     """Print what happened, entry by entry; of a damaged journal as much as is whole, then the error."""
     from markerseek.cli.terminal import print_json
-    from markerseek.records.journal import salvage, standing
+    from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
     # Frames are half a megabyte each, and are only looked at here to say how large they are.
@@ -46,8 +46,8 @@ def show(journal: _File, as_json: _Json = False) -> None:
     if as_json:
         print_json(
             {
-                "configuration": held.configuration,
-                "state": standing(held.entries).state,
+                "configuration": held.configuration.flat(),
+                "state": run_state(held.entries).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
@@ -64,7 +64,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: _Json = False) -> None:
     """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
-    from markerseek.cli.terminal import one_line, people, print_json
+    from markerseek.cli.terminal import one_line, print_json, stdout
     from markerseek.records.journal import verify as look_over
 
     finding = look_over(journal)
@@ -72,45 +72,46 @@ def verify(journal: _File, as_json: _Json = False) -> None:
         print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
     else:
         for fault in finding.faults:
-            people.print(f"[red]wrong:[/] {one_line(fault)}")
-        people.print(f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"))
+            stdout.print(f"[red]wrong:[/] {one_line(fault)}")
+        stdout.print(f"{finding.entries} entries are whole" + ("" if finding.faults else ", and nothing is wrong"))
     raise typer.Exit(1 if finding.faults else 0)
 
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
-    """Read the stored frames anew, let a new search decide on them, and compare; exit code 1 if anything differs."""
-    from markerseek.cli.terminal import announce_compilation, one_line, people, print_json
-    from markerseek.records.journal import read_journal, standing
-    from markerseek.rigs.again import differences, policy_again, reader_again
+    """Compute the readings again, let a new search decide on them, and compare; exit code 1 if anything differs."""
+    from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
+    from markerseek.records.journal import read_journal, run_state
+    from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
+    from markerseek.runs.recompute import differences
 
     held = read_journal(journal)
     announce_compilation()
-    found = differences(held, policy_again(held.configuration), reader_again(held.configuration))
-    state = standing(held.entries).state
+    found = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
+    state = run_state(held.entries).state
     if as_json:
         print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
     else:
         for line in found:
-            people.print(f"[red]differs:[/] {one_line(line)}")
+            stdout.print(f"[red]differs:[/] {one_line(line)}")
         if not found:
             what = "readings, decisions and answer" if state == "finished" else "readings and decisions so far"
-            people.print(f"{what} come out equal, bit for bit, from {len(held.entries)} entries")
+            stdout.print(f"{what} come out equal, bit for bit, from {len(held.entries)} entries")
     raise typer.Exit(1 if found else 0)
 
 
 def _as_object(entry: Entry) -> dict[str, object]:
     import msgspec
 
-    from markerseek.records.journal.rows import to_row
+    from markerseek.records.journal import encode
 
-    kind, body, _ = to_row(entry.event)
+    encoded = encode(entry.event)
     return {
         "number": entry.number,
-        "kind": kind,
+        "kind": encoded.kind,
         "written": entry.written,
         "clock_s": entry.clock_s,
-        "body": msgspec.Raw(body),
+        "body": msgspec.Raw(encoded.body),
     }
 
 
@@ -118,26 +119,24 @@ def _print_table(held: Recording) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from markerseek.cli.terminal import one_line, people
-    from markerseek.records.journal import standing
+    from markerseek.cli.terminal import one_line, stdout
+    from markerseek.records.journal import run_state
 
-    begun_with = held.configuration
-    form = " as published" if begun_with.as_published else ""
-    people.print(
-        f"[bold]{one_line(begun_with.method)}{form}[/] on a {begun_with.rig} rig: {one_line(begun_with.description)}"
-    )
-    said = ", ".join(f"{name} {version}" for name, version in begun_with.versions.items())
-    seed = "" if begun_with.seed is None else f"seed {begun_with.seed}, "
-    people.print(f"[dim]{seed}rig {one_line(begun_with.fingerprint)}, {one_line(said)}[/]")
+    plan, facts = held.configuration.plan, held.configuration.facts
+    form = " as published" if plan.as_published else ""
+    stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.kind} rig: {one_line(facts.description)}")
+    said = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+    seed = "" if facts.seed is None else f"seed {facts.seed}, "
+    stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(said)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
         # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
         table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
-    people.print(table)
-    stands = standing(held.entries)
-    people.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
+    stdout.print(table)
+    stands = run_state(held.entries)
+    stdout.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
 
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Outline
+    from markerseek.records.journal import JournalSummary
 
 NAME = "list"
 EXAMPLES = "Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json"
@@ -26,13 +26,13 @@ def command(
     Nothing removes a journal by itself: delete the files that nobody needs any more.
     """
     from markerseek.cli.terminal import print_json
-    from markerseek.records.journal import journals_folder, journals_in, outline, size_with_log
+    from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
 
     place = folder or journals_folder()
     # Before the first search there is no such folder.
     paths = journals_in(place) if folder is not None or place.exists() else []
-    total_bytes = sum(map(size_with_log, paths))
-    outlines = [outline(path) for path in paths[-last:]]
+    total_bytes = sum(map(size_bytes_of, paths))
+    outlines = [summary(path) for path in paths[-last:]]
     if as_json:
         print_json(
             {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": outlines},
@@ -41,23 +41,23 @@ def command(
         _print(outlines, place, count=len(paths), total_bytes=total_bytes)
 
 
-def _print(outlines: list[Outline], place: Path, *, count: int, total_bytes: int) -> None:
+def _print(outlines: list[JournalSummary], place: Path, *, count: int, total_bytes: int) -> None:
     from rich.markup import escape
 
-    from markerseek.cli.terminal import one_line, people
+    from markerseek.cli.terminal import one_line, stdout
 
     for each in outlines:
-        people.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
+        stdout.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
     shown = "" if len(outlines) == count else f", the newest {len(outlines)} are listed (--last)"
-    people.print(f"{count} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
+    stdout.print(f"{count} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
 
 
-def _in_words(each: Outline) -> str:
+def _in_words(each: JournalSummary) -> str:
     if each.method is None:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else f"{each.begun[:16].replace('T', ' ')} UTC"
     end = each.answer or each.state
     if each.angle_deg is not None:
         end += f" at {each.angle_deg:.3f}°"
-    told = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
-    return f"{told}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
+    text = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
+    return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")

@@ -54,14 +54,14 @@ def command(
     interpolated between recorded angles, as in the paper's offline analysis.
     """
     from markerseek import rigs
-    from markerseek.cli.hunt import conclude, hunt
-    from markerseek.cli.keeping import held_open, new_journal
+    from markerseek.cli.session import run_new_session
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.rigs.journalled import configuration_of, search_events
-    from markerseek.search import build, method_named
+    from markerseek.runs.session import new_session, plan_on
+    from markerseek.search import method_named
 
-    folder = picture_folder(out, plot=plot)
+    output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     announce_compilation()
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
@@ -75,34 +75,14 @@ def command(
         raise ConfigError(
             f"--acquisitions is {acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
-    policy = build(
-        method,
-        limits=assembled.limits.search,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        start_deg=assembled.stage.angle_deg,
-    )
-    configuration = configuration_of(
+    plan = plan_on(
         assembled,
         method=method,
         acquisitions=acquisitions,
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
-        dark_frames=0 if as_published else assembled.dark_frames,
         stay=stay,
-        seed=None,
     )
-    with held_open(new_journal(journal, configuration, wanted=journal is not None)) as kept:
-        events = search_events(policy, assembled, configuration, kept)
-        recorder, result = hunt(events, configuration, most=acquisitions, journal=kept, as_json=as_json)
-    conclude(
-        recorder,
-        result,
-        description=assembled.description,
-        imaging=assembled.imaging,
-        journal=kept,
-        as_json=as_json,
-        plot=plot,
-        out=folder,
-        name="replay",
-    )
+    session = new_session(assembled, plan)
+    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)
+    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

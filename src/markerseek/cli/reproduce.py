@@ -51,7 +51,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
-    from markerseek.cli.terminal import people, print_json, stages_bar
+    from markerseek.cli.terminal import print_json, stages_bar, stdout
     from markerseek.core import ConfigError
     from markerseek.pictures import require_room_for_pictures
     from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, Stopwatch, write_report, write_section
@@ -97,7 +97,7 @@ def command(
         return
     for section, duration in zip(sections, durations, strict=True):
         _print(section, duration)
-    people.print(f"[dim]report:[/] {page}")
+    stdout.print(f"[dim]report:[/] {page}")
 
 
 def _require_frames(bank: Path, probe: str) -> None:
@@ -134,10 +134,10 @@ def _print(section: Section, duration: Duration) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
     from markerseek.studies.paper import shown
 
-    people.print(f"[bold]{escape(section.title)}[/]")
+    stdout.print(f"[bold]{escape(section.title)}[/]")
     if section.comparisons:
         table = Table(box=None, padding=(0, 2, 0, 0))
         for name in ("", "condition", "paper", "ours", "difference"):
@@ -151,7 +151,7 @@ def _print(section: Section, duration: Duration) -> None:
                 shown(each.ours) + half,
                 shown(each.difference),
             )
-        people.print(table)
+        stdout.print(table)
     for remark in section.remarks:
-        people.print(f"  {escape(remark)}")
-    people.print(f"[dim]took {escape(str(duration))}[/]\n")
+        stdout.print(f"  {escape(remark)}")
+    stdout.print(f"[dim]took {escape(str(duration))}[/]\n")

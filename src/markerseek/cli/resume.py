@@ -1,4 +1,4 @@
-"""``markerseek resume``: goes on with a search that was stopped, or that died."""
+"""``markerseek resume``: continues a search that was stopped, or whose process died."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.drivers.settings import BenchSettings
     from markerseek.records.journal import Recording
-    from markerseek.records.result import Recorder, SearchResult
+    from markerseek.records.result import Recorder
     from markerseek.signals import ImageReader
 
 NAME = "resume"
@@ -50,147 +51,138 @@ def command(
     and never from the journal, and its differences to the journal's rig are printed. The result of a run that is over
     is printed.
     """
-    from markerseek.cli.hunt import conclude
-    from markerseek.cli.on_rig import NOT_ARMED
+    from markerseek.cli.open_rig import NOT_ARMED
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.records.journal import read_journal, result_of, standing
-    from markerseek.rigs.resuming import require_reset
+    from markerseek.records.journal import read_journal, result_of, run_state
+    from markerseek.runs.resume import require_reset
 
-    folder = picture_folder(out, plot=plot)
+    output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     held = read_journal(journal, frames=plot)
-    stands = standing(held.entries)
-    if stands.state == "finished":
-        recorder, result = result_of(held)
-        imaging = _imaging_again(held) if plot else None
+    state = run_state(held.entries)
+    if state.state == "finished":
+        recorder, _ = result_of(held)
+        imaging = _imaging(held) if plot else None
     else:
-        require_reset(held.path, stands, reset_fault=reset_fault)
+        require_reset(held.path, state, reset_fault=reset_fault)
         bench = _bench_named(held, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(held, bench, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        recorder, result, imaging = _go_on(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
-    conclude(
-        recorder,
-        result,
-        description=held.configuration.description,
-        imaging=imaging,
-        journal=None,
-        as_json=as_json,
-        plot=plot,
-        out=folder,
-        name="resume",
-    )
+        recorder, imaging = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
+    conclude(recorder, held.configuration, output, imaging=imaging)
 
 
 def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
-    from markerseek.cli.hunt import resume_command
-    from markerseek.cli.on_rig import print_permissions
+    from markerseek.cli.open_rig import print_permissions
+    from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_warning
     from markerseek.drivers.settings import BenchSettings
-    from markerseek.rig_file import read_rig_file
-    from markerseek.rigs.again import recorded_bench
-    from markerseek.rigs.same_bench import require_same_measurement
+    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.runs.rebuild import recorded_bench
+    from markerseek.runs.same_bench import require_same_measurement
 
     recorded = recorded_bench(held.configuration)
-    if recorded is None:
-        if rig is not None:
+    named: BenchSettings | None = None
+    if recorded is None and rig is not None:
+        raise ConfigError(
+            f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
+            "leave --rig out"
+        )
+    if recorded is not None and rig is None and arm:
+        raise ConfigError(
+            f"{held.path}: it is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
+        )
+    if recorded is not None and rig is not None:
+        settings = read_rig_file(rig)
+        if not isinstance(settings, BenchSettings):
             raise ConfigError(
-                f"--rig {rig}: {held.path} is of a {held.configuration.rig} rig and describes it in full; "
-                "leave --rig out"
+                f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file"
             )
-        return None
-    if rig is None:
-        if arm:
-            raise ConfigError(
-                f"{held.path}: it is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
-                f"{resume_command(held.path, Path('RIG.toml'))} --arm"
-            )
-        return None
-    named = read_rig_file(rig)
-    if not isinstance(named, BenchSettings):
-        raise ConfigError(f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file")
-    try:
-        differences = require_same_measurement(held.configuration, recorded, named)
-    except ConfigError as problem:
-        raise ConfigError(f"{rig}: {problem}") from problem
-    for difference in differences:
-        print_warning(f"{rig} differs from the rig of the journal: {difference}")
-    print_permissions(named)
+        named = settings
+        try:
+            differences = require_same_measurement(held.configuration, recorded, named)
+        except ConfigError as problem:
+            raise ConfigError(f"{rig}: {problem}") from problem
+        for difference in differences:
+            print_warning(f"{rig} differs from the rig of the journal: {difference}")
+        print_permissions(named)
     return named
 
 
-def _go_on(
+def _resume(
     journal: Path, rig_file: Path | None, bench: BenchSettings | None, *, reset_fault: bool, as_json: bool
-) -> tuple[Recorder, SearchResult, ImageReader | None]:
-    """Lock the journal, assemble rig and policy again, and let them go on."""
-    from markerseek.cli.hunt import hunt
-    from markerseek.cli.keeping import held_open
-    from markerseek.cli.on_rig import person
+) -> tuple[Recorder, ImageReader | None]:
+    """Lock the journal, rebuild rig and policy, and continue the run."""
+    from markerseek.cli.open_rig import person
+    from markerseek.cli.session import closed_at_end, run_session
     from markerseek.records.journal import Journal
-    from markerseek.rigs.again import policy_again, rig_again
-    from markerseek.rigs.resuming import resumed
-    from markerseek.search import method_named
+    from markerseek.runs.rebuild import rebuild_rig
+    from markerseek.runs.session import resumed_session
 
     kept, held = Journal.reopen(journal)
-    begun_with = held.configuration
-    with held_open(kept), rig_again(begun_with, bench_settings=bench) as rig:
-        events = resumed(policy_again(begun_with), rig, kept, held, by=person(), reset_fault=reset_fault)
-        most = begun_with.acquisitions or method_named(begun_with.method).acquisitions
-        recorder, result = hunt(events, begun_with, most=most, journal=kept, as_json=as_json, rig_file=rig_file)
-    return recorder, result, rig.imaging
+    with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
+        session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
+        run_session(session, as_json=as_json, rig_file=rig_file)
+    return session.recorder, rig.imaging
 
 
 def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -> bool:
-    """Print where the run stands, and ask whoever sits at the terminal whether to go on."""
-    from rich.markup import escape
+    """Print the state of the run, and ask whoever sits at the terminal whether to continue; a program is not asked."""
+    rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
+    can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
+    _print_state(held, as_json=as_json, rig_file_needed=rig_file_needed, can_ask=can_ask)
+    return can_ask and typer.confirm("Arm the laser and go on?", default=False)
 
-    from markerseek.cli.hunt import resume_command
-    from markerseek.cli.terminal import people, print_json
-    from markerseek.records.journal import standing
-    from markerseek.rigs.again import next_angle, policy_again
-    from markerseek.rigs.checking import telling
 
-    stands = standing(held.entries)
-    rig_file_needed = bench is None and held.configuration.rig == "bench"
-    following_deg = next_angle(held, policy_again(held.configuration))
-    checks_deg = [sample.angle_deg for sample in telling(held.entries)]
+def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
+    """What is kept, where the next acquisition would be, what would be measured again, and how to continue."""
+    from markerseek.cli.session import resume_command
+    from markerseek.cli.terminal import print_json, stdout
+    from markerseek.records.journal import run_state
+    from markerseek.runs.rebuild import next_angle, rebuild_policy
+    from markerseek.runs.recheck import samples_to_recheck
+
+    state = run_state(held.entries)
+    next_deg = next_angle(held, rebuild_policy(held.configuration))
+    checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]
     if as_json:
         print_json(
             {
-                "state": stands.state,
+                "state": state.state,
                 "armed": False,
-                "acquisitions": stands.acquisitions,
-                "next_deg": following_deg,
+                "acquisitions": state.acquisitions,
+                "next_deg": next_deg,
                 "checks_deg": checks_deg,
                 "journal": str(held.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
-        return False
-    kept = "1 acquisition is kept" if stands.acquisitions == 1 else f"{stands.acquisitions} acquisitions are kept"
-    people.print(
-        f"{escape(held.configuration.method)} on a {held.configuration.rig} rig: {kept}; "
-        + ("only the end is left" if following_deg is None else f"the next is at {following_deg:.3f}°")
-    )
+        return
+    kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
+    lines = [
+        f"{held.configuration.plan.method} on a {held.configuration.facts.kind} rig: {kept}; "
+        + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
+    ]
     if checks_deg:
-        people.print(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
+        lines.append(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
     if rig_file_needed:
-        people.print(
+        lines.append(
             "not armed: nothing moved and nothing was fired; a journal does not bring its own rig, go on with: "
-            + escape(f"{resume_command(held.path, Path('RIG.toml'))} --arm")
+            f"{resume_command(held.path, Path('RIG.toml'))} --arm"
         )
-        return False
-    if not sys.stdin.isatty():
-        people.print("not armed: nothing moved and nothing was fired; add --arm to go on")
-        return False
-    return typer.confirm("Arm the laser and go on?", default=False)
+    elif not can_ask:
+        lines.append("not armed: nothing moved and nothing was fired; add --arm to go on")
+    for line in lines:
+        stdout.print(escape(line))
 
 
-def _imaging_again(held: Recording) -> ImageReader | None:
+def _imaging(held: Recording) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
-    from markerseek.rigs.again import reader_again
+    from markerseek.runs.rebuild import rebuild_reader
     from markerseek.signals import ImageReader
 
-    reader = reader_again(held.configuration)
+    reader = rebuild_reader(held.configuration)
     return reader if isinstance(reader, ImageReader) else None

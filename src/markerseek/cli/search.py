@@ -33,7 +33,7 @@ def command(
         typer.Option(help="Simulated stand-in for a material, instead of the rig's; an unknown name lists all."),
     ] = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; a simulated one needs it not.")
+        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
     seed: Annotated[
         int | None,
@@ -53,46 +53,26 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
-    from markerseek.cli.hunt import conclude, hunt
-    from markerseek.cli.keeping import held_open, new_journal
-    from markerseek.cli.on_rig import arm_rig, open_rig, seed_of
+    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.session import run_new_session
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.rigs.journalled import configuration_of, search_events
-    from markerseek.search import build, method_named
+    from markerseek.runs.session import new_session, plan_on
+    from markerseek.search import method_named
 
-    folder = picture_folder(out, plot=plot)
-    most = acquisitions or method_named(method).acquisitions
+    output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
-        policy = build(
-            method,
-            limits=assembled.limits.search,
-            acquisitions=acquisitions,
-            as_published=as_published,
-            start_deg=start_deg,
-        )
-        announce_compilation()
-        configuration = configuration_of(
+        plan = plan_on(
             assembled,
             method=method,
             acquisitions=acquisitions,
             as_published=as_published,
             start_deg=start_deg,
-            dark_frames=0 if as_published else assembled.dark_frames,
             stay=stay,
-            seed=seed_of(assembled),
         )
+        session = new_session(assembled, plan)
+        announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
-        with held_open(new_journal(journal, configuration, wanted=not no_journal)) as kept:
-            events = search_events(policy, assembled, configuration, kept)
-            recorder, result = hunt(events, configuration, most=most, journal=kept, as_json=as_json, rig_file=rig)
-    conclude(
-        recorder,
-        result,
-        description=assembled.description,
-        imaging=assembled.imaging,
-        journal=kept,
-        as_json=as_json,
-        plot=plot,
-        out=folder,
-        name="search",
-    )
+        session = run_new_session(session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig)
+    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import msgspec
 import typer
 
-from markerseek.cli.stopping import Stopped
+from markerseek.cli.signals import Stopped
 from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
 
@@ -54,7 +54,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Run a study, or continue one that was interrupted, and print its summary."""
-    from markerseek.cli.terminal import people, print_json, progress_bar
+    from markerseek.cli.terminal import print_json, progress_bar, stdout
     from markerseek.studies import read_study, run_study
 
     # Before hours of searching, not after them.
@@ -93,15 +93,15 @@ def command(
     show_summary(finish.summary)
     if bounds:
         show_bounds(bounds)
-    people.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
+    stdout.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
     """Say how to continue, and end the command as after Ctrl-C."""
-    from markerseek.cli.terminal import aside, print_json
+    from markerseek.cli.terminal import print_json, stderr
 
     said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
-    aside.print(said)
+    stderr.print(said)
     if as_json:
         print_json({"error": said, "kind": "Stopped"})
     raise Stopped(STOPPED) from None
@@ -117,7 +117,7 @@ def _require_alone(**given: object) -> None:
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     from rich.table import Table
 
-    from markerseek.cli.terminal import people, print_json
+    from markerseek.cli.terminal import print_json, stdout
     from markerseek.studies import run_row
     from markerseek.studies.table import columns, values_of
 
@@ -129,7 +129,7 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in named.items():
         table.add_row(f"[dim]{name}[/]", "–" if value is None else str(value))
-    people.print(table)
+    stdout.print(table)
 
 
 def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:

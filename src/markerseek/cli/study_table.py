@@ -25,16 +25,16 @@ def show_summary(summary: Summary) -> None:
     """
     from rich.markup import escape
 
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
 
-    people.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
+    stdout.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
-        people.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
+        stdout.print(f"  [bold]{policy.policy}[/]  {escape(policy.label)}")
     for cell in sorted({policy.cell for policy in summary.policies}):
         here = [policy for policy in summary.policies if policy.cell == cell]
         settings = ", ".join(f"{key} = {value}" for key, value in here[0].settings.items())
-        people.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
+        stdout.print(f"\ncell {cell}{escape(': ' + settings if settings else '')}")
         table = _table("", "found", "mean error of these", f"> {summary.failure_deg:g}°", "N", "rotation", "time")
         for policy in here:
             table.add_row(
@@ -46,10 +46,10 @@ def show_summary(summary: Summary) -> None:
                 _plain(policy.travel_deg, "°"),
                 _plain(policy.elapsed_s, " s"),
             )
-        people.print(table)
-        people.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
+        stdout.print(table)
+        stdout.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
     if summary.differences:
-        people.print("\nerror of one less that of another, where both found, same trials")
+        stdout.print("\nerror of one less that of another, where both found, same trials")
         table = _table("cell", "policies", "trials", "mean difference")
         for pair in summary.differences:
             table.add_row(
@@ -58,7 +58,7 @@ def show_summary(summary: Summary) -> None:
                 str(pair.error_deg.count),
                 _mean(pair.error_deg, least=-math.inf),
             )
-        people.print(table)
+        stdout.print(table)
 
 
 def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
@@ -69,9 +69,9 @@ def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
     comparisons
         One for each policy and cell.
     """
-    from markerseek.cli.terminal import people
+    from markerseek.cli.terminal import stdout
 
-    people.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
+    stdout.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
     for each in comparisons:
         median_ms, largest_ms = each.decision_ms
@@ -88,7 +88,7 @@ def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
             f"{median_ms:.3g} ms",
             f"{largest_ms:.3g} ms",
         )
-    people.print(table)
+    stdout.print(table)
 
 
 def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:

@@ -1,4 +1,4 @@
-"""What all commands share: where people and programs are written to, and how long work shows that it goes on.
+"""What all commands share: standard output and error, JSON for programs, and progress bars.
 
 Programs read one JSON object on standard output (``--json``); progress, warnings and errors go to standard error.
 """
@@ -62,10 +62,10 @@ class SafeConsole(Console):
         return super().render_str(printable(text), **options)
 
 
-people = SafeConsole(highlight=False, soft_wrap=True)
+stdout = SafeConsole(highlight=False, soft_wrap=True)
 """Standard output, for people."""
 
-aside = SafeConsole(stderr=True, highlight=False, soft_wrap=True)
+stderr = SafeConsole(stderr=True, highlight=False, soft_wrap=True)
 """Standard error: progress, warnings, errors."""
 
 
@@ -120,7 +120,7 @@ def scaled(option: str, value: float | None, unit: float, *, most: float) -> flo
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:
     """Say what went wrong: in words on standard error, and as an object on standard output for programs."""
-    aside.print(f"[bold red]error:[/] {escape(str(error))}")
+    stderr.print(f"[bold red]error:[/] {escape(str(error))}")
     if as_json:
         print_json({"error": str(error), "kind": type(error).__name__})
 
@@ -129,14 +129,14 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
 def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
     """A bar on standard error with one task of so many steps; invisible where that is no terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=aside, transient=True, disable=not aside.is_terminal) as progress:
+    with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)
         yield progress
 
 
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
     """Say on standard error what Python warns of, without the line of code that it came from."""
-    aside.print(f"[yellow]warning:[/] {escape(str(message))}")
+    stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 
 def picture_folder(out: Path | None, *, plot: bool) -> Path:
@@ -165,17 +165,17 @@ def announce_compilation() -> None:
 
     folders = {Path(kernel.stats.cache_path) for kernel in KERNELS if kernel.stats.cache_path is not None}
     if folders and not any(index for folder in folders for index in folder.glob("*.nbi")):
-        aside.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
+        stderr.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
 
 
 @contextmanager
 def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
     """A bar on standard error for each stage of a long work; invisible where that is no terminal.
 
-    What comes back hears of a stage's name, how many of its steps are done, and how many there are.
+    The function that comes back takes the name of a stage, how many of its steps are done, and how many there are.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=aside, disable=not aside.is_terminal) as progress:
+    with Progress(*columns, console=stderr, disable=not stderr.is_terminal) as progress:
         tasks: dict[str, TaskID] = {}
 
         def advance(stage: str, done: int, total: int) -> None:

@@ -14,10 +14,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import aside, people, print_json
+from markerseek.cli.terminal import print_json, stderr, stdout
 
 if TYPE_CHECKING:
-    from markerseek.records.recordings.ultrasonix import UltrasonixFile
+    from markerseek.records.banks.ultrasonix import UltrasonixFile
 
 
 class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,7 +53,7 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
     as_json
         One object for programs instead of words for people.
     """
-    from markerseek.records.recordings.ultrasonix import open_ultrasonix
+    from markerseek.records.banks.ultrasonix import open_ultrasonix
 
     file = open_ultrasonix(path)
     header = file.header
@@ -81,13 +81,13 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
     if plot:
         picture = out / f"{path.stem}.png"
         _draw(file, pixels, picture, number=number)
-        (aside if as_json else people).print(f"[dim]picture:[/] {escape(str(picture))}")
+        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(picture))}")
 
 
 def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
     b_mode = report.content == "b-mode"
     what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
-    people.print(f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for")
+    stdout.print(f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for")
     size = f"{report.width} × {report.height} pixels" if b_mode else f"{report.width} lines of {report.height} samples"
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_row("[dim]frames[/]", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else ""))
@@ -98,7 +98,7 @@ def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
     table.add_row("[dim]lines over the probe[/]", str(report.line_density))
     table.add_row("[dim]probe number[/]", str(report.probe_number))
     table.add_row(f"[dim]values of frame {report.frame}[/]", f"{report.smallest} to {report.largest}")
-    people.print(table)
+    stdout.print(table)
 
 
 def _draw(file: UltrasonixFile, pixels: np.ndarray, path: Path, *, number: int) -> None:

@@ -1,6 +1,7 @@
 """The vocabulary of markerseek: values, protocols, events and errors. Pure, and on the floor of the house."""
 
 from markerseek.core.array import LinearArray
+from markerseek.core.checks import require_range
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -18,11 +19,13 @@ from markerseek.core.errors import (
 )
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
+from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
+from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
     LEAST_INTENSITY,
@@ -75,14 +78,18 @@ __all__ = [
     "Receiver",
     "RecordError",
     "Refused",
+    "RigFacts",
+    "RigKind",
     "Role",
     "Sample",
     "SaturationError",
     "SearchError",
+    "SearchPlan",
     "Stage",
     "Started",
     "Unsure",
     "as_interval",
     "is_finite",
     "is_whole",
+    "require_range",
 ]

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeGuard, TypeVar
 
-from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
+from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit, require_range
 from markerseek.wire import laserbox as wire
 from markerseek.wire.port import Port
 
@@ -78,17 +78,13 @@ class LaserBox:
             raise ConfigError(
                 f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MOST_RATE_HZ}"
             )
-        if not 1 <= dark_triggers <= wire.MOST_PULSES:
-            raise ConfigError(
-                f"laser box: dark_triggers is {dark_triggers}, it must lie between 1 and {wire.MOST_PULSES}"
-            )
+        require_range("laser box: dark_triggers", dark_triggers, low=1, high=wire.MOST_PULSES)
         if not dark_triggers / rate_hz <= wire.MOST_EXPIRY_MS / 1e3:
             raise ConfigError(
                 f"laser box: {dark_triggers} triggers at {rate_hz} Hz take {dark_triggers / rate_hz:g} s, the limit is "
                 f"{wire.MOST_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
             )
-        if not 0.1 <= answer_s <= 5:
-            raise ConfigError(f"laser box: answer_s is {answer_s} s, it must lie between 0.1 and 5 s")
+        require_range("laser box: answer_s", answer_s, low=0.1, high=5, unit="s")
         self._port = port
         self._clock = clock
         self._rate_hz = round(rate_hz)

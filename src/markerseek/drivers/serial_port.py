@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import termios
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Literal
 
-from markerseek.core import ConfigError, MissingExtraError, NotConnectedError
+from markerseek.core import ConfigError, NotConnectedError, require_range
+from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
 
 _WRITE_TIMEOUT_S = 0.5
 """A line that takes no bytes for so long is gone."""
@@ -31,14 +30,13 @@ class SerialSettings:
 
     path: str
     baud: int = 115200
-    parity: Literal["N", "E", "O"] = "N"
+    parity: Parity = "N"
     handshake: bool = False
 
     def __post_init__(self) -> None:
         if not self.path:
             raise ConfigError("serial port: path is empty; name the port, for instance /dev/ttyUSB0")
-        if not 300 <= self.baud <= 4_000_000:
-            raise ConfigError(f"serial port: baud is {self.baud}, it must lie between 300 and 4000000 bits per second")
+        require_range("serial port: baud", self.baud, low=300, high=4_000_000, unit="bits per second")
 
 
 class SerialPort:
@@ -58,27 +56,10 @@ class SerialPort:
     """
 
     def __init__(self, settings: SerialSettings) -> None:
-        try:
-            import serial  # type: ignore[import-untyped, unused-ignore]
-        except ModuleNotFoundError as missing:
-            raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial port") from missing
         self._path = settings.path
-        # pyserial's own errors are OSErrors; a broken pseudo-terminal shows as termios.error.
-        self._broken = (OSError, termios.error)
-        try:
-            self._line = serial.Serial(
-                port=settings.path,
-                baudrate=settings.baud,
-                parity=settings.parity,
-                timeout=0,
-                write_timeout=_WRITE_TIMEOUT_S,
-                exclusive=True,
-            )
-        except (*self._broken, ValueError) as error:
-            raise NotConnectedError(
-                f"serial port {settings.path} cannot be opened ({error}); plug the device in and switch it on, and end "
-                "another program that holds it"
-            ) from error
+        self._line = open_serial(
+            settings.path, baud=settings.baud, parity=settings.parity, write_timeout_s=_WRITE_TIMEOUT_S
+        )
         if settings.handshake:
             self._shake_hands()
 
@@ -92,7 +73,7 @@ class SerialPort:
         """
         try:
             sent = self._line.write(data)
-        except self._broken as error:
+        except SERIAL_ERRORS as error:
             raise self._gone() from error
         if sent != len(data):
             raise self._gone()
@@ -108,11 +89,11 @@ class SerialPort:
         try:
             self._line.timeout = timeout_s
             return bytes(self._line.read(size))
-        except self._broken as error:
+        except SERIAL_ERRORS as error:
             raise self._gone() from error
 
     def close(self) -> None:
-        """Let go of the line; allowed twice."""
+        """Close the line; allowed twice."""
         self._line.close()
 
     def __enter__(self) -> SerialPort:
@@ -125,7 +106,7 @@ class SerialPort:
         try:
             self._line.rts = True
             self._line.rtscts = True
-        except self._broken:
+        except SERIAL_ERRORS:
             self._line.rtscts = False
 
     def _gone(self) -> NotConnectedError:

@@ -9,8 +9,21 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, require_range
+from markerseek.drivers._kdc101_settings import StageKeys
+from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
+
+__all__ = [
+    "BenchLaser",
+    "BenchProbe",
+    "BenchReceiver",
+    "BenchSettings",
+    "BenchStage",
+    "BenchSupervisor",
+    "SonixDaqKeys",
+    "StageKeys",
+]
 
 _LIGHT = {
     "wavelength_nm": (400, 1400, "nm"),
@@ -22,43 +35,20 @@ _LIGHT = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchStage:
-    """The rotation stage; speeds and approach as in `markerseek.drivers.kdc101.StageSettings`.
+class BenchStage(StageKeys):
+    """The rotation stage: its port beside the keys of `StageKeys`, of which ``zero_deg`` cannot be left out.
 
     Attributes
     ----------
     port
         Serial port of its controller.
-    zero_deg
-        The stage's own reading at which the probe points at 0, in degrees.
-    direction
-        Whether the probe's angle grows with the stage's own reading ("forward") or falls ("reverse"). The default is an
-        assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` proves it.
     driver
         Which stage it is.
-    serial_number
-        Which controller it must be; None takes any.
-    speed_deg_s, acceleration_deg_s2
-        How it moves, in degrees per second and per second squared.
-    approach_from, approach_deg
-        Side from which every target is arrived at, and on how long a way, in degrees.
-    begin_s
-        How long it may stand still before it is taken to be stuck, in seconds.
-    age_s
-        How old the controller's answer may be, in seconds.
     """
 
     port: str
     zero_deg: float
-    direction: Literal["forward", "reverse"] = "forward"
     driver: Literal["kdc101"] = "kdc101"
-    serial_number: int | None = None
-    speed_deg_s: float = 10.0
-    acceleration_deg_s2: float = 10.0
-    approach_from: Literal["below", "above"] = "below"
-    approach_deg: float = 1.0
-    begin_s: float = 0.5
-    age_s: float = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,17 +85,15 @@ class BenchLaser:
     def __post_init__(self) -> None:
         for name, (low, high, unit) in _LIGHT.items():
             value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise ConfigError(f"laser: {name} is {value} {unit}, it must lie in [{low:g}, {high:g}] {unit}")
-        if not 1 <= self.pulses <= 1024:
-            raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and 1024")
-        if not 0 < self.rate_hz <= 1000:
-            raise ConfigError(f"laser: rate_hz is {self.rate_hz} Hz, it must lie in (0, 1000] Hz")
+            if value is not None:
+                require_range(f"laser: {name}", value, low=low, high=high, unit=unit)
+        require_range("laser: pulses", self.pulses, low=1, high=1024)
+        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchReceiver:
-    """The data acquisition; as in `markerseek.drivers.sonixdaq.SonixDaqSettings`.
+class BenchReceiver(SonixDaqKeys):
+    """The data acquisition: its folder beside the keys of `SonixDaqKeys`.
 
     Attributes
     ----------
@@ -113,33 +101,20 @@ class BenchReceiver:
         Where the SonixDAQ's software writes its channel files, of either SDK.
     driver
         Which data acquisition it is.
-    sampling_hz
-        Sampling frequency in Hz.
-    timeout_s, stable_s
-        Longest time to the complete files, and how long they must be left alone, in seconds.
-    readout_s
-        Longest time from a trigger to the last file, in seconds.
     frames
         How many pulses it records: as many as it is triggered, or always a fixed number. The first allows that their
         number varies from acquisition to acquisition, so that a file shows which trigger it answers.
-    start_command, start_timeout_s
-        Program and arguments that get it ready for a trigger, and how long that may take, in seconds.
     noise_ratio
         Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`.
     """
 
     folder: str
     driver: Literal["sonixdaq"] = "sonixdaq"
-    sampling_hz: float = 40e6
-    timeout_s: float = 60.0
-    stable_s: float = 0.2
-    readout_s: float = 12.0
     frames: Literal["triggered", "fixed"] = "fixed"
-    start_command: tuple[str, ...] | None = None
-    start_timeout_s: float = 10.0
     noise_ratio: float = 2.0
 
     def __post_init__(self) -> None:
+        SonixDaqKeys.__post_init__(self)
         if not 1 < self.noise_ratio < math.inf:
             raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
 
@@ -167,21 +142,16 @@ class BenchProbe:
     face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
-        if self.face_radius_m is not None and not 0 < self.face_radius_m <= 0.05:
-            raise ConfigError(f"probe: face_radius_m is {self.face_radius_m} m, it must lie in (0, 0.05] m")
-        if self.sound_speed_m_s is not None and not 1000 <= self.sound_speed_m_s <= 2000:
-            raise ConfigError(
-                f"probe: sound_speed_m_s is {self.sound_speed_m_s} m/s, it must lie between 1000 and 2000 m/s"
-            )
-        if not math.fabs(self.trigger_offset_s) <= 1e-4:
-            raise ConfigError(
-                f"probe: trigger_offset_s is {self.trigger_offset_s} s, it must lie between -1e-4 and 1e-4 s"
-            )
+        if self.face_radius_m is not None:
+            require_range("probe: face_radius_m", self.face_radius_m, low=0, high=0.05, unit="m", open_low=True)
+        if self.sound_speed_m_s is not None:
+            require_range("probe: sound_speed_m_s", self.sound_speed_m_s, low=1000, high=2000, unit="m/s")
+        require_range("probe: trigger_offset_s", self.trigger_offset_s, low=-1e-4, high=1e-4, unit="s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchSupervisor:
-    """The process that holds the lines and lets go of them when the search dies or hangs.
+    """The process that holds the lines and releases them when the search dies or hangs.
 
     Attributes
     ----------
@@ -196,8 +166,7 @@ class BenchSupervisor:
     lease_s: float = 0.1
 
     def __post_init__(self) -> None:
-        if not 0.05 <= self.lease_s <= 1:
-            raise ConfigError(f"supervisor: lease_s is {self.lease_s} s, it must lie between 0.05 and 1 s")
+        require_range("supervisor: lease_s", self.lease_s, low=0.05, high=1, unit="s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,74 +11,22 @@ of the permit, which the scanner varies where the device allows (decision 20).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
     Clock,
-    ConfigError,
     DeviceTimeoutError,
     FrameHeader,
     Permit,
 )
+from markerseek.drivers._sonixdaq_settings import SonixDaqSettings
 from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
 from markerseek.drivers.program import run_to_its_end
 from markerseek.wire import sonixdaq as wire
 
+__all__ = ["SonixDaqReceiver", "SonixDaqSettings"]
+
 _POLL_S = 0.05
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SonixDaqSettings:
-    """How a SonixDAQ's folder is watched.
-
-    Attributes
-    ----------
-    folder
-        Where its software writes the channel files, over those of the acquisition before.
-    sampling_hz
-        Sampling frequency in Hz; the files do not hold it.
-    dark_triggers
-        Pulses that a dark acquisition averages: how often the laser box triggers it.
-    timeout_s
-        Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
-    stable_s
-        Time for which complete files must be left alone to be believed, in seconds.
-    readout_s
-        Longest time from a trigger to the last file, in seconds: a folder that was left alone for so long is settled.
-    start_command
-        Program and arguments that get the device ready for a trigger; no shell reads them, and ``{frames}`` in them
-        becomes the number of pulses to come. None: it is always ready.
-    start_timeout_s
-        Longest time that the command may take, in seconds.
-    """
-
-    folder: Path
-    sampling_hz: float = 40e6
-    dark_triggers: int = 16
-    timeout_s: float = 60.0
-    stable_s: float = 0.2
-    readout_s: float = 12.0
-    start_command: tuple[str, ...] | None = None
-    start_timeout_s: float = 10.0
-
-    def __post_init__(self) -> None:
-        for name, most in (
-            ("sampling_hz", 1e9),
-            ("timeout_s", 600.0),
-            ("readout_s", 600.0),
-            ("start_timeout_s", 600.0),
-        ):
-            if not 0 < getattr(self, name) <= most:
-                raise ConfigError(f"sonixdaq: {name} is {getattr(self, name)}, it must lie in (0, {most:g}]")
-        if not 0 <= self.stable_s < self.timeout_s:
-            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
-        if self.dark_triggers < 1:
-            raise ConfigError(f"sonixdaq: dark_triggers is {self.dark_triggers}, at least 1 is needed")
-        if self.start_command is not None and not (self.start_command and self.start_command[0]):
-            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
 
 
 class SonixDaqReceiver:

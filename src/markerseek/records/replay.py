@@ -23,7 +23,6 @@ from markerseek.core import (
     LaserError,
     LimitError,
     Permit,
-    Reading,
     ReadingFrame,
     RecordError,
 )
@@ -190,22 +189,6 @@ class ReplayReceiver:
             raise RecordError(f"replay: the state of the recording cannot be read: {problem}") from problem
         self._stage.move_to(state.angle_deg)
         self._armed, self._sequence, self._dark = None, state.sequence, state.dark
-
-
-class IntensityReader:
-    """Reader of frames that somebody else has reduced to one number."""
-
-    def read(self, frame: Frame) -> Reading:
-        """Reading with the intensity, and with the noise where the frame tells it.
-
-        Raises
-        ------
-        ConfigError
-            If the frame holds channel data, which needs an imaging chain.
-        """
-        if not isinstance(frame, ReadingFrame):
-            raise ConfigError("this reader takes intensities; channel data need a probe preset")
-        return Reading(intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells)
 
 
 def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:

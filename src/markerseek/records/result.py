@@ -21,15 +21,18 @@ from markerseek.core import (
     Measured,
     NotFound,
     Refused,
+    RigFacts,
+    RigKind,
     Sample,
     SearchError,
+    SearchPlan,
     Started,
     Unsure,
 )
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One acquisition of a result; what the frame did not tell is None."""
+    """One acquisition of a result; what the frame did not contain is None."""
 
     angle_deg: float
     intensity: float
@@ -57,7 +60,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
     ``angle_deg`` is where the method points, also when it does not claim a marker there. ``rig`` says whether any
     hardware was involved. ``truth_deg`` is known of simulated markers only, ``reference_deg`` is what the user compares
-    with, and ``error_deg`` the distance to either. ``confirmed`` tells whether the acquisition at the angle found
+    with, and ``error_deg`` the distance to either. ``confirmed`` says whether the acquisition at the angle found
     confirms it (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which
     does not judge it. ``configuration`` is the same for runs on equal rigs.
     """
@@ -67,7 +70,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     reason: str | None
     method: str
     as_published: bool
-    rig: Literal["simulated", "replayed", "bench"]
+    rig: RigKind
     angle_deg: float
     sigma_deg: float | None
     interval95_deg: tuple[float, float] | None
@@ -90,7 +93,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Recorder:
-    """Hears the events of a run and keeps what the result needs."""
+    """Collects from the events of a run what the result needs."""
 
     def __init__(self) -> None:
         self.samples: list[Sample] = []
@@ -99,7 +102,7 @@ class Recorder:
         self.start_deg: float = math.nan
         self._refused = 0
 
-    def hear(self, event: Event) -> None:
+    def add(self, event: Event) -> None:
         """Take in one event of `markerseek.scan.run`."""
         match event:
             case Started(start_deg=start_deg):
@@ -115,34 +118,15 @@ class Recorder:
             case Failed():
                 self.finished = None
 
-    def result(
-        self,
-        *,
-        method: str,
-        as_published: bool,
-        rig: Literal["simulated", "replayed", "bench"],
-        face_radius_m: float | None,
-        truth_deg: float | None,
-        reference_deg: float | None,
-        seed: int | None,
-        configuration: str,
-    ) -> SearchResult:
-        """Result of the run that was heard.
+    def result(self, plan: SearchPlan, facts: RigFacts) -> SearchResult:
+        """Result of the run.
 
         Parameters
         ----------
-        method, as_published
-            What searched.
-        rig
-            On what.
-        face_radius_m
-            Distance of the array's face from the axis of rotation in metres, None where it is not known.
-        truth_deg, reference_deg
-            Angle of the marker in degrees, where it is known: in a simulation, or from elsewhere.
-        seed
-            Seed of the simulation.
-        configuration
-            Fingerprint of the rig.
+        plan
+            What was asked.
+        facts
+            What is known of the rig.
 
         Raises
         ------
@@ -155,38 +139,37 @@ class Recorder:
         estimate = finished.estimate
         sigma_deg = estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None
         interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
-        known_deg = reference_deg if truth_deg is None else truth_deg
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
             reason=_reason(estimate),
-            method=method,
-            as_published=as_published,
-            rig=rig,
+            method=plan.method,
+            as_published=plan.as_published,
+            rig=facts.kind,
             angle_deg=estimate.mean_deg,
             sigma_deg=sigma_deg,
             interval95_deg=_ends(interval),
             interval_kind=estimate.interval_kind if isinstance(estimate, Found | Unsure) else None,
-            marker_trus_m=self._marker(estimate, face_radius_m) if isinstance(estimate, Found) else None,
+            marker_trus_m=self._marker(estimate, facts.face_radius_m) if isinstance(estimate, Found) else None,
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
-            elapsed_s=None if rig == "replayed" else finished.elapsed_s,
+            elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
             confirmed=None if self.confirmation is None or estimate.floor is None else isinstance(estimate, Found),
             floor=estimate.floor,
             samples=[SampleRow.of(sample) for sample in self.samples],
-            truth_deg=truth_deg,
-            reference_deg=reference_deg,
-            error_deg=None if known_deg is None else abs(estimate.mean_deg - known_deg),
-            seed=seed,
-            configuration=configuration,
+            truth_deg=facts.truth_deg,
+            reference_deg=facts.reference_deg,
+            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
+            seed=facts.seed,
+            configuration=facts.fingerprint,
         )
 
     def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
         """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""
-        heard = [*self.samples, *([self.confirmation] if self.confirmation else [])]
-        strongest = max(heard, key=lambda sample: sample.reading.intensity).reading
+        measured = [*self.samples, *([self.confirmation] if self.confirmation else [])]
+        strongest = max(measured, key=lambda sample: sample.reading.intensity).reading
         if face_radius_m is None or strongest.depth_m is None or strongest.lateral_m is None:
             return None
         radius_m = face_radius_m + strongest.depth_m

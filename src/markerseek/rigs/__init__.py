@@ -1,4 +1,4 @@
-"""Assembly, here and nowhere else: the parts of a rig, put together for a search.
+"""Puts the parts of a rig together, and reads rig files; what happens on a rig over time is in `markerseek.runs`.
 
 `simulated` makes a rig of a simulated world, `of_intensities` one of its intensity curve alone, `replayed` one of a
 recorded scan, and `markerseek.rigs.bench.bench` one of real devices, imported when it is used. All run under the same

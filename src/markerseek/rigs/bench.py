@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
-from markerseek.core import Clock, Laser
+from markerseek.core import Clock, Laser, RigFacts
 from markerseek.drivers import picolas
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
-from markerseek.drivers.settings import BenchProbe, BenchSettings
+from markerseek.drivers.settings import BenchProbe, BenchSettings, SonixDaqKeys, StageKeys
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.guard import Admission, Guard
 from markerseek.rigs.recipe import BenchRecipe
-from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.rigs.simulation import DARK_FRAMES
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, probe_preset
@@ -69,12 +70,12 @@ class OpenDevices:
         return self._ports["laser"]
 
     def arm(self) -> None:
-        """Let writes through, also after the supervisor let go."""
+        """Let writes through, also after the supervisor has closed the lines to them."""
         if self.supervisor is not None:
             self.supervisor.arm()
 
     def close(self) -> None:
-        """Let go of the lines; a supervisor says each one's farewell first. Allowed twice."""
+        """Close the lines; a supervisor sends each one's last message first. Allowed twice."""
         self._stack.close()
 
 
@@ -111,8 +112,14 @@ def bench(settings: BenchSettings) -> Rig:
 def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
     laser = _laser(settings, devices.laser, clock)
-    stage = Kdc101Stage(port=devices.stage, clock=clock, settings=_stage(settings))
-    receiver = SonixDaqReceiver(settings=_receiver(settings), clock=clock)
+    stage_settings = StageSettings(travel=settings.limits.travel, **_values(settings.stage, StageKeys))
+    stage = Kdc101Stage(port=devices.stage, clock=clock, settings=stage_settings)
+    receiver_settings = SonixDaqSettings(
+        folder=Path(settings.receiver.folder),
+        dark_triggers=settings.laser.pulses,
+        **_values(settings.receiver, SonixDaqKeys),
+    )
+    receiver = SonixDaqReceiver(settings=receiver_settings, clock=clock)
     scanner = Scanner(
         stage=stage,
         laser=laser,
@@ -127,7 +134,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         pulses=settings.pulses,
         dead_man=devices.supervisor,
     )
-    return Rig(
+    facts = RigFacts(
         kind="bench",
         description=(
             f"{stage.identity.model} {stage.identity.serial_number} at {settings.stage.port}, "
@@ -135,6 +142,12 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
             + (" (a fixed number of pulses, no watermark)" if settings.receiver.frames == "fixed" else "")
             + ("" if settings.supervisor.enabled else ", WITHOUT a supervisor")
         ),
+        fingerprint=fingerprint(settings),
+        search=settings.limits.search,
+        face_radius_m=settings.probe.face_radius_m,
+    )
+    return Rig(
+        facts=with_probe(facts, imaging),
         stage=stage,
         laser=laser,
         receiver=receiver,
@@ -142,9 +155,6 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         imaging=imaging,
         dark_frames=DARK_FRAMES,
         closing_dark=True,
-        face_radius_m=settings.probe.face_radius_m,
-        truth_deg=None,
-        configuration=fingerprint(settings),
         recipe=BenchRecipe(settings=settings),
         devices=devices,
     )
@@ -174,34 +184,9 @@ def _laser(settings: BenchSettings, port: Port, clock: Clock) -> Laser:
     )
 
 
-def _stage(settings: BenchSettings) -> StageSettings:
-    stage = settings.stage
-    return StageSettings(
-        travel=settings.limits.travel,
-        zero_deg=stage.zero_deg,
-        direction=stage.direction,
-        speed_deg_s=stage.speed_deg_s,
-        acceleration_deg_s2=stage.acceleration_deg_s2,
-        approach_from=stage.approach_from,
-        approach_deg=stage.approach_deg,
-        begin_s=stage.begin_s,
-        age_s=stage.age_s,
-        serial_number=stage.serial_number,
-    )
-
-
-def _receiver(settings: BenchSettings) -> SonixDaqSettings:
-    receiver = settings.receiver
-    return SonixDaqSettings(
-        folder=Path(receiver.folder),
-        sampling_hz=receiver.sampling_hz,
-        dark_triggers=settings.laser.pulses,
-        timeout_s=receiver.timeout_s,
-        stable_s=receiver.stable_s,
-        readout_s=receiver.readout_s,
-        start_command=receiver.start_command,
-        start_timeout_s=receiver.start_timeout_s,
-    )
+def _values(settings: StageKeys | SonixDaqKeys, keys: type[StageKeys] | type[SonixDaqKeys]) -> dict[str, Any]:
+    """The values of a rig file that a driver's settings share with it."""
+    return {field.name: getattr(settings, field.name) for field in fields(keys)}
 
 
 def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:

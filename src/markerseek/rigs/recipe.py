@@ -1,4 +1,4 @@
-"""What a rig was put together from, so that the same one can be put together again."""
+"""The settings from which a rig was made, so that the same one can be made again."""
 
 from __future__ import annotations
 

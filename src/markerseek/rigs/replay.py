@@ -9,14 +9,14 @@ from typing import Literal, SupportsFloat
 
 import numpy as np
 
-from markerseek.core import ConfigError, LinearArray
+from markerseek.core import LinearArray, RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.replay import IntensityReader, ReplayLaser, ReplayReceiver, ReplayStage
+from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.recipe import ReplayedRecipe
-from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
+from markerseek.signals import PRESET_NAMES, ImageReader, IntensityReader, ProbePreset, probe_preset
 from markerseek.sim import VirtualClock
 
 
@@ -50,8 +50,8 @@ def replayed(
     """
     path = Path(path)
     reference_deg = None if reference_deg is None else float(reference_deg)
-    if reference_deg is not None and not -360 <= reference_deg <= 360:
-        raise ConfigError(f"reference_deg is {reference_deg} deg, it must lie within one turn")
+    if reference_deg is not None:
+        require_range("reference_deg", reference_deg, low=-360, high=360, unit="deg")
     bank = read_bank(path)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)
@@ -79,19 +79,22 @@ def replayed(
         guard=guard,
         arms_itself=True,
     )
-    return Rig(
+    facts = RigFacts(
         kind="replayed",
         description=f"{path}, {len(bank.angles_deg)} angles" + (", interpolated between them" if interpolated else ""),
+        fingerprint=fingerprint(bank),
+        search=bank.range,
+        face_radius_m=bank.facts.face_radius_m,
+        reference_deg=reference_deg,
+    )
+    return Rig(
+        facts=with_probe(facts, imaging),
         stage=stage,
         laser=laser,
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
         dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
-        face_radius_m=bank.facts.face_radius_m,
-        truth_deg=None,
-        configuration=fingerprint(bank),
-        reference_deg=reference_deg,
         world=receiver,
         distinct_angles=None if interpolated else len(bank.angles_deg),
         recipe=ReplayedRecipe(

@@ -1,15 +1,15 @@
-"""What an assembled rig is, and the fingerprint by which equal ones are known."""
+"""An assembled rig: its devices, its scanner and its facts; and the fingerprint, which is the same for equal rigs."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Literal, Protocol, Self
+from typing import Protocol, Self
 
 import msgspec
 
-from markerseek.core import Laser, Receiver, Stage
+from markerseek.core import Laser, Receiver, RigFacts, Stage
 from markerseek.drivers.settings import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
@@ -20,13 +20,13 @@ from markerseek.sim import SimulatedSettings
 
 
 class Checkpointed(Protocol):
-    """A world that can be kept and put back."""
+    """A world whose state can be kept and restored."""
 
     def checkpoint(self) -> bytes:
         """State now, as JSON."""
 
     def restore(self, checkpoint: bytes) -> None:
-        """Go back to a state."""
+        """Restore a state."""
 
 
 class Devices(Protocol):
@@ -36,7 +36,7 @@ class Devices(Protocol):
         """Let commands through."""
 
     def close(self) -> None:
-        """Let go of them; allowed twice."""
+        """Release them; allowed twice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,10 +45,8 @@ class Rig:
 
     Attributes
     ----------
-    kind
-        Whether it is simulated, replays a recording, or is one of devices.
-    description
-        What it is, in words.
+    facts
+        What is known of it.
     stage, laser, receiver
         Its devices.
     scanner
@@ -59,14 +57,6 @@ class Rig:
         Frames without laser that a search should begin with; 0 where it cannot take any.
     closing_dark
         Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices.
-    face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None where it is not known.
-    truth_deg
-        Angle of the marker in degrees in a simulation; None where nobody knows it.
-    configuration
-        Fingerprint of the settings, or of the recording: the same for equal rigs.
-    reference_deg
-        Angle that was found otherwise, in degrees, to be compared with; None without one.
     distinct_angles
         Number of angles at which anything can be measured; None where it is any.
     recipe
@@ -78,18 +68,13 @@ class Rig:
         The lines to real devices; None where no hardware is involved.
     """
 
-    kind: Literal["simulated", "replayed", "bench"]
-    description: str
+    facts: RigFacts
     stage: Stage
     laser: Laser
     receiver: Receiver
     scanner: Scanner
     imaging: ImageReader | None
     dark_frames: int
-    face_radius_m: float | None
-    truth_deg: float | None
-    configuration: str
-    reference_deg: float | None = None
     distinct_angles: int | None = None
     closing_dark: bool = False
     recipe: Recipe | None = None
@@ -103,7 +88,7 @@ class Rig:
             self.devices.arm()
 
     def close(self) -> None:
-        """Let go of its devices; allowed twice."""
+        """Release its devices; allowed twice."""
         if self.devices is not None:
             self.devices.close()
 
@@ -121,7 +106,21 @@ class Rig:
     @property
     def simulated(self) -> bool:
         """Whether no hardware is involved."""
-        return self.kind == "simulated"
+        return self.facts.kind == "simulated"
+
+
+def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
+    """The facts, those of the probe taken from an imaging chain; unchanged where there are intensities only."""
+    if imaging is None:
+        return facts
+    preset = imaging.preset
+    return replace(
+        facts,
+        probe=preset.name,
+        sampling_hz=preset.sampling_hz,
+        sound_speed_m_s=preset.sound_speed_m_s,
+        pitch_m=preset.array.pitch_m,
+    )
 
 
 def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:

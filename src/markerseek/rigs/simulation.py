@@ -11,15 +11,14 @@ from typing import SupportsFloat, SupportsIndex
 import numpy as np
 
 from markerseek.acoustics import Digitiser
-from markerseek.core import ConfigError, Reader
+from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.records.replay import IntensityReader
-from markerseek.rig_file import read_rig_file
 from markerseek.rigs.recipe import SimulatedRecipe
-from markerseek.rigs.rig import Rig, fingerprint
+from markerseek.rigs.rig import Rig, fingerprint, with_probe
+from markerseek.rigs.rig_file import read_rig_file
+from markerseek.rigs.scene import draw_scene, image_reader
 from markerseek.scan import Scanner
-from markerseek.scene import draw_scene, image_reader
-from markerseek.signals import ImageReader
+from markerseek.signals import ImageReader, IntensityReader
 from markerseek.sim import (
     CurveWorld,
     IntensityCurve,
@@ -103,6 +102,7 @@ def simulated(
         reader=imaging,
         imaging=imaging,
         description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
+        seed=seed,
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
         rng=rng,
         recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
@@ -151,6 +151,7 @@ def of_intensities(
         reader=IntensityReader(),
         imaging=None,
         description=f"simulated intensities, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
+        seed=seed,
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
         rng=rng,
     )
@@ -180,10 +181,11 @@ def in_world(
     imaging: ImageReader | None,
     description: str,
     truth_deg: float | None,
+    seed: int | None = None,
     rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
 ) -> Rig:
-    """Simulated devices in a world, put together; with the source of its randomness it can be kept and put back.
+    """Simulated devices in a world, put together; with the source of its randomness its state can be kept and restored.
 
     Parameters
     ----------
@@ -201,6 +203,8 @@ def in_world(
         What it is, in words.
     truth_deg
         Angle of the marker in degrees; None where there is none.
+    seed
+        Seed of all that was drawn, where there is one.
     rng
         Source of the world's randomness, where it is to be kept.
     recipe
@@ -219,18 +223,23 @@ def in_world(
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    return Rig(
+    facts = RigFacts(
         kind="simulated",
         description=description,
+        fingerprint=fingerprint(settings),
+        search=settings.limits.search,
+        face_radius_m=settings.probe.face_radius_m,
+        truth_deg=truth_deg,
+        seed=seed,
+    )
+    return Rig(
+        facts=with_probe(facts, imaging),
         stage=stage,
         laser=laser,
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
         dark_frames=DARK_FRAMES,
-        face_radius_m=settings.probe.face_radius_m,
-        truth_deg=truth_deg,
-        configuration=fingerprint(settings),
         recipe=recipe,
         world=None
         if rng is None

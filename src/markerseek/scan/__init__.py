@@ -1,7 +1,7 @@
 """The heart: `Scanner` measures at one angle, `run` drives a policy over it."""
 
 from markerseek.scan.confirmation import SEEN_SIGMAS, moved_source
-from markerseek.scan.loop import RunLimits, run
+from markerseek.scan.loop import AnyScanner, RunLimits, run
 from markerseek.scan.scanner import DeadMan, Scanner
 
-__all__ = ["SEEN_SIGMAS", "DeadMan", "RunLimits", "Scanner", "moved_source", "run"]
+__all__ = ["SEEN_SIGMAS", "AnyScanner", "DeadMan", "RunLimits", "Scanner", "moved_source", "run"]

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from markerseek.core import (
     MOST_ACQUISITIONS,
     AcquisitionError,
     Asked,
+    Clock,
     ConfigError,
     Event,
     Failed,
     Finished,
     Found,
+    Frame,
     Measured,
     Policy,
     Refused,
@@ -27,9 +30,41 @@ from markerseek.core import (
     SearchError,
     Started,
 )
-from markerseek.guard import State
+from markerseek.guard import Guard, Limits, State
 from markerseek.scan.confirmation import judged
-from markerseek.scan.scanner import Scanner
+
+
+class AnyScanner(Protocol):
+    """What `run` uses of a scanner: `Scanner`, or one that hands out what a journal holds."""
+
+    @property
+    def clock(self) -> Clock:
+        """Time on the rig."""
+
+    @property
+    def guard(self) -> Guard:
+        """Says what may be done, and believed."""
+
+    @property
+    def limits(self) -> Limits:
+        """Where it may look, and where the probe may be."""
+
+    @property
+    def angle_deg(self) -> float:
+        """Where the probe stands, in degrees."""
+
+    @property
+    def refused_frame(self) -> Frame | None:
+        """Frame of the last acquisition if it was refused."""
+
+    def measure(self, angle_deg: float) -> Sample:
+        """One acquisition at an angle, in degrees."""
+
+    def measure_dark(self) -> Sample:
+        """One acquisition where the probe stands, with the laser kept off."""
+
+    def stop(self) -> None:
+        """Disarm the guard and the laser, then stop the stage; allowed twice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +91,7 @@ _RUN_LIMITS = RunLimits()
 
 def run(
     policy: Policy,
-    scanner: Scanner,
+    scanner: AnyScanner,
     *,
     dark_frames: int = 0,
     stay: bool = False,
@@ -136,7 +171,7 @@ def run(
         scanner.stop()
 
 
-def _dark(scanner: Scanner, index: int, angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
+def _dark(scanner: AnyScanner, index: int, angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
     """A dark frame where the probe stands."""
     yield Asked(role="dark", index=index, angle_deg=angle_deg)
     sample = yield from _admitted(scanner, scanner.measure_dark, angle_deg, attempts)
@@ -145,7 +180,7 @@ def _dark(scanner: Scanner, index: int, angle_deg: float, attempts: int) -> Gene
 
 
 def _measured(
-    scanner: Scanner, role: Role, index: int, angle_deg: float, attempts: int
+    scanner: AnyScanner, role: Role, index: int, angle_deg: float, attempts: int
 ) -> Generator[Event, None, Sample]:
     """An acquisition at an angle of the search range."""
     # Angles outside are refused before they are announced, for an angle that is no number cannot be recorded.
@@ -157,7 +192,7 @@ def _measured(
 
 
 def _admitted(
-    scanner: Scanner, measure: Callable[[], Sample], angle_deg: float, attempts: int
+    scanner: AnyScanner, measure: Callable[[], Sample], angle_deg: float, attempts: int
 ) -> Generator[Event, None, Sample]:
     """Measure again while frames are refused, and no more often than the limit says."""
     for attempt in range(1, attempts + 1):

@@ -8,7 +8,7 @@ from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.floor import noise_of
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
-from markerseek.search.methods import METHODS, Method, build, method_named
+from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 
 __all__ = [
@@ -24,6 +24,8 @@ __all__ = [
     "build",
     "equal_steps",
     "method_named",
+    "most_acquisitions",
     "noise_of",
     "peak_passed",
+    "policy_for",
 ]

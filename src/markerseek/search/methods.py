@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, as_interval
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, SearchPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.guarded import Guarded
@@ -149,6 +149,36 @@ def build(
     if as_published:
         return inner
     return Guarded(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
+
+
+def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
+    """Return the policy of a plan.
+
+    Parameters
+    ----------
+    plan
+        What is asked.
+    limits
+        Range to search.
+
+    Raises
+    ------
+    ConfigError
+        As `build`.
+    """
+    return build(
+        plan.method,
+        limits=limits,
+        acquisitions=plan.acquisitions,
+        as_published=plan.as_published,
+        start_deg=plan.start_deg,
+        early_end=plan.early_end,
+    )
+
+
+def most_acquisitions(plan: SearchPlan) -> int:
+    """Return the most acquisitions of a plan: its own number, or that of its method."""
+    return plan.acquisitions or method_named(plan.method).acquisitions
 
 
 def _posterior(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
-from markerseek.core import ConfigError, MissingExtraError, NotConnectedError
+from markerseek.core import ConfigError, NotConnectedError
+from markerseek.files.serial_line import Parity, open_serial
 
 
 class OpenLine(Protocol):
@@ -35,7 +36,7 @@ class Line:
     path: str
     farewell: bytes
     baud: int = 115200
-    parity: Literal["N", "E", "O"] = "N"
+    parity: Parity = "N"
     rtscts: bool = False
 
     def __post_init__(self) -> None:
@@ -56,22 +57,9 @@ def open_line(line: Line) -> OpenLine:
         If it cannot be opened, or another program has it.
     """
     try:
-        import serial  # type: ignore[import-untyped, unused-ignore]
-    except ImportError:
-        raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial line") from None
-    try:
-        opened: OpenLine = serial.Serial(
-            port=line.path,
-            baudrate=line.baud,
-            parity=line.parity,
-            rtscts=line.rtscts,
-            timeout=0,
-            write_timeout=0,
-            exclusive=True,
+        opened: OpenLine = open_serial(
+            line.path, baud=line.baud, parity=line.parity, rtscts=line.rtscts, write_timeout_s=0
         )
-    except (serial.SerialException, OSError, ValueError) as error:
-        raise NotConnectedError(
-            f"line {line.name!r}: {line.path} cannot be opened: {error}; "
-            "is it plugged in, and used by no other program?"
-        ) from None
+    except NotConnectedError as error:
+        raise NotConnectedError(f"line {line.name!r}: {error}") from None
     return opened

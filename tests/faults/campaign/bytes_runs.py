@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Failed, Finished, Found, MarkerseekError, Measured, Refused
+from markerseek.core import ChannelFrame, Failed, Finished, Found, MarkerseekError, Measured, Refused, RigFacts
 from markerseek.core.shapes import Int16
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
@@ -25,9 +25,10 @@ from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.bench import DARK_ALARM
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.rigs.scene import image_reader
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.session import plan_on
 from markerseek.scan import RunLimits, Scanner
-from markerseek.scene import image_reader
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 
@@ -169,17 +170,19 @@ class ByteRun:
             stage=stage, laser=laser, receiver=receiver, reader=imaging, clock=clock, guard=guard, pulses=PULSES
         )
         return Rig(
-            kind="simulated",
-            description="the campaign over bytes",
+            facts=RigFacts(
+                kind="simulated",
+                description="the campaign over bytes",
+                fingerprint="",
+                search=self.settings.limits.search,
+                truth_deg=self.marker_deg,
+            ),
             stage=stage,
             laser=laser,
             receiver=receiver,
             scanner=scanner,
             imaging=imaging,
             dark_frames=DARK_FRAMES,
-            face_radius_m=None,
-            truth_deg=self.marker_deg,
-            configuration="",
             closing_dark=True,
         )
 
@@ -200,11 +203,8 @@ class ByteRun:
                 acquisitions=self.acquisitions,
                 start_deg=self.settings.start_deg,
             )
-            configuration = configuration_of(
-                rig, method=self.method, acquisitions=self.acquisitions, as_published=False,
-                start_deg=self.settings.start_deg, dark_frames=DARK_FRAMES, stay=False, seed=None,
-            )  # fmt: skip
-            with Journal.create(path, configuration) as journal:
+            plan = plan_on(rig, method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg)
+            with Journal.create(path, configuration_of(rig, plan)) as journal:
                 for event in journalled(policy, rig, journal, limits=CAPS):
                     if isinstance(event, Measured):
                         self._admitted(event, verdict)

@@ -29,8 +29,8 @@ from markerseek.emulators import DirectPort
 from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.bench import DARK_ALARM
+from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
-from markerseek.scene import image_reader
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 

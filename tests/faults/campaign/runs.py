@@ -12,15 +12,15 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, Sample
+from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, RigFacts, Sample, SearchPlan
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, Recording, read_journal
-from markerseek.records.replay import IntensityReader
 from markerseek.rigs import Rig
 from markerseek.rigs.bench import DARK_ALARM
-from markerseek.rigs.journalled import configuration_of, journalled
+from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build
+from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
     GaussianCurve,
@@ -226,17 +226,19 @@ class Campaign:
             dead_man=self._lines,
         )
         rig = Rig(
-            kind="simulated",
-            description="the campaign",
+            facts=RigFacts(
+                kind="simulated",
+                description="the campaign",
+                fingerprint="",
+                search=guard.limits.search,
+                truth_deg=plan.marker_deg,
+            ),
             stage=stage,
             laser=laser,
             receiver=receiver,
             scanner=scanner,
             imaging=None,
             dark_frames=3,
-            face_radius_m=None,
-            truth_deg=plan.marker_deg,
-            configuration="",
             closing_dark=True,
         )
         return rig, world, clock, (stage, laser, receiver)
@@ -274,13 +276,15 @@ def leaves_fault(guard: Guard) -> bool:
 def _configuration(rig: Rig, plan: Plan) -> Configuration:
     return configuration_of(
         rig,
-        method=plan.method,
-        acquisitions=plan.acquisitions or None,
-        as_published=False,
-        start_deg=plan.start_deg,
-        dark_frames=3,
-        stay=False,
-        seed=plan.seed,
+        SearchPlan(
+            method=plan.method,
+            acquisitions=plan.acquisitions or None,
+            as_published=False,
+            start_deg=plan.start_deg,
+            dark_frames=3,
+            stay=False,
+            closing_dark=rig.closing_dark,
+        ),
     )
 
 

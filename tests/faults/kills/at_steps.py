@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 
-from markerseek.records.journal import Journal
-
 from .ground import copy_of, folder, new_path, went_on, whole
 from .problems import watched
 from .processes import End, MismatchError, in_a_process, require_well
@@ -78,9 +76,9 @@ def at_steps_of_resume(name: str, place: float, numbers: Sequence[int]) -> Tally
 
 
 def in_writes(name: str, seed: int, count: int) -> Tally:
-    """Kill in the middle of a write, at a random byte of the log or of the file: in a search, a resume, a fold."""
+    """Kill in the middle of a write, at a random byte of the file: in a search, or in a resume."""
     chance, tally = random.Random(f"{seed} {name}"), Tally()
-    kinds = (_in_search, _in_resume, _in_fold)
+    kinds = (_in_search, _in_resume)
     for number in range(count):
         _in_write(kinds[number % len(kinds)], SEARCHES[name], chance, tally)
     return tally
@@ -100,7 +98,7 @@ def _in_write(
 
 
 def _in_search(search: Search, chance: random.Random) -> tuple[str, Path, int, End]:
-    path, size = new_path(), chance.randrange(1, whole(search.name).log_bytes)
+    path, size = new_path(), chance.randrange(1, whole(search.name).file_bytes)
 
     def work(*, told: int) -> None:
         _die_beyond(size)
@@ -112,30 +110,13 @@ def _in_search(search: Search, chance: random.Random) -> tuple[str, Path, int, E
 def _in_resume(search: Search, chance: random.Random) -> tuple[str, Path, int, End]:
     died, before = dead(search.name, chance.choice(PLACES))
     path = copy_of(died)
-    size = chance.randrange(Path(f"{path}-wal").stat().st_size, int(1.1 * whole(search.name).log_bytes))
+    size = chance.randrange(path.stat().st_size, int(1.1 * whole(search.name).file_bytes))
 
     def work(*, told: int) -> None:
         _die_beyond(size)
         search.live(path, told=told, blows_at=None, resume=True)
 
     return "mid-write of a resume", path, before, in_a_process(work)
-
-
-def _in_fold(search: Search, chance: random.Random) -> tuple[str, Path, int, End]:
-    path, share = new_path(), chance.random()
-
-    def work(*, told: int) -> None:
-        close = Journal.close
-
-        def limited(journal: Journal) -> None:
-            log_bytes = Path(f"{path}-wal").stat().st_size
-            _die_beyond(int(share * log_bytes) + 1)
-            close(journal)
-
-        Journal.close = limited  # type: ignore[method-assign]
-        search.live(path, told=told, blows_at=None, resume=False)
-
-    return "mid-write of the fold", path, 0, in_a_process(work)
 
 
 def _die_beyond(size: int) -> None:

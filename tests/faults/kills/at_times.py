@@ -11,8 +11,8 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.cli.on_rig import NOT_ARMED
-from markerseek.records.journal import read_journal, result_of, standing
+from markerseek.cli.open_rig import NOT_ARMED
+from markerseek.records.journal import read_journal, result_of, run_state
 
 from .ground import Happened, begun, copy_of, folder, forget, happened, new_path, require_whole
 from .problems import watched
@@ -150,7 +150,7 @@ def _says_and_does_nothing(path: Path) -> bool:
     """Whether the run is over; if not, a resume that nobody arms must end with exit code 4 and leave it as it is."""
     before = _bytes_of(path)
     end = command("resume", path, "--json", out=path)
-    over = standing(read_journal(path, frames=False).entries).state == "finished"
+    over = run_state(read_journal(path, frames=False).entries).state == "finished"
     if end.code not in ((0, 3) if over else (NOT_ARMED,)):
         raise MismatchError(f"a resume that nobody armed ended with exit code {end.code}")
     if _bytes_of(path) != before:
@@ -159,4 +159,4 @@ def _says_and_does_nothing(path: Path) -> bool:
 
 
 def _bytes_of(path: Path) -> list[bytes]:
-    return [part.read_bytes() for part in (path, Path(f"{path}-wal")) if part.exists()]
+    return [part.read_bytes() for part in (path, Path(f"{path}-journal")) if part.exists()]

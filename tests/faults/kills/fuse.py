@@ -76,10 +76,7 @@ def fused_sqlite(fuse: Fuse) -> mock._patch[Any]:
 
     class Connection(sqlite3.Connection):
         def execute(self, sql: str, *args: Any) -> Any:
-            folds = "wal_checkpoint" in sql
-            return fuse.around(
-                super().execute, "SQLite folds the log" if folds else f"SQLite {sql.split(maxsplit=1)[0]}"
-            )(sql, *args)
+            return fuse.around(super().execute, f"SQLite {sql.split(maxsplit=1)[0]}")(sql, *args)
 
         def close(self) -> None:
             fuse.around(super().close, "SQLite closes")()

@@ -23,7 +23,7 @@ from markerseek.records.journal import (
     read_journal,
     result_of,
 )
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.resume import resumed
 
 from .processes import MismatchError
 from .searches import PERSON, SEARCHES, Search, arming_watched
@@ -62,7 +62,7 @@ def new_path(suffix: str = ".journal") -> Path:
 
 
 def copy_of(path: Path) -> Path:
-    """A journal once more, with the log that a death left beside it."""
+    """A journal once more, with the rollback journal that a death left beside it."""
     copied = new_path()
     for part in path.parent.glob(f"{path.name}*"):
         shutil.copyfile(part, f"{copied}{part.name.removeprefix(path.name)}")
@@ -95,33 +95,23 @@ class Whole:
     steps: int
     result: bytes
     happened: Happened
-    log_bytes: int
+    file_bytes: int
 
 
 @cache
 def whole(name: str) -> Whole:
     """What a search holds at its end, lived through in this process."""
     path = new_path()
-    sizes: list[int] = []
-    close = Journal.close
-
-    def measured_close(journal: Journal) -> None:
-        sizes.append(Path(f"{path}-wal").stat().st_size)
-        close(journal)
-
-    Journal.close = measured_close  # type: ignore[method-assign]
-    try:
-        with Path(os.devnull).open("wb") as nobody:
-            steps = SEARCHES[name].live(path, told=nobody.fileno(), blows_at=None, resume=False)
-    finally:
-        Journal.close = close  # type: ignore[method-assign]
+    with Path(os.devnull).open("wb") as nobody:
+        steps = SEARCHES[name].live(path, told=nobody.fileno(), blows_at=None, resume=False)
     held = read_journal(path)
+    file_bytes = path.stat().st_size
     forget(path)
     return Whole(
         steps=steps,
         result=msgspec.json.encode(result_of(held)[1]),
         happened=happened(held),
-        log_bytes=max(sizes),
+        file_bytes=file_bytes,
     )
 
 

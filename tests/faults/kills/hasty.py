@@ -9,14 +9,14 @@ from unittest import mock
 from markerseek.core import Event, Policy
 from markerseek.records.journal import Journal
 from markerseek.rigs import Rig
-from markerseek.rigs.journalled import keep
+from markerseek.runs.journalled import keep
 from markerseek.scan import run
 
 from .at_steps import at_steps
 
 
 def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
-    for event in run(policy, rig.scanner, dark_frames=journal.configuration.dark_frames):
+    for event in run(policy, rig.scanner, dark_frames=journal.configuration.plan.dark_frames):
         yield event
         keep(event, rig.scanner.clock, rig, journal)
 

@@ -23,9 +23,9 @@ import numpy as np
 
 from markerseek.core import Event, Measured, RecordError
 from markerseek.records.banks import FrameBank
-from markerseek.records.ipasc import BankWriter
-from markerseek.records.ipasc.reading import IpascBank, read_unvetted
-from markerseek.rigs import bank_scan
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
+from markerseek.runs import bank_scan
 
 from .at_times import rig_file
 from .ground import forget, new_path
@@ -109,7 +109,7 @@ def whole_scan() -> WholeScan:
 
 
 def _opened(path: Path) -> IpascBank:
-    bank = read_unvetted(path)
+    bank = read_probed(path)
     if not isinstance(bank, IpascBank):
         raise MismatchError("it holds no frames")
     return bank

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from markerseek.core import Asked, Measured, Refused
-from markerseek.records.journal import Checked, Recording, read_journal, standing
+from markerseek.records.journal import Checked, Recording, read_journal, run_state
 
 from .ground import begun, told_entries
 from .problems import watched
@@ -142,7 +142,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
             row.lost += max(told - kept, 0)
             _require(told <= kept, f"{told} events were acknowledged, {kept} are kept")
         before = read_journal(path, frames=False)
-        if standing(before.entries).state != "finished":
+        if run_state(before.entries).state != "finished":
             unarmed = command("resume", path, "--json", out=path)
             _require(unarmed.code == 4, f"a resume that nobody armed ended with exit code {unarmed.code}")
         if end.killed:

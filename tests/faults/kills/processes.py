@@ -145,26 +145,26 @@ def require_well(end: End, *codes: int) -> None:
 
 def telling_events(told: int) -> None:
     """Have every command in this process write a byte for each event that the journal has handed on."""
-    hear = Recorder.hear
+    hear = Recorder.add
 
     def telling(self: Recorder, event: object) -> None:
         os.write(told, b".")
         hear(self, event)  # type: ignore[arg-type]
 
-    mock.patch.object(Recorder, "hear", telling).start()
+    mock.patch.object(Recorder, "add", telling).start()
 
 
 def _watching_arming() -> None:
-    from markerseek.rigs import again
+    from markerseek.runs import rebuild
 
-    rig_again = again.rig_again
+    rebuild_rig = rebuild.rebuild_rig
 
     def watched(*args: object, **named: object) -> object:
-        rig = rig_again(*args, **named)  # type: ignore[arg-type]
+        rig = rebuild_rig(*args, **named)  # type: ignore[arg-type]
         arming_watched(rig).__enter__()
         return rig
 
-    mock.patch.object(again, "rig_again", watched).start()
+    mock.patch.object(rebuild, "rebuild_rig", watched).start()
 
 
 def _command(words: Sequence[str], out: Path, *, told: int) -> None:

@@ -17,13 +17,13 @@ from unittest import mock
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
-from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader, Reading
+from markerseek.core import AcquisitionError, Frame, LinearArray, Policy, Reader, Reading, SearchPlan
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
-from markerseek.rigs.bank_scan import scan_bank
-from markerseek.rigs.journalled import configuration_of, journalled
-from markerseek.rigs.resuming import resumed
+from markerseek.runs.bank_scan import scan_bank
+from markerseek.runs.journalled import configuration_of, journalled
+from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
@@ -70,13 +70,14 @@ class Search:
         policy = build(self.method, limits=rig.limits.search, acquisitions=self.acquisitions, start_deg=start_deg)
         configuration = configuration_of(
             rig,
-            method=self.method,
-            acquisitions=self.acquisitions,
-            as_published=False,
-            start_deg=start_deg,
-            dark_frames=rig.dark_frames,
-            stay=False,
-            seed=SEED,
+            SearchPlan(
+                method=self.method,
+                acquisitions=self.acquisitions,
+                as_published=False,
+                start_deg=start_deg,
+                dark_frames=rig.dark_frames,
+                stay=False,
+            ),
         )
         return policy, rig, configuration
 
@@ -174,6 +175,6 @@ def arming_watched(rig: Rig) -> Iterator[None]:
                 putting_back.clear()
 
             # The world of a simulation has slots, and its stage is put back without a move.
-            if rig.kind == "replayed":
+            if rig.facts.kind == "replayed":
                 stack.enter_context(mock.patch.object(rig.world, "restore", put_back))
         yield

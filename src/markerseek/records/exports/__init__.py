@@ -1,8 +1,8 @@
 """Banks for other people's programs: a sequence for 3D Slicer and PLUS, a log for ROS 2, a table."""
 
+from markerseek.records.banks.table import write_intensities
 from markerseek.records.exports.mcap_log import write_mcap
 from markerseek.records.exports.sequence import write_sequence
 from markerseek.records.exports.series import Series, series_of
-from markerseek.records.exports.table import write_intensities
 
 __all__ = ["Series", "series_of", "write_intensities", "write_mcap", "write_sequence"]

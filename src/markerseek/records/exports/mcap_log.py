@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from markerseek.core import ConfigError, MissingExtraError, PaImage
-from markerseek.files.whole import new_file
+from markerseek.files import new_file
 from markerseek.records.exports import _messages as messages
 from markerseek.records.exports.series import Series, grid_of, one_for_each
 

@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 
 from markerseek.core import PaImage, RecordError
-from markerseek.files.whole import new_file
+from markerseek.files import new_file
 from markerseek.records.exports.frames import IMAGE_ORIENTATION, image_to_probe, probe_to_probe_home
 from markerseek.records.exports.series import Series, grid_of, one_for_each
 

@@ -1,17 +1,17 @@
 """One run in one SQLite file: what was asked, measured, refused and answered, committed before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks as it goes, `verify` looks for every kind of damage. What is written
-is exact: a run can be told again from it bit for bit.
+`Journal` writes, `read_journal` reads and checks, `verify` looks for every kind of damage. What is written is exact: a
+run can be repeated from it bit for bit.
 """
 
-from markerseek.records.journal.answer import result_of, result_with
-from markerseek.records.journal.configuration import Configuration
-from markerseek.records.journal.entries import Checked, Entry, Interrupted, Resuming
-from markerseek.records.journal.grammar import Standing, standing
-from markerseek.records.journal.outline import Outline, journals_in, outline, size_with_log
-from markerseek.records.journal.place import default_journal, journals_folder, make_folder
-from markerseek.records.journal.reader import Recording, open_journal, read_journal, salvage
-from markerseek.records.journal.store import is_journal
+from markerseek.records.configuration import Configuration, versions
+from markerseek.records.journal.connection import is_journal
+from markerseek.records.journal.encoding import decode, encode
+from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
+from markerseek.records.journal.folder import default_journal, journals_folder, make_folder
+from markerseek.records.journal.reader import Recording, read_journal, salvage
+from markerseek.records.journal.sequence import RunState, run_state
+from markerseek.records.journal.summary import JournalSummary, journals_in, result_of, size_bytes_of, summary
 from markerseek.records.journal.verify import Finding, verify
 from markerseek.records.journal.writer import Journal
 
@@ -22,22 +22,25 @@ __all__ = [
     "Finding",
     "Interrupted",
     "Journal",
-    "Outline",
+    "JournalEvent",
+    "JournalSummary",
+    "RecordedError",
     "Recording",
     "Resuming",
-    "Standing",
+    "RunState",
+    "decode",
     "default_journal",
+    "encode",
     "is_journal",
     "journals_folder",
     "journals_in",
     "make_folder",
-    "open_journal",
-    "outline",
     "read_journal",
     "result_of",
-    "result_with",
+    "run_state",
     "salvage",
-    "size_with_log",
-    "standing",
+    "size_bytes_of",
+    "summary",
     "verify",
+    "versions",
 ]

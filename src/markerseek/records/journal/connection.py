@@ -1,78 +1,198 @@
-"""How a journal is opened by SQLite, and its errors as ours.
+"""How SQLite opens a journal, and its errors as ours.
 
-The write-ahead log and ``synchronous = FULL`` make a commit survive the death of the process and of the machine. The
-file is locked for whoever has it open to be written, so that two programs cannot drive one run.
+A rollback journal and ``synchronous = FULL`` make a commit survive the death of the process and of the machine: what
+is committed is in the file. During a commit SQLite keeps the former pages in ``NAME-journal``; a run that dies in a
+commit leaves that file, and whoever opens the journal next must write those pages back. Whoever has a journal open to
+write it holds an exclusive lock, so that two programs cannot drive one run.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import sqlite3
 import sys
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Literal
+from urllib.parse import quote
 
 from markerseek.core import RecordError
+from markerseek.files import open_input, require_input
+from markerseek.records.journal.folder import journals_folder
+from markerseek.records.journal.schema import APPLICATION_ID
 
-WRITTEN = "mode=rw"
-"""How a journal is opened to be written."""
-
-UNUSED = "mode=ro"
-"""How it is asked for whether another program has it open."""
-
-FOLDED = "mode=ro&immutable=1"
-"""How one is read whose log is not there or holds nothing; nothing is locked and nothing written."""
-
-WITH_LOG = f"mode=ro&vfs={'win32' if sys.platform == 'win32' else 'unix'}-none"
-"""How one is read together with its log. SQLite indexes a log in shared memory, a file that it would have to write, or,
-where nobody else reads along, in its own: so nothing is locked here, and what is read stays as it is."""
+_MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT = b"SQLite format 3\0", 100, b"\1\1"
+_APPLICATION = slice(68, 72)
+_FORMAT = slice(18, 20)
+_MOST_BYTES = 1 << 36
+"""Largest journal that is opened: 100,000 frames of half a megabyte."""
 
 
-def connect(path: Path, *, how: str) -> sqlite3.Connection:
-    """Connection that commits only when told to, and locks the file while it is open to be written.
+def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
+    """Connection that commits only when it is asked to.
 
     Parameters
     ----------
     path
         An existing file.
-    how
-        One of the four above.
+    mode
+        "rw" locks the file from its first transaction on; "ro" changes nothing.
 
     Raises
     ------
     sqlite3.Error
-        If it is locked or no database.
+        If the file is locked or no database.
     """
-    connection = sqlite3.connect(
-        f"file:{_quoted(path)}?{how}", uri=True, isolation_level=None, timeout=0.5, check_same_thread=True
-    )
+    uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"
+    connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=0.5, check_same_thread=True)
     try:
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
-        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        connection.execute("PRAGMA synchronous = FULL")
-        # macOS calls a flush done before the disk has it, unless it is told so; the others do not know these two.
-        connection.execute("PRAGMA fullfsync = ON")
-        connection.execute("PRAGMA checkpoint_fullfsync = ON")
-        # No commit waits until the log has been folded into the file: `Journal.close` does so.
-        connection.execute("PRAGMA wal_autocheckpoint = 0")
+        if mode == "rw":
+            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            connection.execute("PRAGMA journal_mode = PERSIST")
+            connection.execute("PRAGMA synchronous = FULL")
+            # macOS reports a flush as done before the disk has it; the others do not know this setting.
+            connection.execute("PRAGMA fullfsync = ON")
     except BaseException:
         connection.close()
         raise
     return connection
 
 
-def _quoted(path: Path) -> str:
-    from urllib.parse import quote
-
-    return quote(os.fsencode(path.absolute()))
+def remove_rollback_file(connection: sqlite3.Connection) -> None:
+    """Remove the rollback journal that PERSIST leaves, under the lock that keeps others from needing it."""
+    connection.execute("PRAGMA locking_mode = NORMAL")
+    connection.execute("PRAGMA journal_mode = DELETE")
 
 
 @contextmanager
-def speaking_of(path: Path, *, verb: str) -> Iterator[None]:
-    """Turn SQLite's errors into a `RecordError` that names the file and the cure.
+def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """Connection to a journal that nobody writes meanwhile; neither the file nor its rollback journal are changed.
+
+    A run that died in a commit is read from a copy, in which SQLite can undo that commit: this works on a medium that
+    cannot be written, and a rollback journal of another file does no harm.
+
+    Raises
+    ------
+    RecordError
+        If there is no such journal, it is in use, or SQLite cannot read it.
+    """
+    with as_record_error(path, verb="read"):
+        require_journal_file(path)
+        with closing(connect(path, mode="ro")) as connection:
+            if not _needs_rollback(connection):
+                yield connection
+                return
+        with tempfile.TemporaryDirectory(prefix="markerseek-") as folder:
+            copy = Path(folder) / "copy.journal"
+            before = _stamps(path)
+            shutil.copyfile(path, copy)
+            require_input(rollback_file(path), most_bytes=_MOST_BYTES)
+            shutil.copyfile(rollback_file(path), rollback_file(copy))
+            if _stamps(path) != before:
+                raise RecordError(f"{path}: the journal changed while it was read; another markerseek has it open")
+            with closing(connect(copy, mode="rw")) as connection:
+                yield connection
+
+
+def _needs_rollback(connection: sqlite3.Connection) -> bool:
+    """Whether a commit must be undone; if not, the connection holds a lock for reading from here on."""
+    try:
+        connection.execute("BEGIN")
+        connection.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()
+    except sqlite3.OperationalError as problem:
+        if problem.sqlite_errorname == "SQLITE_READONLY_ROLLBACK":
+            return True
+        raise
+    return False
+
+
+def _stamps(path: Path) -> list[tuple[int, int]]:
+    return [(part.stat().st_size, part.stat().st_mtime_ns) for part in (path, rollback_file(path))]
+
+
+def followed(path: Path) -> Path:
+    """The file that a name leads to: its rollback journal lies beside it, not beside a symbolic link to it."""
+    try:
+        # What leads to no regular file is refused under the name that was given.
+        return Path(os.path.realpath(path)) if path.is_symlink() and path.is_file() else path
+    except OSError:
+        return path
+
+
+def rollback_file(path: Path) -> Path:
+    """SQLite's rollback journal of a journal, which need not exist."""
+    return Path(f"{path}-journal")
+
+
+def is_journal(path: Path) -> bool:
+    """Whether a regular file begins as journals do; the rest of it is not looked at.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    header = _header(path)
+    return header.startswith(_MAGIC) and header[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")
+
+
+def _header(path: Path) -> bytes:
+    with open_input(path, most_bytes=sys.maxsize) as file:
+        return file.read(_HEADER_BYTES)
+
+
+def require_journal_file(path: Path) -> None:
+    """Refuse what can be no journal, before SQLite is asked to open it.
+
+    Raises
+    ------
+    RecordError
+        If there is nothing, or a folder, a pipe, a device, an empty file, one that no journal grows to, one with a
+        second name, or a database in another mode, whose reading would make files beside it.
+    """
+    if path.is_dir():
+        raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
+    if not path.exists():
+        raise RecordError(
+            f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
+            f"searches that named none, in {journals_folder()})"
+        )
+    if require_input(path, most_bytes=_MOST_BYTES) == 0:
+        raise RecordError(f"{path}: it is empty: no journal of a run (or its run was never begun); check the name")
+    names = path.stat().st_nlink
+    if names > 1:
+        raise RecordError(
+            f"{path}: the file has {names} names (hard links), and under another one it could be written "
+            "without its rollback journal; copy it, and use the copy"
+        )
+    header = _header(path)
+    if header.startswith(_MAGIC) and header[_FORMAT] != _ROLLBACK_FORMAT:
+        raise RecordError(
+            f"{path}: it is a database without rollback journal (format {header[_FORMAT].hex()}) and no journal of a "
+            "run, or it is damaged"
+        )
+
+
+def exists_error(path: Path) -> RecordError:
+    """Why a new journal cannot have the name of something that exists."""
+    if path.is_dir():
+        return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
+    if path.is_file() and is_journal(path):
+        return RecordError(
+            f"{path}: the journal exists already; name another file, or continue it: markerseek resume {path}"
+        )
+    return RecordError(f"{path}: this exists already and is no journal; name a new file")
+
+
+@contextmanager
+def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
+    """Turn errors of SQLite and of the file system into a `RecordError` that names the file and the cure.
 
     Parameters
     ----------
@@ -84,15 +204,15 @@ def speaking_of(path: Path, *, verb: str) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as problem:
-        raise RecordError(f"{path}: the journal cannot be {verb}: {problem}; {_cure(problem)}") from problem
+        raise RecordError(f"{path}: the journal cannot be {verb}: {problem}; {_sqlite_cure(problem)}") from problem
     except (OverflowError, MemoryError, UnicodeDecodeError) as problem:
         raise RecordError(f"{path}: the journal cannot be {verb}: it is damaged ({problem})") from problem
     except OSError as problem:
-        said = problem.strerror or problem
-        raise RecordError(f"{path}: the journal cannot be {verb}: {said}; {_way_out(problem, path)}") from problem
+        reason = problem.strerror or problem
+        raise RecordError(f"{path}: the journal cannot be {verb}: {reason}; {_system_cure(problem, path)}") from problem
 
 
-def _way_out(problem: OSError, path: Path) -> str:
+def _system_cure(problem: OSError, path: Path) -> str:
     match problem.errno:
         case errno.ENOENT:
             return f"there is no folder {path.parent}; make it, or name another place"
@@ -106,7 +226,7 @@ def _way_out(problem: OSError, path: Path) -> str:
             return "check the folder and the rights, or name another place"
 
 
-def _cure(problem: sqlite3.Error) -> str:
+def _sqlite_cure(problem: sqlite3.Error) -> str:
     match getattr(problem, "sqlite_errorname", "").split("_")[1:2]:
         case ["BUSY"] | ["LOCKED"]:
             return "another markerseek has it open; wait until that is over"

@@ -7,17 +7,17 @@ from contextlib import closing
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.files.whole import sync_folder
-from markerseek.records.journal.store import log_of
+from markerseek.files import sync_folder
+from markerseek.records.journal.connection import rollback_file
 
 _MOST_COPIES = 100
 
 
 class Presence:
-    """The identity of a journal and of its log, as the file system has it.
+    """The identity of a journal and of its rollback journal, as the file system has it.
 
     A file that is deleted or replaced stays readable and writable for the program that has it open, and is gone when
-    this program ends.
+    this program ends; a rollback journal that is gone is missed if the program dies in a commit.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Presence:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file = _identity(path)
-        self._log: tuple[int, int] | None = None
+        self._rollback: tuple[int, int] | None = None
 
     def loss(self) -> str | None:
         """What is missing or was replaced, in words; None while both files are those that were opened.
@@ -40,15 +40,15 @@ class Presence:
         """
         if _identity(self._path) != self._file:
             return f"{self._path}"
-        log = _identity(log_of(self._path))
-        # SQLite makes the log with the first commit, and keeps it open as long as the journal is.
-        if self._log is None:
-            self._log = log
-        return None if log == self._log else f"its log {log_of(self._path)}"
+        rollback = _identity(rollback_file(self._path))
+        # SQLite makes it with the first commit, and keeps it open as long as the journal is.
+        if self._rollback is None:
+            self._rollback = rollback
+        return None if rollback == self._rollback else f"its {rollback_file(self._path)}"
 
 
 def copied(connection: sqlite3.Connection, path: Path) -> Path:
-    """Copy of an open journal in a new file beside it, log included.
+    """Copy of an open journal in a new file beside it.
 
     Parameters
     ----------

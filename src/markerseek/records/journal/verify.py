@@ -1,4 +1,4 @@
-"""Looks a journal over for every kind of damage, and goes on after the first."""
+"""Checks a journal for every kind of damage, and does not stop at the first."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.angles import angle_faults
-from markerseek.records.journal.connection import speaking_of
-from markerseek.records.journal.grammar import order_faults
-from markerseek.records.journal.reader import open_journal, recording
+from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
+from markerseek.records.journal.reader import recording
+from markerseek.records.journal.sequence import angle_faults, order_faults
 
 _MOST_COMPLAINTS = 20
 """Complaints of SQLite's own check that are passed on."""
@@ -42,23 +41,19 @@ def verify(path: Path) -> Finding:
     Raises
     ------
     RecordError
-        If it is no journal at all, is newer than this program, or is in use.
+        If it is no journal at all, was written by a newer program, or is in use.
     """
     faults: list[str] = []
-    with open_journal(path) as (connection, log_damage):
+    path = followed(path)
+    with opened_for_reading(path) as connection:
+        held, damage = recording(connection, path, frames=False)
         try:
-            held, damage = recording(connection, path, frames=False)
-        except RecordError as problem:
-            raise log_damage or problem from None
-        if log_damage is not None:
-            faults.append(str(log_damage))
-        try:
-            with speaking_of(path, verb="read"):
+            with as_record_error(path, verb="read"):
                 complaints = connection.execute(f"PRAGMA integrity_check({_MOST_COMPLAINTS})").fetchall()
         except RecordError as problem:
             faults.append(str(problem))
         else:
-            faults += [f"SQLite: {line}" for (said,) in complaints if said != "ok" for line in said.splitlines()]
+            faults += [f"SQLite: {line}" for (text,) in complaints if text != "ok" for line in text.splitlines()]
     if damage is not None:
         faults.append(str(damage))
     wrong = [*order_faults(held.entries), *angle_faults(held.configuration, held.entries)]

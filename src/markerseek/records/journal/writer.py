@@ -1,4 +1,4 @@
-"""Writes a journal: each event in one transaction, which is on the disk when `commit` returns."""
+"""Writes a journal: one transaction for each event, on the disk when `commit` returns."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ from typing import Self
 import msgspec
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.files.whole import sync_folder
-from markerseek.records.journal.angles import angle_faults
-from markerseek.records.journal.configuration import Configuration
-from markerseek.records.journal.connection import WRITTEN, connect, speaking_of
-from markerseek.records.journal.entries import Entry, Happening, Interrupted
-from markerseek.records.journal.plain import require_finite
+from markerseek.files import sync_folder
+from markerseek.records.configuration import Configuration
+from markerseek.records.journal.connection import (
+    as_record_error,
+    connect,
+    exists_error,
+    followed,
+    remove_rollback_file,
+    rollback_file,
+)
+from markerseek.records.journal.encoding import encode, json_values, require_finite
+from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
 from markerseek.records.journal.presence import Presence, copied
 from markerseek.records.journal.reader import Recording, read_journal
-from markerseek.records.journal.rows import to_row
-from markerseek.records.journal.store import VERSION, Row, log_of, row_checksum, taken, version_of
-from markerseek.records.journal.tables import encoded, last_row, lay_out, transact
+from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
+from markerseek.records.journal.sequence import angle_faults
 
 
 class Journal:
@@ -41,11 +46,10 @@ class Journal:
         self.configuration = held.configuration
         self._connection = connection
         self._open = True
-        self._version = version_of(connection)
+        self._presence = Presence(held.path)
         self._number = len(held.entries)
         self._checksum = held.last_checksum
-        self._under_way: tuple[Row, Happening] | None = None
-        self._presence = Presence(held.path)
+        self._uncertain: tuple[Row, JournalEvent] | None = None
         self._lost: RecordError | None = None
         self._last = held.entries[-1].event if held.entries else None
         self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
@@ -59,28 +63,34 @@ class Journal:
         RecordError
             If the file exists or cannot be written; nothing is left behind.
         """
-        as_json = encoded(configuration)
-        with speaking_of(path, verb="written"):
-            if log_of(path).exists() and not path.exists():
+        as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
+        try:
+            # msgspec checks limits when it decodes, and a journal that is written must be readable.
+            msgspec.json.decode(as_json, type=Configuration)
+        except msgspec.ValidationError as problem:
+            raise RecordError(f"{path}: the configuration cannot be recorded: {problem}") from problem
+        path = followed(path)
+        with as_record_error(path, verb="written"):
+            if rollback_file(path).exists() and not path.exists():
                 # SQLite would remove it.
                 raise RecordError(
-                    f"{path}: the log of a journal that is gone lies there, {log_of(path)}, and may be all that is "
-                    "left of a run; name a new file"
+                    f"{path}: the rollback journal of a file that is gone lies there, {rollback_file(path)}; "
+                    "put both together, or name a new file"
                 )
             try:
                 path.open("xb").close()
             except FileExistsError as problem:
-                raise taken(path) from problem
+                raise exists_error(path) from problem
             try:
-                connection = connect(path, how=WRITTEN)
+                connection = connect(path, mode="rw")
                 try:
-                    first = lay_out(connection, as_json)
+                    first = create_tables(connection, as_json)
                     sync_folder(path.parent)
                 except BaseException:
                     connection.close()
                     raise
             except BaseException:
-                for made in (path, log_of(path)):
+                for made in (path, rollback_file(path)):
                     made.unlink(missing_ok=True)
                 raise
         held = Recording(path=path, configuration=configuration, entries=(), last_checksum=first)
@@ -96,18 +106,19 @@ class Journal:
             If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
             it open.
         """
-        # Read first: closing a journal that was opened to be written folds its log in, whole or not.
+        path = followed(path)
+        # Read first: a commit that was not finished is undone in the file only where its copy was whole after that.
         held = read_journal(path)
-        path = held.path
         for number, reason in angle_faults(held.configuration, held.entries):
             raise RecordError(
                 f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
             )
-        with speaking_of(path, verb="written"):
-            connection = connect(path, how=WRITTEN)
+        with as_record_error(path, verb="written"):
+            connection = connect(path, mode="rw")
             try:
-                # Takes the lock, and says at once if the file cannot be written.
-                connection.execute("BEGIN IMMEDIATE")
+                # Takes the lock. SQLite opens a file that cannot be written all the same: only a write shows it.
+                connection.execute("BEGIN EXCLUSIVE")
+                connection.execute("UPDATE run SET entries = entries")
                 connection.execute("ROLLBACK")
                 _require_unchanged(connection, held)
                 return cls(held, connection), held
@@ -115,7 +126,7 @@ class Journal:
                 connection.close()
                 raise
 
-    def commit(self, event: Happening, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
+    def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Put an event on the disk; once this returns, it is there for good.
 
         Parameters
@@ -135,40 +146,38 @@ class Journal:
         """
         if self._lost is not None:
             raise self._lost
-        kind, body, samples = to_row(event)
+        encoded = encode(event)
         self._settle()
+        self._require_present()
         row = Row(
             number=self._number + 1,
-            kind=kind,
+            kind=encoded.kind,
             written=datetime.now(UTC).isoformat(),
             clock_s=require_finite(float(clock_s), what="the rig's clock"),
-            body=body.decode(),
+            body=encoded.body.decode(),
             checkpoint=None if checkpoint is None else checkpoint.decode(),
             checksum=0,
         )
-        row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, samples))
-        insertion = ("INSERT INTO events VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*msgspec.structs.astuple(row), samples))
-        # An older program must not read what it does not understand.
-        lift = () if self._version == VERSION else ((f"PRAGMA user_version = {VERSION}", ()),)
-        self._under_way = row, event
-        with speaking_of(self.path, verb="written"):
-            transact(self._connection, insertion, *lift)
+        row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, encoded.samples))
+        self._uncertain = row, event
+        with as_record_error(self.path, verb="written"):
+            add_row(self._connection, row, encoded.samples)
         self._note(row, event)
         self._require_present()
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
 
     def _settle(self) -> None:
         """Ask the file whether the last commit succeeded, if an error or a signal came before that was noted."""
-        if self._under_way is None or not self._open:
+        if self._uncertain is None or not self._open:
             return
-        row, event = self._under_way
-        with speaking_of(self.path, verb="written"):
+        row, event = self._uncertain
+        with as_record_error(self.path, verb="written"):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
-            kept = last_row(self._connection) == (row.number, row.checksum)
-        if kept:
+            committed = counted(self._connection) == (row.number, row.checksum)
+        if committed:
             self._note(row, event)
-        self._under_way = None
+        self._uncertain = None
 
     def _require_present(self) -> None:
         """See that what was written lies where it can be found again; copy it to a new file if it does not.
@@ -176,25 +185,26 @@ class Journal:
         Raises
         ------
         RecordError
-            If the file or its log was removed or replaced; the message says where the copy is, or that there is none.
+            If the file or its rollback journal was removed or replaced; the message says where the copy is, or that
+            there is none.
         """
-        with speaking_of(self.path, verb="written"):
+        with as_record_error(self.path, verb="written"):
             loss = self._presence.loss()
         if loss is None:
             return
-        said = f"{self.path}: {loss} was removed or replaced while the run was written"
+        finding = f"{self.path}: {loss} was removed or replaced while the run was written"
         try:
             self.path = copied(self._connection, self.path)
         except (OSError, sqlite3.Error, RecordError) as problem:
-            self._lost = RecordError(f"{said}, and no copy could be made ({problem}): what it held is gone")
+            self._lost = RecordError(f"{finding}, and no copy could be made ({problem}): what it held is gone")
         else:
-            self._lost = RecordError(f"{said}; everything up to now is in {self.path}")
+            self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
         raise self._lost
 
-    def _note(self, row: Row, event: Happening) -> None:
-        self._number, self._checksum, self._version = row.number, row.checksum, VERSION
+    def _note(self, row: Row, event: JournalEvent) -> None:
+        self._number, self._checksum = row.number, row.checksum
         self._last, self._clock_s = event, row.clock_s
-        self._under_way = None
+        self._uncertain = None
 
     def interrupt(self, reason: str) -> None:
         """Note that the run was stopped from outside, once the rig has been stopped; nothing, if it is over anyway.
@@ -231,32 +241,30 @@ class Journal:
             self.commit(Failed(error=error), clock_s=clock_s)
 
     @property
-    def last(self) -> Happening | None:
+    def last(self) -> JournalEvent | None:
         """What was committed last; None before the first."""
         self._settle()
         return self._last
 
     def close(self) -> None:
-        """Fold the write-ahead log into the file and let go of it; allowed twice.
+        """Release the file; allowed twice.
 
         Raises
         ------
         RecordError
-            If the log cannot be folded in; what was committed is in the file and its log. Or if the file is not there
-            any more, as in `commit`.
+            If SQLite cannot close it; what was committed is in the file. Or if the file is not there any more, as in
+            `commit`.
         """
         if not self._open:
             return
         self._open = False
-        with speaking_of(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
+        with as_record_error(self.path, verb="closed"), contextlib.closing(self._connection) as connection:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             if self._lost is not None:
                 return
             self._require_present()
-            (busy, *_), *_ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-            if busy:
-                raise RecordError(f"{self.path}: the journal's log cannot be folded in: it is in use; nothing is lost")
+            remove_rollback_file(connection)
 
     def __enter__(self) -> Self:
         """The journal itself."""
@@ -272,5 +280,5 @@ class Journal:
 
 def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
     """Refuse a journal that another program wrote after it was read and before it was locked."""
-    if last_row(connection) != (len(held.entries), held.last_checksum):
+    if counted(connection) != (len(held.entries), held.last_checksum):
         raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")

@@ -14,9 +14,9 @@ from markerseek.acoustics import Bursts
 from markerseek.core import MarkerseekError, Receiver
 from markerseek.core.estimate import Found
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.records.replay import IntensityReader
 from markerseek.scan import Scanner
 from markerseek.search import build
+from markerseek.signals import IntensityReader
 from markerseek.sim import IntensityCurve, SimulatedSettings
 from markerseek.sim.faults import Fault
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver

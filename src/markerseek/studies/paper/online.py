@@ -140,7 +140,7 @@ def _search(job: _Job) -> OnlineSearch:
         start_deg=-35.0,
     )
     rig = rigs.simulated(seed=job.seed, settings=settings)
-    if rig.truth_deg is None:
+    if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so that there is no error")
     bracket = job.method in BRACKETS
     policy = published(
@@ -154,7 +154,7 @@ def _search(job: _Job) -> OnlineSearch:
         peak_snr_db=job.peak_snr_db,
         repeat=job.repeat,
         position=job.position,
-        truth_deg=rig.truth_deg,
+        truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
         answers_deg=dict(shorter(job.method, samples)) if bracket else last,
         travel_deg=finished.travel_deg,

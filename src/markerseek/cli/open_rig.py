@@ -1,0 +1,143 @@
+"""Opens the rig of a command, simulated or of devices, and arms the devices in the name of a person."""
+
+from __future__ import annotations
+
+import getpass
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from markerseek.core import ConfigError
+
+if TYPE_CHECKING:
+    from markerseek.drivers.settings import BenchSettings
+    from markerseek.rigs import Rig
+
+_USUAL_SEED = 1
+"""Seed of a simulation that nobody seeded."""
+
+NOT_ARMED = 4
+"""Exit code of a run that nobody armed: nothing moved, nothing was fired."""
+
+
+@contextmanager
+def open_rig(
+    path: Path | None, *, seed: int | None = None, tissue: str | None = None, pace: float = 0.0
+) -> Iterator[tuple[Rig, float]]:
+    """The rig of a rig file, and where its probe stands, in degrees; its devices are released at the end.
+
+    Parameters
+    ----------
+    path
+        Rig file; None for the simulated rig with its defaults.
+    seed, tissue, pace
+        Of a simulation; without a seed, 1. A rig of devices takes none of them.
+
+    Raises
+    ------
+    ConfigError
+        If the file or an option cannot be used.
+    DeviceError
+        If a device does not answer, or is not fit for use.
+    """
+    from markerseek import rigs
+    from markerseek.drivers.settings import BenchSettings
+    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.sim import SimulatedSettings
+
+    settings = SimulatedSettings() if path is None else read_rig_file(path)
+    if isinstance(settings, BenchSettings):
+        _require_none(path, {"--seed": seed, "--tissue": tissue, "--pace": pace or None})
+        from markerseek.rigs.bench import bench
+
+        with bench(settings) as rig:
+            yield rig, rig.scanner.angle_deg
+        return
+    if tissue is not None:
+        settings = replace(settings, tissue=tissue)
+    yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
+
+
+def _require_none(path: Path | None, options: dict[str, object]) -> None:
+    """Refuse options that only a simulation has; a rig of devices would ignore them."""
+    given = [f"{name} {value}" for name, value in options.items() if value is not None]
+    if given:
+        raise ConfigError(
+            f"{' and '.join(given)}: only a simulated rig has this, and {path} is one of devices (kind bench); leave "
+            "it out, or name the rig file of a simulated rig"
+        )
+
+
+def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
+    """Arm a rig of devices in the user's name, or end the command; nothing to do for a rig without hardware.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    arm
+        Whether the user has said so already; else whoever sits at the terminal is asked.
+    what
+        What will be done, for the question: "search".
+    as_json
+        Whether a program reads that it was not armed.
+    """
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import print_json, stderr
+    from markerseek.drivers.exposure import exposure_line
+    from markerseek.rigs.recipe import BenchRecipe
+
+    if rig.devices is None:
+        return
+    stderr.print(escape(rig.facts.description))
+    stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
+    if isinstance(rig.recipe, BenchRecipe):
+        print_permissions(rig.recipe.settings)
+        stderr.print(escape(exposure_line(rig.recipe.settings.laser)))
+    if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
+        stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+        if as_json:
+            print_json({"armed": False, "rig": rig.facts.description})
+        raise typer.Exit(NOT_ARMED)
+    rig.arm(by=person())
+
+
+def print_permissions(settings: BenchSettings) -> None:
+    """Say what a rig of devices may do once it is armed: where it turns, what it fires, which program it starts.
+
+    Parameters
+    ----------
+    settings
+        From the user's rig file.
+    """
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import stderr
+
+    limits, firing, command = settings.limits, settings.firing, settings.receiver.start_command
+    lines = (
+        f"limits: search {limits.search}, travel {limits.travel}",
+        f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",
+        (
+            f"budgets: {firing.pulses_per_permit} pulses per permit, {firing.pulses_per_second} per second, "
+            f"{firing.pulses_per_session} per session"
+        ),
+        f"start_command: {'none' if command is None else shlex.join(command)}",
+    )
+    for line in lines:
+        stderr.print(f"[dim]{escape(line)}[/]")
+
+
+def person() -> str:
+    """Name of the user, for journal and guard."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "a user without a name"

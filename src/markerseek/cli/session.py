@@ -1,0 +1,189 @@
+"""Runs a search for `search`, `replay` and `resume`: journal, progress bar, and the end by a signal or an error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from rich.markup import escape
+
+from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.terminal import print_warning, progress_bar, quoted, stderr
+from markerseek.core import ConfigError, Failed, MarkerseekError, Measured, RecordError, Refused
+from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
+from markerseek.runs.session import Session
+
+
+def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:
+    """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
+
+    Parameters
+    ----------
+    session
+        The search.
+    as_json
+        Whether a program reads of an interruption.
+    rig_file
+        Rig file of the search; for a rig of devices, the command that resumes it names this file.
+    """
+    journal = session.journal
+    rig_file = rig_file if session.configuration.facts.kind == "bench" else None
+    with stopped_by_signals():
+        try:
+            _watch(session)
+        except StoppedBySignal as stop:
+            _note_interruption(stop, journal, rig_file)
+            end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
+        except MarkerseekError:
+            _print_how_to_resume(journal, rig_file)
+            raise
+
+
+def run_new_session(
+    session: Session,
+    *,
+    as_json: bool,
+    journal: Path | None = None,
+    keep: bool = True,
+    rig_file: Path | None = None,
+) -> Session:
+    """Run a new search to its end, kept in a new journal; the session with that journal comes back.
+
+    Parameters
+    ----------
+    session
+        The search.
+    as_json, rig_file
+        As in `run_session`.
+    journal
+        The user's file; None for one in the data folder.
+    keep
+        Whether to keep a journal at all.
+
+    Raises
+    ------
+    RecordError
+        If the journal cannot be written.
+    ConfigError
+        If a journal was named and none is to be kept.
+    """
+    session = replace(session, journal=new_journal(journal, session.configuration, wanted=keep))
+    with closed_at_end(session.journal):
+        run_session(session, as_json=as_json, rig_file=rig_file)
+    return session
+
+
+def _watch(session: Session) -> None:
+    # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
+    with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
+        task = progress.task_ids[0]
+        for event in events:
+            if isinstance(event, Measured) and event.role == "search":
+                sample = event.sample
+                shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                progress.update(task, completed=event.index, description=shown)
+            elif isinstance(event, Refused):
+                progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+
+
+def resume_command(journal: Path, rig_file: Path | None) -> str:
+    """The command that resumes a journal, as a shell takes it.
+
+    Parameters
+    ----------
+    journal
+        The journal.
+    rig_file
+        Rig file of a rig of devices; None for any other rig.
+    """
+    rig = "" if rig_file is None else f" --rig {quoted(rig_file)}"
+    return f"markerseek resume {quoted(journal)}{rig}"
+
+
+def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None:
+    """Print the command that resumes a run that ended with an error; none where only a new search helps."""
+    if journal is None or not journal.path.exists():
+        return
+    line = f"[dim]journal:[/] {escape(str(journal.path))}"
+    command = escape(resume_command(journal.path, rig_file))
+    if isinstance(journal.last, Failed):
+        line += f"; once the rig is well: {command} --reset-fault"
+    elif not isinstance(journal.last, Checked):
+        line += f"; go on with: {command}"
+    stderr.print(line)
+
+
+def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file: Path | None) -> None:
+    """Note in the journal what stopped the run, once the rig has been stopped."""
+    if journal is None:
+        return
+    try:
+        journal.interrupt(stop.name)
+    except RecordError as problem:
+        print_warning(str(problem))
+    print_warning(f"go on with: {resume_command(journal.path, rig_file)}")
+
+
+def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:
+    """Journal of a search that is about to begin; None where there is none.
+
+    A journal that was named and cannot be written is an error, before anything moves. Where none was named and the
+    user's data folder cannot be written, a search without hardware continues with a warning, and one with hardware does
+    not begin: going without a record there must be asked for.
+
+    Parameters
+    ----------
+    named
+        The user's file; None for one in the data folder.
+    configuration
+        What the search is begun with.
+    wanted
+        Whether to keep one at all.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be written.
+    ConfigError
+        If one was named and none is wanted.
+    """
+    if not wanted:
+        if named is not None:
+            raise ConfigError(f"--journal names {named} and --no-journal wants none; leave one of them out")
+        return None
+    if named is not None:
+        return Journal.create(named, configuration)
+    path = default_journal(method=configuration.plan.method)
+    try:
+        make_folder(path.parent)
+        return Journal.create(path, configuration)
+    except (OSError, RecordError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else str(problem)
+        if configuration.facts.kind == "bench":
+            raise RecordError(
+                f"{path}: no journal can be kept there ({reason}); name another place with --journal FILE, or go "
+                "without a record by --no-journal"
+            ) from problem
+        print_warning(f"no journal is kept: {path}: {reason}; name another place with --journal FILE")
+        return None
+
+
+@contextmanager
+def closed_at_end(journal: Journal | None) -> Iterator[None]:
+    """Close a journal at the end; where it cannot be closed, that is a warning, and the answer is shown all the same.
+
+    Parameters
+    ----------
+    journal
+        An open one, or None.
+    """
+    try:
+        yield
+    finally:
+        try:
+            if journal is not None:
+                journal.close()
+        except RecordError as problem:
+            print_warning(str(problem))

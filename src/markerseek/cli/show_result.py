@@ -1,0 +1,202 @@
+"""Shows the result of a search: a table or JSON, a picture and a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import NoReturn
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.core import PaImage, Sample
+from markerseek.records.journal import Configuration, Journal
+from markerseek.records.result import Recorder, SearchResult
+from markerseek.signals import ImageReader
+
+FOUND, OTHER_ANSWER = 0, 3
+"""Exit codes of a search that ended well."""
+
+
+def facts(result: SearchResult) -> list[tuple[str, str]]:
+    """Names and values of a result, as people read them."""
+    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
+    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
+        low, high = result.interval95_deg
+        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
+        rows.append(("95 % interval", f"[{low:.3f}°, {high:.3f}°], {_KINDS[result.interval_kind or 'propagated']}"))
+    else:
+        rows.append(("the rule points at", f"{result.angle_deg:.3f}°, which is not claimed"))
+    if result.marker_trus_m is not None:
+        rows.append(("marker in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
+    rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
+    rows.append(("rotation", f"{result.travel_deg:.1f}°"))
+    if result.elapsed_s is not None:
+        rows.append(("time", f"{result.elapsed_s:.0f} s" + (" (virtual)" if result.rig == "simulated" else "")))
+    if result.confirmation is not None:
+        confirmation = result.confirmation
+        verdict = {True: "confirmed", False: "NOT confirmed", None: "not judged"}[result.confirmed]
+        rows.append(
+            ("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°, {verdict}")
+        )
+    if result.floor is not None:
+        level = "unknown" if result.floor.level is None else f"{result.floor.level:.4g} from {result.floor.source}"
+        rows.append(("noise floor", level))
+    if result.truth_deg is not None and result.error_deg is not None:
+        rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
+    elif result.reference_deg is not None and result.error_deg is not None:
+        rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
+    return rows
+
+
+_KINDS = {
+    "posterior": "a posterior probability",
+    "bracket": "the bracket's width, not a probability",
+    "propagated": "noise propagated through the average, not a posterior",
+}
+
+
+def _method_in_words(result: SearchResult) -> str:
+    """Name of the method, and its form."""
+    return result.method + (" as published" if result.as_published else "")
+
+
+def _mm(point_m: tuple[float, float, float]) -> list[float]:
+    return [1e3 * value for value in point_m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """How a result is shown.
+
+    Attributes
+    ----------
+    name
+        Of the command; its pictures are called after it.
+    as_json
+        One object for programs instead of a table for people.
+    plot
+        Whether to write a picture and a page.
+    folder
+        Where they go, from `markerseek.cli.terminal.picture_folder`.
+    """
+
+    name: str
+    as_json: bool
+    plot: bool
+    folder: Path
+
+
+def conclude(
+    recorder: Recorder,
+    configuration: Configuration,
+    output: Output,
+    *,
+    imaging: ImageReader | None,
+    journal: Journal | None = None,
+) -> NoReturn:
+    """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
+
+    Parameters
+    ----------
+    recorder
+        It received all events of the search.
+    configuration
+        What the search was begun with.
+    output
+        How the result is shown.
+    imaging
+        Imaging chain of the rig's channel data; None where there are intensities only.
+    journal
+        The journal whose path is printed; None where there is none, or the user named it.
+    """
+    result = recorder.result(configuration.plan, configuration.facts)
+    title = f"{_method_in_words(result)} on a {result.rig} rig: {configuration.facts.description}"
+    # The answer first: a picture that cannot be drawn must not take it away.
+    if output.as_json:
+        print_json(result)
+    else:
+        _print_table(result, configuration.facts.description)
+    if output.plot:
+        for path in _draw(recorder, result, title, imaging, output.folder / output.name):
+            (stderr if output.as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+    if journal is not None and not output.as_json:
+        stderr.print(f"[dim]journal:[/] {escape(str(journal.path))}")
+    raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
+
+
+def _print_table(result: SearchResult, description: str) -> None:
+    stdout.print(f"[bold]{escape(_method_in_words(result))}[/] on a {result.rig} rig: {escape(description)}")
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in facts(result):
+        table.add_row(f"[dim]{name}[/]", escape(value))
+    stdout.print(table)
+
+
+def _draw(
+    recorder: Recorder, result: SearchResult, title: str, imaging: ImageReader | None, stem: Path
+) -> tuple[Path, ...]:
+    """Write a picture and a page beside one another; their paths, none where nothing was measured."""
+    from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
+
+    finished = recorder.finished
+    if finished is None or not recorder.samples:
+        return ()
+    png, page = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
+    draw = partial(
+        search_figure,
+        recorder.samples,
+        finished.estimate,
+        start_deg=recorder.start_deg,
+        truth_deg=result.truth_deg,
+        reference_deg=result.reference_deg,
+        confirmation=recorder.confirmation,
+        image=_image(imaging, recorder.confirmation or recorder.samples[-1]),
+    )
+    save_png(draw(title=title), png)
+    write_page(
+        page,
+        title=title,
+        note="Simulated rig: no hardware was involved." if result.rig == "simulated" else None,
+        facts=facts(result),
+        picture_uri=png_data_uri(draw(title=None)),
+        alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
+        rows=_rows(result),
+        json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
+    )
+    return png, page
+
+
+def _rows(result: SearchResult) -> list[tuple[str, ...]]:
+    """Headings, the acquisitions in order, and the confirmation; where the source was only if any of them say so."""
+    taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
+    if result.confirmation is not None:
+        taken.append(("confirmation", result.confirmation))
+    rows = [("", "angle [deg]", "intensity", "peak lateral [mm]", "peak depth [mm]")]
+    rows += [
+        (
+            name,
+            f"{each.angle_deg:.3f}",
+            f"{each.intensity:.4g}",
+            _optional_mm(each.lateral_m),
+            _optional_mm(each.depth_m),
+        )
+        for name, each in taken
+    ]
+    placed = any(each.lateral_m is not None for _, each in taken)
+    return [row if placed else row[:3] for row in rows]
+
+
+def _image(imaging: ImageReader | None, sample: Sample) -> PaImage | None:
+    """Image of the frame of a sample, where there is one."""
+    if imaging is None or sample.frame is None:
+        return None
+    return imaging.picture(sample.frame)
+
+
+def _optional_mm(value_m: float | None) -> str:
+    return "–" if value_m is None else f"{1e3 * value_m:.2f}"

@@ -1,0 +1,74 @@
+"""SIGINT, SIGTERM and SIGHUP end a search in the same way: rig stopped, laser disarmed, journal closed."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+from markerseek.cli.terminal import print_json, print_warning
+
+_STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+class StoppedBySignal(KeyboardInterrupt):
+    """A signal came; the cleaning up is done by whoever is interrupted, as after Ctrl-C.
+
+    Attributes
+    ----------
+    name
+        "SIGINT" or the like.
+    exit_code
+        Of the process, as shells have it.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.name = signal.Signals(number).name
+        self.exit_code = 128 + number
+        super().__init__(self.name)
+
+
+class Stopped(SystemExit):
+    """The command ends because of a signal, and all has been said."""
+
+
+def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None) -> NoReturn:
+    """Say that a rig was stopped, to people and to programs, and end the command.
+
+    Parameters
+    ----------
+    stop
+        The signal.
+    as_json
+        Whether a program listens.
+    kept
+        File that holds what was measured; None where none does.
+    """
+    print_warning(f"stopped by {stop.name}: the laser is disarmed, and the probe stays where it was")
+    if as_json:
+        print_json({"error": f"stopped by {stop.name}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
+    raise Stopped(stop.exit_code) from None
+
+
+@contextmanager
+def stopped_by_signals() -> Iterator[None]:
+    """Raise `StoppedBySignal` at the first signal, and ignore further ones while the rig is being stopped."""
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        for each in _STOPPING:
+            signal.signal(each, signal.SIG_IGN)
+        raise StoppedBySignal(number)
+
+    before = {each: signal.getsignal(each) for each in _STOPPING}
+    for each, handler in before.items():
+        # Whoever started us under nohup wants to outlive the terminal.
+        if handler is not signal.SIG_IGN:
+            signal.signal(each, stop)
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)

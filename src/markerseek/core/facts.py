@@ -1,0 +1,75 @@
+"""What is known of a rig, or of the recording that it plays back, apart from its devices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from markerseek.core.errors import ConfigError
+from markerseek.core.interval import Interval
+from markerseek.core.number import is_finite
+
+RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
+"""Whether a rig is simulated, plays back a recording, or is one of devices."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFacts:
+    """What is known of a rig; journals, banks and results take it from here.
+
+    Attributes
+    ----------
+    kind
+        See `RigKind`.
+    description
+        What it is, in words.
+    fingerprint
+        Of its settings, or of the recording: the same for equal rigs.
+    search
+        Angles that may be searched.
+    face_radius_m
+        Distance of the array's face from the axis of rotation in metres; None where it is not known.
+    truth_deg
+        Angle of the marker in degrees in a simulation; None where nobody knows it.
+    reference_deg
+        Angle of the marker that was found otherwise, in degrees, to be compared with; None without one.
+    seed
+        Seed of a simulation; None of any other rig.
+    probe
+        Name of the preset of the imaging chain; None, as the next three, where there are intensities only.
+    sampling_hz
+        Sampling frequency in Hz.
+    sound_speed_m_s
+        Speed of sound that the imaging assumes, in m/s.
+    pitch_m
+        Distance from one element of the array to the next, in metres.
+
+    Raises
+    ------
+    ConfigError
+        If an angle is not finite.
+    """
+
+    kind: RigKind
+    description: str
+    fingerprint: str
+    search: Interval
+    face_radius_m: float | None = None
+    truth_deg: float | None = None
+    reference_deg: float | None = None
+    seed: int | None = None
+    probe: str | None = None
+    sampling_hz: float | None = None
+    sound_speed_m_s: float | None = None
+    pitch_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("truth_deg", "reference_deg"):
+            angle_deg = getattr(self, name)
+            if angle_deg is not None and not is_finite(angle_deg):
+                raise ConfigError(f"{name} is {angle_deg} deg, it must be a finite number")
+
+    @property
+    def known_deg(self) -> float | None:
+        """Angle of the marker in degrees, from the simulation or else from elsewhere; None where nobody knows it."""
+        return self.reference_deg if self.truth_deg is None else self.truth_deg

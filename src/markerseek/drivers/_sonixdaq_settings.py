@@ -1,0 +1,72 @@
+"""How a SonixDAQ is used: what a rig file says of it, and what its driver needs besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from markerseek.core import ConfigError, require_range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonixDaqKeys:
+    """Keys of a SonixDAQ in a rig file, but for the folder.
+
+    Attributes
+    ----------
+    sampling_hz
+        Sampling frequency in Hz; the files do not hold it.
+    timeout_s
+        Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
+    stable_s
+        Time for which complete files must be left alone to be believed, in seconds.
+    readout_s
+        Longest time from a trigger to the last file, in seconds: a folder that was left alone for so long is settled.
+    start_command
+        Program and arguments that get the device ready for a trigger; no shell reads them, and ``{frames}`` in them
+        becomes the number of pulses to come. None: it is always ready.
+    start_timeout_s
+        Longest time that the command may take, in seconds.
+    """
+
+    sampling_hz: float = 40e6
+    timeout_s: float = 60.0
+    stable_s: float = 0.2
+    readout_s: float = 12.0
+    start_command: tuple[str, ...] | None = None
+    start_timeout_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name, high, unit in (
+            ("sampling_hz", 1e9, "Hz"),
+            ("timeout_s", 600, "s"),
+            ("readout_s", 600, "s"),
+            ("start_timeout_s", 600, "s"),
+        ):
+            require_range(f"sonixdaq: {name}", getattr(self, name), low=0, high=high, unit=unit, open_low=True)
+        if not 0 <= self.stable_s < self.timeout_s:
+            raise ConfigError(f"sonixdaq: stable_s is {self.stable_s} s, it must lie in [0, {self.timeout_s:g}) s")
+        if self.start_command is not None and not (self.start_command and self.start_command[0]):
+            raise ConfigError("sonixdaq: start_command is empty; leave it out, or name a program and its arguments")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonixDaqSettings(SonixDaqKeys):
+    """Settings of the driver: the keys of a rig file, the folder, and the triggers of a dark frame.
+
+    Attributes
+    ----------
+    folder
+        Where its software writes the channel files, over those of the acquisition before.
+    dark_triggers
+        Pulses that a dark acquisition averages: how often the laser box triggers it.
+    """
+
+    folder: Path
+    dark_triggers: int = 16
+
+    def __post_init__(self) -> None:
+        # Without arguments, super() does not work in a dataclass with slots, which is made a second time.
+        SonixDaqKeys.__post_init__(self)
+        if self.dark_triggers < 1:
+            raise ConfigError(f"sonixdaq: dark_triggers is {self.dark_triggers}, at least 1 is needed")

@@ -1,0 +1,58 @@
+"""Opens a serial port: 8 data bits, 1 stop bit, held by one program at a time. The one place that knows pyserial."""
+
+from __future__ import annotations
+
+import termios
+from typing import Any, Literal, TypeAlias
+
+from markerseek.core import MissingExtraError, NotConnectedError
+
+Parity: TypeAlias = Literal["N", "E", "O"]
+"""Parity bit: none, even or odd."""
+
+SERIAL_ERRORS = (OSError, termios.error)
+"""What a line that is gone raises: pyserial's own errors are OSErrors, a broken pseudo-terminal gives termios.error."""
+
+
+def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:
+    """Serial port as an object of pyserial; reads return at once.
+
+    Parameters
+    ----------
+    path
+        Name of the port.
+    baud
+        Bits per second.
+    parity
+        Parity bit.
+    write_timeout_s
+        Longest time that a write may take, in seconds; 0: writes never block.
+    rtscts
+        Whether RTS and CTS say who may send.
+
+    Raises
+    ------
+    MissingExtraError
+        If pyserial is not installed.
+    NotConnectedError
+        If the port cannot be opened, or another program holds it.
+    """
+    try:
+        import serial  # type: ignore[import-untyped, unused-ignore]
+    except ImportError as missing:
+        raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial port") from missing
+    try:
+        return serial.Serial(
+            port=path,
+            baudrate=baud,
+            parity=parity,
+            rtscts=rtscts,
+            timeout=0,
+            write_timeout=write_timeout_s,
+            exclusive=True,
+        )
+    except (*SERIAL_ERRORS, ValueError) as error:
+        raise NotConnectedError(
+            f"serial port {path} cannot be opened ({error}); plug the device in and switch it on, and end another "
+            "program that holds it"
+        ) from error

@@ -1,0 +1,141 @@
+"""Reads settings from TOML by the names that they have in Python; rig files and studies both use it.
+
+A key that no setting has is refused, with the nearest one that exists: a misspelt limit must not become a default.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from pathlib import Path
+
+from markerseek.core import ConfigError, RecordError
+from markerseek.files.inputs import MIB, read_input
+
+_MOST_BYTES = MIB // 4
+"""Largest settings file; the longest of the examples has 5 KB."""
+
+_MOST_COLUMNS = 4096
+"""Longest line of a settings file: Python's parser takes time with the square of the dots in a key."""
+
+_MOST_DEPTH = 16
+"""Deepest nesting of lists and tables; settings need 4."""
+
+
+def read_toml(path: Path, *, what: str) -> dict[str, object]:
+    """Table of a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    what
+        What it is, for the message: "rig file".
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is not TOML.
+    """
+    try:
+        text = read_input(path, most_bytes=_MOST_BYTES).decode("utf-8").replace("\r\n", "\n")
+        _require_short_lines(text)
+        table = tomllib.loads(text)
+        _require_plain(table)
+    except RecordError as problem:
+        raise ConfigError(str(problem)) from problem
+    except OSError as problem:
+        raise ConfigError(
+            f"{path}: the {what} cannot be read: {problem.strerror or problem}; check the name"
+        ) from problem
+    except RecursionError as problem:
+        raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
+    # Of our checks, and of the parser where a whole number is too long for Python.
+    except ValueError as problem:
+        raise ConfigError(f"{path}: the {what} cannot be read: {problem}") from problem
+    return table
+
+
+def _require_short_lines(text: str) -> None:
+    longest = max(map(len, text.split("\n")))
+    if longest > _MOST_COLUMNS:
+        raise ValueError(f"a line has {longest} characters, at most {_MOST_COLUMNS} are read; break it into several")
+
+
+def _require_plain(value: object, *, depth: int = 0) -> None:
+    """Refuse nesting and whole numbers that no setting has, on which checks and messages further on would fail."""
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"lists or tables are nested more than {_MOST_DEPTH} deep")
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            _require_plain(part, depth=depth + 1)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError("a whole number has more than 64 bits")
+
+
+def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:
+    """The table with ``"none"`` made None, once each of its keys is known to be a field of the settings.
+
+    Parameters
+    ----------
+    table
+        Keys and values as the file has them.
+    settings
+        Dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked likewise.
+    prefix
+        Where the table stands, for the message, with its dot.
+
+    Raises
+    ------
+    ConfigError
+        If a key is unknown; the message names the nearest one.
+    """
+    hints = typing.get_type_hints(settings)
+    known: dict[str, object] = {}
+    for key, value in table.items():
+        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)])
+        if isinstance(value, dict) and part is not None:
+            known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
+        else:
+            known[key] = None if value == "none" else value
+            require_choice(known[key], hints[key], name=prefix + key)
+    return known
+
+
+def require_choice(value: object, hint: object, *, name: str) -> None:
+    """Refuse a value that is none of those that a ``Literal`` names; other types are not checked.
+
+    Raises
+    ------
+    ConfigError
+        If it is none of them; the message lists them.
+    """
+    if typing.get_origin(hint) is typing.Literal and value not in typing.get_args(hint):
+        raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
+
+
+def require_key(key: str, settings: type, *, prefix: str = "") -> str:
+    """The key, if the settings have it.
+
+    Raises
+    ------
+    ConfigError
+        If they do not; the message names the nearest one.
+    """
+    names = [field.name for field in dataclasses.fields(settings)]
+    if key in names:
+        return key
+    near = difflib.get_close_matches(key, names, n=1)
+    hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(names)}"
+    raise ConfigError(f"the key {prefix}{key} is unknown; {hint}")
+
+
+def _dataclass_in(hint: object) -> type | None:
+    """The dataclass that a type hint allows, if any."""
+    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    return next((kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)), None)

@@ -1,0 +1,51 @@
+"""Scans of many angles, from IPASC HDF5, a folder of frames, arrays of NumPy or MATLAB, or a table.
+
+`read_bank` reads what is a bank already, `read_arrays` what becomes one, `load_frame` and `open_ultrasonix` one frame.
+Foreign files are read in a child process (`markerseek.records.sandbox`).
+"""
+
+from markerseek.records.banks.arrays import ArrayBank, read_arrays
+from markerseek.records.banks.bank import (
+    HDF5_SUFFIXES,
+    MOST_DEG,
+    Bank,
+    BankFacts,
+    FrameBank,
+    IntensityBank,
+    require_angles,
+)
+from markerseek.records.banks.folder import FolderBank, read_folder
+from markerseek.records.banks.frames import MAT_PROBE, load_frame
+from markerseek.records.banks.ipasc import BankWriter, IpascBank, read_ipasc, require_new_bank, whole_bank
+from markerseek.records.banks.reading import read_bank
+from markerseek.records.banks.table import read_table, write_bank
+from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
+from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
+
+__all__ = [
+    "ARRAY_SUFFIXES",
+    "HDF5_SUFFIXES",
+    "MAT_PROBE",
+    "MOST_DEG",
+    "ULTRASONIX_SUFFIXES",
+    "ArrayBank",
+    "Bank",
+    "BankFacts",
+    "BankWriter",
+    "FolderBank",
+    "FrameBank",
+    "IntensityBank",
+    "IpascBank",
+    "UltrasonixFile",
+    "load_frame",
+    "open_ultrasonix",
+    "read_arrays",
+    "read_bank",
+    "read_folder",
+    "read_ipasc",
+    "read_table",
+    "require_angles",
+    "require_new_bank",
+    "whole_bank",
+    "write_bank",
+]

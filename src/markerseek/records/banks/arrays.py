@@ -1,0 +1,175 @@
+"""Banks as arrays that NumPy or MATLAB saved: angles with intensities, or with frames of channel data.
+
+``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (int16, angles × channels ×
+samples); and, where they are known, ``sampling_hz`` and ``reference_angle_deg``. ``.npy`` holds two columns, angle and
+intensity, or the frames alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Float64, Int16
+from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_arrays import arrays_in
+
+USUAL_SAMPLING_HZ = 40e6
+"""Sampling frequency of the SonixDAQ, where none is named, in Hz."""
+
+_LARGEST_BYTES = 1 << 33
+_NAMES = {
+    "angle_deg": ("angle_deg", "angles_deg", "trus_angle_deg"),
+    "intensity": ("intensity", "intensities"),
+    "frames": ("frames",),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArrayBank(FrameBank):
+    """Frames in memory.
+
+    Attributes
+    ----------
+    path
+        Where they were read.
+    samples
+        ADC counts, shape (angles, channels, samples).
+    """
+
+    path: Path
+    samples: Int16[np.ndarray, "angles channels samples"] = field(repr=False)
+
+    def frame(self, index: int) -> ChannelFrame:
+        """Channel data of one angle."""
+        header = FrameHeader(
+            sequence=index + 1,
+            token=self.path.name,
+            pulses=1,
+            commanded_deg=self.angles_deg[index],
+            started_s=math.nan,
+            ended_s=math.nan,
+        )
+        sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
+        return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        """Arrays hold no frames without laser."""
+        raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds none")
+
+
+def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = None) -> IntensityBank | ArrayBank:
+    """Bank in an ``.npy``, ``.npz`` or ``.mat``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    first_and_step_deg
+        Angle of the first frame and step to the next, in degrees, where the file holds no angles.
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, or does not hold what is described above.
+    """
+    try:
+        with Sandbox() as sandbox:
+            arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    named = {name: _picked(arrays, names) for name, names in _NAMES.items()}
+    frames, intensity = named["frames"], named["intensity"]
+    angles = named["angle_deg"]
+    if first_and_step_deg is not None and frames is not None and angles is None:
+        first_deg, step_deg = first_and_step_deg
+        angles = first_deg + step_deg * np.arange(len(frames) if frames.ndim else 0)
+    elif first_and_step_deg is not None:
+        raise RecordError(
+            f"{path}: a first angle and a step are for frames without angles, it holds {_content(arrays)}"
+        )
+    if angles is None:
+        raise RecordError(
+            f"{path}: angle_deg is missing, it holds {_content(arrays)}; add it, or give the first angle and the step"
+        )
+    order = _rising(path, angles.ravel())
+    facts = BankFacts(
+        sampling_hz=_scalar(path, arrays, "sampling_hz"),
+        reference_angle_deg=_scalar(path, arrays, "reference_angle_deg"),
+    )
+    rising = tuple(float(each) for each in angles.ravel()[order])
+    if frames is not None:
+        counts = _counts(path, frames, len(rising))
+        return ArrayBank(path=path, angles_deg=rising, samples=counts[order], facts=facts)
+    if intensity is None:
+        raise RecordError(f"{path}: intensity or frames expected, it holds {_content(arrays)}")
+    values = _intensity(path, intensity, len(rising))[order]
+    return IntensityBank(angles_deg=rising, intensities=tuple(values.tolist()), facts=facts)
+
+
+def _named(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays by name; the one of an ``.npy``, which has none, is angles beside intensities, or frames."""
+    if list(arrays) != [""]:
+        return arrays
+    array = arrays[""]
+    if array.ndim == 2 and array.shape[1] == 2:
+        return {"angle_deg": array[:, 0], "intensity": array[:, 1]}
+    return {"frames": array}
+
+
+def _picked(arrays: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
+    return next((arrays[name] for name in names if name in arrays), None)
+
+
+def _content(arrays: Mapping[str, np.ndarray]) -> str:
+    return ", ".join(f"{name[:40]} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
+
+
+def _rising(path: Path, angles: np.ndarray) -> np.ndarray:
+    """Order in which the angles rise."""
+    if angles.dtype.kind not in "iuf":
+        raise RecordError(f"{path}: angle_deg is {angles.dtype}, it must hold degrees")
+    order = np.argsort(angles, kind="stable")
+    require_angles(path, angles[order].astype(np.float64).tolist())
+    return order
+
+
+def _counts(path: Path, frames: np.ndarray, angles: int) -> Int16[np.ndarray, "angles channels samples"]:
+    if frames.ndim != 3 or frames.dtype.newbyteorder("=") != np.int16 or min(frames.shape) < 1:
+        raise RecordError(
+            f"{path}: frames is {frames.dtype} of shape {frames.shape}, int16 of (angles, channels, samples) expected"
+        )
+    if frames.shape[0] != angles or frames.shape[1] > frames.shape[2]:
+        raise RecordError(
+            f"{path}: frames has the shape {frames.shape} for {angles} angles; (angles, channels, samples) expected"
+        )
+    return np.ascontiguousarray(frames, dtype=np.int16)
+
+
+def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:
+    values = intensity.ravel()
+    if values.size != angles or values.dtype.kind not in "iuf":
+        raise RecordError(f"{path}: intensity is {intensity.dtype} of shape {intensity.shape} for {angles} angles")
+    values = values.astype(np.float64)
+    if not (np.isfinite(values) & (values >= 0)).all():
+        raise RecordError(f"{path}: intensity must be finite and not negative; leave those angles out")
+    if (values > MOST_INTENSITY).any():
+        raise RecordError(
+            f"{path}: an intensity is {values.max():g}, it must be at most {MOST_INTENSITY:g}; scale them"
+        )
+    return values
+
+
+def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | None:
+    if name not in arrays:
+        return None
+    values = arrays[name]
+    if values.size != 1 or values.dtype.kind not in "iuf" or not math.isfinite(float(values.flat[0])):
+        raise RecordError(f"{path}: {name} must be one finite number")
+    return float(values.flat[0])

@@ -1,0 +1,201 @@
+"""Frames of channel data from files: a folder of SonixDAQ channel files, ``.npy``, and ``.mat`` of the public data set.
+
+Whatever is in a file, what comes back is a frame or a `RecordError`, and no more memory is asked for than some tens of
+times the file's size.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Int16
+from markerseek.files import MIB, open_input
+from markerseek.records.banks.bank import HDF5_SUFFIXES
+from markerseek.records.journal import is_journal
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_arrays import arrays_in
+from markerseek.wire import sonixdaq
+
+MAT_PROBE = "L3-8"
+"""Preset of the probe of that data set."""
+
+_FRAME, _COUNT = "AdcData_frame000", "SampleNum"
+_MOST_FRAME_BYTES = 256 * MIB
+"""Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
+
+_MOST_CHANNEL_BYTES = 64 * MIB
+"""Largest file of one channel: 800 pulses of 40,000 samples."""
+
+
+def load_frame(
+    path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0, sandbox: Sandbox | None = None
+) -> ChannelFrame:
+    """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
+
+    Parameters
+    ----------
+    path
+        A folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of int16 (channels, samples), or a
+        ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
+    sampling_hz
+        Sampling frequency in Hz; none of the files holds it.
+    angle_deg
+        Angle of the probe, for the frame's header, in degrees.
+    sandbox
+        Reads files of NumPy and MATLAB; None: one for this file alone.
+
+    Raises
+    ------
+    RecordError
+        If there is no frame in it; the message names the file, what was expected, what was found, and the cure.
+    """
+    place = Path(path)
+    try:
+        samples, pulses = _load(place, sandbox)
+    except OSError as error:
+        raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
+            error
+        )
+    header = FrameHeader(
+        sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
+    )
+    return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
+
+
+def _load(path: Path, sandbox: Sandbox | None) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+    if not path.exists():
+        raise RecordError(f"{path}: there is no such file or folder; check the name")
+    if path.is_dir():
+        return _load_daq_folder(path)
+    loaders = {".mat": _mat_frame, ".npy": _npy_frame}
+    loader = loaders.get(path.suffix.lower())
+    if loader is None:
+        raise RecordError(f"{path}: {_otherwise(path)}")
+    if sandbox is not None:
+        return loader(path, arrays_in(path, sandbox, most_bytes=_MOST_FRAME_BYTES)), 1
+    with Sandbox() as own:
+        return loader(path, arrays_in(path, own, most_bytes=_MOST_FRAME_BYTES)), 1
+
+
+def _otherwise(path: Path) -> str:
+    """What else a file could be, and which command is for it."""
+    suffix = path.suffix.lower()
+    if path.is_file() and is_journal(path):
+        return f"it is the journal of a search, not one frame; see 'markerseek journal show {path}'"
+    if suffix in (*HDF5_SUFFIXES, ".csv"):
+        return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {path}'"
+    if suffix == ".npz":
+        return f"it would be a scan of many angles, not one frame; see 'markerseek bank import {path} scan.hdf5'"
+    return (
+        f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
+        "files; 'markerseek frame' also shows what is in an Ultrasonix .b8 or .rf"
+    )
+
+
+def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
+    """Channels, shape (128, samples), without the padding at their end.
+
+    The layout is that of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is
+    (32, AlignedSampleNum, 4), and channel c stands in row c mod 32 of bank c div 32.
+    """
+    frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
+    if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
+        found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
+        raise RecordError(
+            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {found}; "
+            "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
+            f"see 'markerseek bank import {path} scan.hdf5'"
+        )
+    aligned = frame.shape[1]
+    if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
+        raise RecordError(
+            f"{path}: {_COUNT} is {count.ravel()[:4].tolist()}, expected a number from 1 to AlignedSampleNum, "
+            f"{aligned}; the file is damaged: fetch or save it again"
+        )
+    channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
+    return np.ascontiguousarray(channels, dtype=np.int16)
+
+
+def _npy_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
+    samples = arrays[""]
+    if (
+        samples.dtype.newbyteorder("=") != np.int16
+        or samples.ndim != 2
+        or not 1 <= samples.shape[0] <= samples.shape[1]
+    ):
+        raise RecordError(
+            f"{path}: {samples.dtype} of shape {samples.shape} found, int16 of shape (channels, samples) expected; "
+            "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
+            + (f"; of many angles, see 'markerseek bank import {path} scan.hdf5'" if samples.ndim == 3 else "")
+        )
+    return np.ascontiguousarray(samples, dtype=np.int16)
+
+
+def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+    files = _daq_files(folder)
+    headers = {number: _daq_header(path) for number, path in files.items()}
+    first = headers[0]
+    for number, header in headers.items():
+        if header != first:
+            raise RecordError(
+                f"{files[number]}: {header.frames} pulses of {header.samples} samples under a header of "
+                f"{header.length} bytes found, {first.frames} of {first.samples} under {first.length} expected as in "
+                f"{files[0].name}; the folder mixes acquisitions: acquire it again"
+            )
+    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
+    for number, path in files.items():
+        with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
+            file.seek(first.length)
+            body = file.read(first.file_bytes - first.length)
+        if len(body) != first.file_bytes - first.length:
+            raise RecordError(
+                f"{path}: {first.length + len(body)} bytes found, {first.file_bytes} bytes expected; it became shorter "
+                "while it was read: wait until the acquisition is complete"
+            )
+        pulses = sonixdaq.decode_samples(body, first)
+        samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
+    return samples, first.frames
+
+
+def _daq_files(folder: Path) -> dict[int, Path]:
+    """Channel files by number, all 128 of them."""
+    files: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        number = sonixdaq.file_number(path.name)
+        if number is None:
+            continue
+        if number in files:
+            raise RecordError(
+                f"{folder}: {files[number].name} and {path.name} are both channel {number}; "
+                "keep one acquisition in a folder"
+            )
+        files[number] = path
+    if len(files) != sonixdaq.CHANNELS:
+        missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
+        raise RecordError(
+            f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+            f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
+            + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {folder}'")
+        )
+    return files
+
+
+def _daq_header(path: Path) -> sonixdaq.DaqHeader:
+    with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
+        head, size = file.read(sonixdaq.HEADER_BYTES), os.fstat(file.fileno()).st_size
+    try:
+        header = sonixdaq.decode_header(head, size=size, name=path.name)
+    except RecordError as error:
+        raise RecordError(f"{path.parent}: {error}") from error
+    if header.samples > sonixdaq.MOST_SAMPLES:
+        raise RecordError(
+            f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MOST_SAMPLES} are read; "
+            "record a shorter time"
+        )
+    return header

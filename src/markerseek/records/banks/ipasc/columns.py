@@ -1,0 +1,187 @@
+"""What a bank in IPASC HDF5 says beside its frames: numbers of each measurement, and facts of the bank."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import MOST_INTENSITY, RecordError
+from markerseek.core.shapes import Float64
+from markerseek.records.banks.bank import BankFacts, require_angles
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.ipasc.rows import row_sum
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5
+
+_MOST_ANGLES = 1_000_000
+_LONGEST_SEED = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Numbers of each measurement that was taken, in the order of the angles.
+
+    Attributes
+    ----------
+    room
+        Measurements that the file has room for.
+    rows
+        Their places in the file.
+    angles_deg, intensities, pulses, started_s
+        As in `FrameBank`; an intensity or time that the file does not say is NaN, pulses are 1.
+    row_sums
+        Their checksums, which have been compared; empty where there are none.
+    """
+
+    room: int
+    rows: tuple[int, ...]
+    angles_deg: tuple[float, ...]
+    intensities: tuple[float, ...]
+    pulses: tuple[int, ...]
+    started_s: tuple[float, ...]
+    row_sums: tuple[int, ...]
+
+
+def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
+    """Numbers of a bank that holds ``trus_angle_deg``; measurements that were not taken are passed over.
+
+    Raises
+    ------
+    RecordError
+        If no search can work with the angles, an intensity cannot be one, or a checksum differs.
+    ValueError
+        If a field does not hold what it should.
+    """
+    angles = file.numbers(fields.ANGLES)
+    if angles.size > _MOST_ANGLES:
+        raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
+    taken = np.flatnonzero(np.isfinite(angles))
+    order = taken[np.argsort(angles[taken], kind="stable")]
+    require_angles(path, angles[order].tolist())
+    # Other programs have no clock of a rig; theirs counts from 1970.
+    times = _one_each(file, fields.RIG_CLOCK if ours else fields.TIMES, angles.size, otherwise=math.nan)
+    pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
+    columns = Columns(
+        room=angles.size,
+        rows=tuple(order.tolist()),
+        angles_deg=tuple(angles[order].tolist()),
+        intensities=tuple(_intensities(path, file, angles.size)[order].tolist()),
+        pulses=tuple(int(each) for each in np.where(pulses >= 0, pulses, 1)),
+        started_s=tuple(times[order].tolist()),
+        row_sums=sums_of(file, fields.ROW_SUMS, order.tolist(), room=angles.size),
+    )
+    if columns.row_sums:
+        _require_unchanged(path, columns)
+    return columns
+
+
+def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
+    """Checksums of some rows; none where the file has none.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer, or not as many as there is room for, where that is given.
+    """
+    if not file.has(name):
+        return ()
+    values = file.numbers(name)
+    if values.size < len(rows) or (room is not None and values.size != room):
+        raise ValueError(f"{name} holds {values.size} checksums for {room or len(rows)} frames")
+    return tuple(int(values[row]) for row in rows)
+
+
+def changed(path: Path, what: str) -> RecordError:
+    """Error that says that something is not what it was."""
+    return RecordError(
+        f"{path}: {what} has changed since it was written, its checksum differs; take the file from a backup or scan "
+        "again, or, if it was changed on purpose, delete the fields of meta_data that end in _crc32"
+    )
+
+
+def _require_unchanged(path: Path, columns: Columns) -> None:
+    rows = zip(columns.angles_deg, columns.intensities, columns.pulses, columns.started_s, strict=True)
+    for summed, (angle_deg, intensity, pulses, started_s) in zip(columns.row_sums, rows, strict=True):
+        if row_sum(angle_deg=angle_deg, intensity=intensity, pulses=pulses, started_s=started_s) != summed:
+            raise changed(path, f"what is written of the angle {angle_deg:g} deg")
+
+
+def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndarray, " planned"]:
+    if not file.has(fields.INTENSITIES):
+        return np.full(count, np.nan)
+    values = file.numbers(fields.INTENSITIES)
+    if values.size != count:
+        raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
+    if not (values[np.isfinite(values)] >= 0).all():
+        raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
+    if (values[np.isfinite(values)] > MOST_INTENSITY).any():
+        raise RecordError(f"{path}: an intensity is above {MOST_INTENSITY:g}; the file is damaged: scan again")
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
+    """One number for each measurement, with another in the place of those that are missing."""
+    values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
+    if values.size not in (0, count):
+        raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
+    values = values if values.size else np.full(count, otherwise)
+    return np.where(np.isfinite(values), values, otherwise)
+
+
+def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
+    """What is known of a bank; a bank of another program counts its times from 1970.
+
+    Raises
+    ------
+    ValueError
+        If a field does not hold what it should.
+    """
+    return BankFacts(
+        description=file.text(fields.DESCRIPTION) or "",
+        probe=file.text(fields.PROBE),
+        sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
+        pitch_m=pitch_m,
+        wavelength_m=_first(file, fields.WAVELENGTH),
+        pulse_energy_j=_first(file, fields.PULSE_ENERGY),
+        face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
+        reference_angle_deg=file.number(fields.REFERENCE),
+        clock_zero_unix_s=_clock_zero_unix_s(file, ours=ours),
+        simulated=_truth(file.number(fields.SIMULATED)),
+        configuration=file.text(fields.CONFIGURATION),
+        seed=_seed(file.text(fields.SEED)),
+        made_with=file.text(fields.MADE_WITH),
+    )
+
+
+def _clock_zero_unix_s(file: UntrustedHdf5, *, ours: bool) -> float | None:
+    if not ours:
+        return 0.0 if file.has(fields.TIMES) and file.text(fields.TIMES) is None else None
+    return file.number(fields.CLOCK_ZERO)
+
+
+def _truth(number: float | None) -> bool | None:
+    return None if number is None else number != 0
+
+
+def _seed(text: str | None) -> int | None:
+    return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
+
+
+def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float | None:
+    """A number in SI units that must lie in a range, by which a damaged one is known; None where it is missing."""
+    value = file.number(name)
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+    return value
+
+
+def _first(file: UntrustedHdf5, name: str) -> float | None:
+    """The first of the numbers; None where there is none, or pacfish wrote that there is none."""
+    if not file.has(name) or file.text(name) == "None":
+        return None
+    values = file.numbers(name)
+    return float(values[0]) if values.size and math.isfinite(values[0]) else None

@@ -1,0 +1,138 @@
+"""Fields of a bank in IPASC HDF5 by name: those of the standard, and ours beside them under ``meta_data``."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from typing import Any
+
+import numpy as np
+
+from markerseek._version import __version__
+from markerseek.core import LinearArray, MissingExtraError
+from markerseek.records.banks.bank import BankFacts
+
+BANK_VERSION = 1
+"""Version of the fields that are ours; a reader refuses a newer one."""
+
+FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
+"""Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
+
+pacfish drops axes of length 1 of all but the first when it reads.
+"""
+
+VERSION = "meta_data/markerseek_bank_version"
+ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
+PULSES = "meta_data/pulses"
+TIMES, RIG_CLOCK, CLOCK_ZERO = (
+    "meta_data/measurement_timestamps",
+    "meta_data/rig_clock_s",
+    "meta_data/clock_zero_unix_s",
+)
+"""When a measurement began: since 1970, and on the rig's clock; and when that read 0, since 1970. All in seconds."""
+
+ROW_SUMS, FRAME_SUMS, DARK_SUMS = "meta_data/row_crc32", "meta_data/frame_crc32", "meta_data/dark_frame_crc32"
+POSES = "meta_data/measurement_spatial_poses"
+DARK_TAKEN = "meta_data/dark_frames_taken"
+FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
+SIMULATED = "meta_data/simulated"
+CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
+SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
+WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
+DETECTORS = "meta_data_device/detectors"
+
+BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, RIG_CLOCK, PULSE_ENERGY, POSES, ROW_SUMS, FRAME_SUMS)
+"""Those that have one row for each measurement, beside the frames."""
+
+DEVICE_IDENTIFIERS = {
+    "BPL9-5/55": "a4e26483-0a87-4ae7-8bb2-7ab133bcac32",
+    "L3-8": "4462eea9-bcfa-49b0-bfaf-263f86caa10c",
+}
+"""IPASC wants a random UUID for each device; these were drawn once for each preset."""
+
+
+def pacfish_package() -> Any:
+    """The package pacfish, which has no types; `MissingExtraError` where it is not installed."""
+    try:
+        import pacfish
+    except ImportError as problem:
+        raise MissingExtraError(package="pacfish", extra="records", purpose="a bank in IPASC HDF5") from problem
+    return pacfish
+
+
+def device_identifier(probe: str | None) -> str:
+    """UUID of a probe: that of its preset, or a new one."""
+    return DEVICE_IDENTIFIERS.get(probe or "") or str(uuid.uuid4())
+
+
+def acquisition_fields(
+    facts: BankFacts, *, count: int, dark_frames: int, shape: tuple[int, int], sampling_hz: float | None, device: str
+) -> dict[str, object]:
+    """Fields of IPASC and ours by name; what is not known is left out, and what is not measured is NaN."""
+    unmeasured = np.full(count, np.nan)
+    known: dict[str, object | None] = {
+        "meta_data/uuid": str(uuid.uuid4()),
+        "meta_data/encoding": "UTF-8",
+        "meta_data/compression": "raw",
+        "meta_data/data_type": "short",
+        "meta_data/dimensionality": "time and space",
+        "meta_data/photoacoustic_imaging_device_reference": device,
+        SIZES: np.array([*shape, 1, count]),
+        SAMPLING: sampling_hz,
+        SOUND_SPEED: facts.sound_speed_m_s,
+        # PATATO does without many fields, and not without this one: NaN where it is not known.
+        WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
+        PULSE_ENERGY: None if facts.pulse_energy_j is None else np.full(count, facts.pulse_energy_j),
+        TIMES: unmeasured,
+        POSES: None if facts.face_radius_m is None else np.full((count, 6), np.nan),
+        "meta_data/measurements_per_image": 1,
+        "meta_data/scanning_method": "full_scan",
+        "meta_data/scanning_motion": "rotation of the probe about its long axis",
+        VERSION: BANK_VERSION,
+        ANGLES: unmeasured,
+        INTENSITIES: unmeasured,
+        RIG_CLOCK: unmeasured,
+        CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
+        PULSES: np.zeros(count, np.int64),
+        ROW_SUMS: np.zeros(count, np.uint32),
+        FRAME_SUMS: np.zeros(count, np.uint32) if all(shape) else None,
+        DARK_SUMS: np.zeros(dark_frames, np.uint32) if all(shape) else None,
+        DARK_TAKEN: np.zeros((), np.int64),
+        REFERENCE: facts.reference_angle_deg,
+        FACE_RADIUS: facts.face_radius_m,
+        PROBE: facts.probe,
+        DESCRIPTION: facts.description or None,
+        SIMULATED: None if facts.simulated is None else int(facts.simulated),
+        CONFIGURATION: facts.configuration,
+        # As text: a seed may be larger than any number of HDF5.
+        SEED: None if facts.seed is None else str(facts.seed),
+        MADE_WITH: facts.made_with or f"markerseek {__version__}",
+    }
+    # Python's own numbers: pacfish drops NumPy's without a word.
+    return {
+        name.removeprefix("meta_data/"): float(value) if isinstance(value, np.floating) else value
+        for name, value in known.items()
+        if value is not None
+    }
+
+
+def device_fields(
+    facts: BankFacts, *, shape: tuple[int, int], sampling_hz: float | None, device: str
+) -> dict[str, object]:
+    """The probe: x1 along the array from its centre, x3 into the tissue; elements' sizes are not known."""
+    pacfish = pacfish_package()
+    elements, samples = shape
+    creator = pacfish.DeviceMetaDataCreator()
+    if facts.pitch_m is not None and elements >= 2:
+        for lateral_m in LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m:
+            element = pacfish.DetectionElementCreator()
+            element.set_detector_position(np.array([lateral_m, 0.0, 0.0]))
+            element.set_detector_orientation(np.array([0.0, 0.0, 1.0]))
+            creator.add_detection_element(element.get_dictionary())
+    half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
+    depth_m = 0.0
+    if facts.sound_speed_m_s is not None and sampling_hz is not None:
+        depth_m = samples / sampling_hz * facts.sound_speed_m_s
+    creator.set_general_information(device, np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]))
+    fields: dict[str, object] = creator.finalize_device_meta_data()
+    return fields

@@ -1,0 +1,145 @@
+"""Makes the file of a bank with its full size, and a smaller copy of one that was not filled.
+
+pacfish wants a whole bank in memory, drops values of kinds that it does not know without a word, and writes all at
+once. So it writes everything but the frames, for which room is made afterwards.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from markerseek.records.banks.bank import BankFacts
+from markerseek.records.banks.ipasc.fields import (
+    ANGLES,
+    BY_MEASUREMENT,
+    DARK_FRAMES,
+    DARK_SUMS,
+    DARK_TAKEN,
+    DETECTORS,
+    FRAMES,
+    SIZES,
+    acquisition_fields,
+    device_fields,
+    device_identifier,
+    pacfish_package,
+)
+
+if TYPE_CHECKING:
+    import h5py
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """Room of a bank.
+
+    Attributes
+    ----------
+    angles, dark_frames
+        Measurements with the laser and without.
+    shape
+        Channels and samples of a frame; zeros where there are intensities only.
+    sampling_hz
+        Sampling frequency of the frames in Hz; None where it is not known.
+    """
+
+    angles: int
+    dark_frames: int
+    shape: tuple[int, int]
+    sampling_hz: float | None
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of all frames."""
+        return 2 * self.shape[0] * self.shape[1] * (self.angles + self.dark_frames)
+
+
+def make_file(path: Path, layout: Layout, facts: BankFacts) -> None:
+    """Write a bank without measurements that has its full size: from now on only numbers change in it."""
+    import h5py
+
+    pacfish = pacfish_package()
+    data = pacfish.PAData(np.zeros((*layout.shape, 1, 0), np.int16))
+    device = device_identifier(facts.probe)
+    data.meta_data_acquisition = acquisition_fields(
+        facts,
+        count=layout.angles,
+        dark_frames=layout.dark_frames,
+        shape=layout.shape,
+        sampling_hz=layout.sampling_hz,
+        device=device,
+    )
+    data.meta_data_device = device_fields(facts, shape=layout.shape, sampling_hz=layout.sampling_hz, device=device)
+    pacfish.write_data(str(path), data)
+    with h5py.File(path, "r+") as file:
+        _reserve(file, FRAMES, (*layout.shape, 1), layout.angles)
+        if all(layout.shape):
+            _reserve(file, DARK_FRAMES, layout.shape, layout.dark_frames)
+        else:
+            # PATATO does without elements, and not without the group of them.
+            file.require_group(DETECTORS)
+    if hasattr(os, "posix_fallocate"):
+        with path.open("r+b") as plain:
+            os.posix_fallocate(plain.fileno(), 0, path.stat().st_size)
+
+
+def copy_trimmed(source: Path, to: Path) -> None:
+    """Copy the measurements that a bank holds, with all else that is in it, and leave off the room for more."""
+    import h5py
+
+    with h5py.File(source, "r") as held, h5py.File(to, "w") as copy:
+        # As the file says, and not its writer, who may have been interrupted before counting the last one.
+        angles, dark_frames = int(np.isfinite(held[ANGLES][()]).sum()), int(held[DARK_TAKEN][()])
+        names: list[str] = []
+        held.visit(names.append)
+        for name in names:
+            item = held[name]
+            if isinstance(item, h5py.Group):
+                copy.require_group(name)
+            elif name in BY_MEASUREMENT:
+                copy[name] = item[:angles]
+            elif name == DARK_SUMS:
+                copy[name] = item[:dark_frames]
+            elif name == SIZES:
+                copy[name] = np.array([*item[:3], angles])
+            elif name == FRAMES:
+                _copy_frames(item, copy, angles)
+            elif name == DARK_FRAMES:
+                _copy_frames(item, copy, dark_frames)
+            else:
+                held.copy(item, copy, name=name)
+
+
+def _copy_frames(item: h5py.Dataset, copy: h5py.File, count: int) -> None:
+    name = item.name.lstrip("/")
+    _reserve(copy, name, item.shape[:-1], count)
+    for row in range(count if 0 not in item.shape else 0):
+        place = (*(0 for _ in item.shape[:-1]), row)
+        write_frame(copy[name], place, item.id.read_direct_chunk(place)[1])
+
+
+def write_frame(data: h5py.Dataset, place: tuple[int, ...], counts: bytes) -> None:
+    """Put one frame into its place, past the library's cache, which loses what it cannot write without a word."""
+    data.id.write_direct_chunk(place, counts)
+
+
+def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> None:
+    """A dataset that has its place on the disk at once, one chunk a frame."""
+    import h5py
+
+    if name in file:
+        del file[name]
+    dims = (*shape, count)
+    if 0 in dims:
+        file.create_dataset(name, shape=dims, dtype="i2")
+        return
+    kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    kind.set_chunk((*shape, 1))
+    kind.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    room = h5py.h5s.create_simple(dims)
+    h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)

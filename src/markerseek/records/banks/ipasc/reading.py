@@ -1,0 +1,261 @@
+"""Reads banks in IPASC HDF5, ours and other people's, one frame at a time."""
+
+from __future__ import annotations
+
+import math
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import ChannelFrame, FrameHeader, RecordError
+from markerseek.core.shapes import Int16
+from markerseek.files import require_input
+from markerseek.records.banks.bank import FrameBank, IntensityBank
+from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.ipasc.array import element_row
+from markerseek.records.banks.ipasc.columns import changed, read_columns, read_facts, sums_of
+from markerseek.records.banks.ipasc.rows import frame_sum
+from markerseek.records.sandbox import probe_in_child
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
+
+_LARGEST_BYTES = 1 << 42
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IpascBank(FrameBank):
+    """Frames in an IPASC HDF5 file.
+
+    Attributes
+    ----------
+    path
+        The file's name.
+    file
+        The file, open.
+    rows
+        Number of the measurement in the file for each angle.
+    room
+        Measurements that the file has room for.
+    pulses
+        Laser pulses averaged in each; 1 where the file does not say.
+    falling
+        Whether the elements stand in the file from the high end of the array to the low one.
+    row_sums, frame_sums, dark_sums
+        Checksums of the numbers and the counts at each angle, and of the dark frames; empty where there are none.
+    """
+
+    path: Path
+    file: UntrustedHdf5 = field(repr=False, compare=False)
+    rows: tuple[int, ...] = field(repr=False)
+    room: int
+    falling: bool = False
+    row_sums: tuple[int, ...] = field(repr=False, default=())
+    frame_sums: tuple[int, ...] = field(repr=False, default=())
+    dark_sums: tuple[int, ...] = field(repr=False, default=())
+
+    @property
+    def planned(self) -> int:
+        """Angles that the scan was to have: more than there are where its process was killed."""
+        return self.room
+
+    def frame(self, index: int) -> ChannelFrame:
+        """Channel data of one angle, from the disk.
+
+        Raises
+        ------
+        RecordError
+            If they cannot be read, or are no ADC counts.
+        """
+        angle_deg = self.angles_deg[index]
+        samples = self._samples(
+            fields.FRAMES,
+            self.rows[index],
+            what=f"the frame at {angle_deg:g} deg",
+            summed=self.frame_sums[index] if self.frame_sums else None,
+            after=self.row_sums[index] if self.row_sums else 0,
+        )
+        return self._frame(
+            samples,
+            self.rows[index],
+            angle_deg=angle_deg,
+            pulses=self.pulses[index],
+            started_s=self.started_s[index],
+        )
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        """One frame without laser, from the disk; `RecordError` where it cannot be read."""
+        if not 0 <= index < self.dark_frames:
+            raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds {self.dark_frames}")
+        summed = self.dark_sums[index] if self.dark_sums else None
+        samples = self._samples(fields.DARK_FRAMES, index, what=f"dark frame {index + 1}", summed=summed, after=0)
+        return self._frame(samples, index, angle_deg=0.0, pulses=0, started_s=math.nan)
+
+    def _samples(
+        self, name: str, row: int, *, what: str, summed: int | None, after: int
+    ) -> Int16[np.ndarray, "channels samples"]:
+        with _as_bank_error(self.path):
+            samples = _counts(self.file, name, row)
+        if summed is not None and frame_sum(samples, after=after) != summed:
+            raise changed(self.path, what)
+        return np.ascontiguousarray(samples[::-1]) if self.falling else samples
+
+    def _frame(
+        self,
+        samples: Int16[np.ndarray, "channels samples"],
+        row: int,
+        *,
+        angle_deg: float,
+        pulses: int,
+        started_s: float,
+    ) -> ChannelFrame:
+        if self.facts.sampling_hz is None:
+            raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
+        header = FrameHeader(
+            sequence=row + 1,
+            token=self.path.name,
+            pulses=pulses,
+            commanded_deg=angle_deg,
+            started_s=started_s,
+            ended_s=started_s,
+        )
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
+
+
+def read_ipasc(path: Path) -> IntensityBank | IpascBank:
+    """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
+
+    Measurements of a scan that was cut short are passed over where they were not taken. A file without
+    ``markerseek_bank_version`` is taken as another program's, and read if it has the angles.
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, of a newer version, or no bank.
+    MissingExtraError
+        If h5py is not installed.
+    """
+    try:
+        require_input(path, most_bytes=_LARGEST_BYTES)
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
+    require_h5py()
+    probe_in_child(walk_bank, path)
+    return read_probed(path)
+
+
+def read_probed(path: Path) -> IntensityBank | IpascBank:
+    """The same of a file that is known to do no harm."""
+    with _as_bank_error(path):
+        file = UntrustedHdf5(path)
+        try:
+            bank = _bank_of(path, file)
+        except BaseException:
+            file.close()
+            raise
+        if not isinstance(bank, IpascBank):
+            file.close()
+        return bank
+
+
+def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
+    ours = _is_ours(path, file)
+    if not file.has(fields.ANGLES):
+        raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
+    columns = read_columns(path, file, ours=ours)
+    room = columns.room
+    frames = _frame_shape(path, file, room)
+    if frames is None:
+        if not all(map(math.isfinite, columns.intensities)):
+            raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
+        facts = read_facts(file, ours=ours, pitch_m=None)
+        return IntensityBank(angles_deg=columns.angles_deg, intensities=columns.intensities, facts=facts)
+    array = element_row(path, file, elements=frames[0])
+    dark_frames = _dark_frames(file, frames)
+    return IpascBank(
+        angles_deg=columns.angles_deg,
+        intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
+        facts=read_facts(file, ours=ours, pitch_m=array.pitch_m),
+        dark_frames=dark_frames,
+        started_s=columns.started_s,
+        pulses=columns.pulses,
+        path=path,
+        file=file,
+        rows=columns.rows,
+        room=room,
+        falling=array.falling,
+        row_sums=columns.row_sums,
+        frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=room),
+        dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
+    )
+
+
+def walk_bank(path: Path) -> dict[str, np.ndarray]:
+    """Read all of a bank but its frames, of which only the places are gone through; nothing comes back."""
+    # Where the library is missing, that is no damage of the file.
+    require_h5py()
+    bank = read_probed(path)
+    if isinstance(bank, IpascBank):
+        with _as_bank_error(path):
+            for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
+                data = bank.file.dataset(name)
+                if data.chunks is not None:
+                    data.id.chunk_iter(lambda _place: None)
+        bank.frame(0)
+    return {}
+
+
+def _as_bank_error(path: Path) -> AbstractContextManager[None]:
+    return as_record_error(path, what="bank in HDF5", cure="it is damaged, unfinished, or of another kind")
+
+
+def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
+    """Whether this program wrote the file, of a version that can be read."""
+    version = file.number(fields.VERSION)
+    if version is not None and version != fields.BANK_VERSION:
+        raise RecordError(
+            f"{path}: it was written by a newer markerseek: the bank has version {version:g}, this one reads "
+            f"{fields.BANK_VERSION}; install a newer one"
+        )
+    return version is not None
+
+
+def _frame_shape(path: Path, file: UntrustedHdf5, count: int) -> tuple[int, int] | None:
+    """Elements and samples of the frames; None where there are none."""
+    if not file.has(fields.FRAMES):
+        return None
+    shape = file.dataset(fields.FRAMES).shape
+    if len(shape) != 4 or shape[2:] != (1, count):
+        raise RecordError(
+            f"{path}: {fields.FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
+            "one wavelength, and one measurement for each angle"
+        )
+    return None if 0 in shape else (shape[0], shape[1])
+
+
+def _dark_frames(file: UntrustedHdf5, frames: tuple[int, int]) -> int:
+    """Number of dark frames that can be read."""
+    if not file.has(fields.DARK_FRAMES):
+        return 0
+    shape: tuple[int, ...] = file.dataset(fields.DARK_FRAMES).shape
+    if shape[:2] != frames or not 2 <= len(shape) <= 3:
+        raise ValueError(f"{fields.DARK_FRAMES} has the shape {shape}")
+    room = 1 if len(shape) == 2 else shape[2]
+    taken = file.number(fields.DARK_TAKEN)
+    return room if taken is None else max(0, min(int(taken), room))
+
+
+def _counts(file: UntrustedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
+    """One frame as ADC counts."""
+    data = file.dataset(name)
+    elements, samples = data.shape[:2]
+    if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
+        raise ValueError(f"{name} is {data.dtype}, ADC counts are expected")
+    file.require_room(elements * samples * data.dtype.itemsize, name=name)
+    place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
+    values = np.asarray(data[place])
+    with np.errstate(invalid="ignore"):
+        counts = values.astype(np.int16)
+    if not np.array_equal(counts, values):
+        raise ValueError(f"{name} holds numbers that are no int16 counts")
+    return counts

@@ -1,0 +1,47 @@
+"""Reads a bank from a file or folder: which reader takes which format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from markerseek.core import RecordError
+from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
+from markerseek.records.banks.folder import read_folder
+from markerseek.records.banks.ipasc.reading import read_ipasc
+from markerseek.records.banks.table import read_table
+from markerseek.records.journal import is_journal
+
+
+def read_bank(path: Path) -> IntensityBank | FrameBank:
+    """Bank at a path, its frames left on disk.
+
+    Parameters
+    ----------
+    path
+        An IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each angle
+        a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
+        (``-12.5``, ``angle_-12.5deg``).
+
+    Raises
+    ------
+    RecordError
+        If it is not there, or not as described; the message says where and what to do.
+    MissingExtraError
+        If a bank in HDF5 is given and h5py is not installed.
+    """
+    try:
+        if path.is_dir():
+            return read_folder(path)
+        if not path.exists():
+            raise RecordError(f"{path}: there is no such file or folder")
+        if path.is_file() and is_journal(path):
+            raise RecordError(
+                f"{path}: it is the journal of a run and no bank; its run is worked out again by "
+                f"'markerseek journal replay {path}', and its frames become a bank by "
+                f"'markerseek bank import {path} frames.hdf5'"
+            )
+        if path.suffix.lower() not in HDF5_SUFFIXES:
+            return read_table(path)
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
+    return read_ipasc(path)

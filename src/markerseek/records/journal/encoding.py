@@ -1,0 +1,215 @@
+"""Events as rows: a kind, a JSON body, and the samples of a frame as they are.
+
+The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
+estimate), ``type`` names the class. Two things stand elsewhere: the samples of a frame in a column of their own, and
+the confirmation of `Finished` in the entry of its own acquisition.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from markerseek.core import (
+    Asked,
+    ChannelFrame,
+    Estimate,
+    Failed,
+    Finished,
+    Frame,
+    FrameHeader,
+    Measured,
+    RecordError,
+    Refused,
+    Sample,
+    Started,
+)
+from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
+
+_KINDS: dict[str, type[JournalEvent]] = {
+    each.__name__.lower(): each
+    for each in (Started, Asked, Measured, Refused, Finished, Failed, Interrupted, Resuming, Checked)
+}
+_TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
+"""Classes whose name is written with them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncodedEvent:
+    """An event as columns of a row.
+
+    Attributes
+    ----------
+    kind
+        Name of its class in lower case.
+    body
+        Its fields, JSON.
+    samples
+        ADC counts of its frame as little-endian int16, channel after channel; None where it has none.
+    """
+
+    kind: str
+    body: bytes
+    samples: memoryview | None
+
+
+def encode(event: JournalEvent) -> EncodedEvent:
+    """Columns of an event.
+
+    Raises
+    ------
+    RecordError
+        If JSON cannot hold the event exactly: a number in it is not finite.
+    """
+    kind = type(event).__name__.lower()
+    blobs: list[memoryview] = []
+    held = replace(event, confirmation=None) if isinstance(event, Finished) else event
+    try:
+        values = json_values(held, what=kind, blobs=blobs)
+    except RecordError:
+        if not isinstance(event, Refused) or event.frame is None:
+            raise
+        # Such a frame may have been refused because a number in it is not finite; the reason names that number.
+        return encode(replace(event, frame=None))
+    return EncodedEvent(kind=kind, body=msgspec.json.encode(values), samples=blobs[0] if blobs else None)
+
+
+def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
+    """Event of a row.
+
+    Parameters
+    ----------
+    kind, body, samples
+        As in `EncodedEvent`.
+    confirmation
+        The confirming acquisition that was read before, to which `Finished` refers.
+
+    Raises
+    ------
+    RecordError
+        If the row cannot have been written by `encode`.
+    """
+    if kind not in _KINDS:
+        raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
+    try:
+        event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), samples)
+    except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
+        raise RecordError(f"an entry that cannot be read: {problem}") from problem
+    return replace(event, confirmation=confirmation) if isinstance(event, Finished) else event
+
+
+def json_values(value: object, *, what: str, blobs: list[memoryview] | None = None) -> object:
+    """A value in the types of JSON.
+
+    Parameters
+    ----------
+    value
+        Dataclasses, structs, lists, tuples and dicts of numbers and texts. Text that is no Unicode gets escapes.
+    what
+        Its name, for messages.
+    blobs
+        Receives the bytes of each array; only its shape becomes JSON.
+
+    Raises
+    ------
+    RecordError
+        If a number is not finite, which JSON would write as null, as it does what is not known; or of another type.
+    """
+    match value:
+        case None | bool() | int() | msgspec.Raw():
+            return value
+        case float():
+            return require_finite(value, what=what)
+        case str():
+            return escaped(value)
+        case list() | tuple():
+            return [json_values(each, what=f"{what}[{index}]", blobs=blobs) for index, each in enumerate(value)]
+        case dict():
+            return {
+                escaped(name): json_values(each, what=f"{what}.{name}", blobs=blobs) for name, each in value.items()
+            }
+        case np.ndarray() if blobs is not None and value.dtype == np.int16:
+            blobs.append(np.ascontiguousarray(value, dtype="<i2").data.cast("B"))
+            return {"dtype": "<i2", "shape": list(value.shape)}
+        case Exception():
+            name = value.kind if isinstance(value, RecordedError) else type(value).__name__
+            return {"error": name, "message": escaped(str(value))}
+    if is_dataclass(value):
+        names = [each.name for each in fields(value)]
+    elif isinstance(value, msgspec.Struct):
+        names = list(value.__struct_fields__)
+    else:
+        raise RecordError(f"journal: {what} is a {type(value).__name__}, which cannot be recorded")
+    written: dict[str, object] = {"type": type(value).__name__} if type(value) in _TYPED else {}
+    return written | {name: json_values(getattr(value, name), what=f"{what}.{name}", blobs=blobs) for name in names}
+
+
+def escaped(text: str) -> str:
+    """A text with whatever is no Unicode in it (bytes of a device, or of a file's name) written as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def require_finite(number: float, *, what: str) -> float:
+    """The number; `RecordError` if it is not finite."""
+    if not math.isfinite(number):
+        raise RecordError(f"journal: {what} is {number}, which is not finite and cannot be recorded")
+    return number
+
+
+def _built(hint: Any, value: Any, samples: bytes | memoryview | None) -> Any:
+    """A value of a type from the values of JSON; msgspec does all but choose between dataclasses, and frames."""
+    members = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
+    classes: list[type] = [each for each in members if isinstance(each, type) and is_dataclass(each)]
+    if classes:
+        if value is None and NoneType in members:
+            return None
+        hint = classes[0] if len(classes) == 1 else {each.__name__: each for each in classes}[_object(value)["type"]]
+    if hint is ChannelFrame:
+        return _channel_frame(_object(value), samples)
+    if hint is Exception:
+        return msgspec.convert(_object(value), _ErrorBody).restored()
+    if isinstance(hint, type) and is_dataclass(hint):
+        given = _object(value)
+        hints = _hints(hint)
+        return hint(**{name: _built(hints[name], given[name], samples) for name in hints if name in given})
+    return msgspec.convert(value, hint)
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _object(value: object) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError(f"an object is expected, {type(value).__name__} found")
+    return value
+
+
+class _ErrorBody(msgspec.Struct, frozen=True, kw_only=True):
+    error: str
+    message: str
+
+    def restored(self) -> RecordedError:
+        return RecordedError(self.error, self.message)
+
+
+class _Samples(msgspec.Struct, frozen=True, kw_only=True):
+    shape: tuple[int, int]
+
+
+def _channel_frame(values: Mapping[str, Any], samples: bytes | memoryview | None) -> ChannelFrame:
+    channels, length = msgspec.convert(values["samples"], _Samples).shape
+    if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
+        held = 0 if samples is None else len(samples)
+        raise ValueError(f"a frame of {channels} channels and {length} samples with {held} bytes")
+    counts = np.frombuffer(samples, dtype="<i2").reshape(channels, length).astype(np.int16, copy=False)
+    header = msgspec.convert(values["header"], FrameHeader)
+    return ChannelFrame(header=header, samples=counts, sampling_hz=msgspec.convert(values["sampling_hz"], float))

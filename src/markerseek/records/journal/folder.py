@@ -1,0 +1,46 @@
+"""Where journals are kept that nobody named, and folders that survive a loss of power."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from platformdirs import user_data_path
+
+from markerseek.files import sync_folder
+
+
+def journals_folder() -> Path:
+    """Folder of journals that nobody named, in the user's data folder."""
+    return user_data_path("markerseek", appauthor=False) / "journals"
+
+
+def default_journal(*, method: str) -> Path:
+    """Name of a new journal in the user's data folder; its name begins with the time, UTC.
+
+    Parameters
+    ----------
+    method
+        What searches.
+    """
+    now = datetime.now(UTC)
+    return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder that only its owner can open, with those above it that are missing, their names on the disk.
+
+    Parameters
+    ----------
+    folder
+        One that may exist.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(mode=0o700, exist_ok=True)
+        sync_folder(each.parent)

@@ -1,0 +1,185 @@
+"""The state of a run; the order in which its events can follow one another, and the angles that they can have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from markerseek.core import Asked, Failed, Finished, Found, Interval, Measured, Refused, Started
+from markerseek.records.configuration import Configuration
+from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
+
+_ARRIVAL_DEG = 0.1
+"""How far from the angle asked for the guard lets a stage come to rest, in degrees."""
+
+_TURN = Interval(low_deg=-360.0, high_deg=360.0)
+"""Where a probe can stand at all, at the start and for dark frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunState:
+    """State of a run.
+
+    Attributes
+    ----------
+    state
+        Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed.
+    acquisitions
+        Acquisitions with light that the policy received, or will receive.
+    fault
+        What ended it; None unless it was a fault.
+    """
+
+    state: Literal["finished", "fault", "open"]
+    acquisitions: int
+    fault: str | None
+
+
+def run_state(entries: Iterable[Entry]) -> RunState:
+    """State of the run of these entries.
+
+    Parameters
+    ----------
+    entries
+        All of them, in order.
+    """
+    state: Literal["finished", "fault", "open"] = "open"
+    acquisitions = 0
+    fault: str | None = None
+    for entry in entries:
+        match entry.event:
+            case Measured(role=role):
+                acquisitions += role == "search"
+            case Finished():
+                state = "finished"
+            case Failed(error=error):
+                state, fault = "fault", str(error)
+            case Resuming(fault_reset=True):
+                state, fault = "open", None
+    return RunState(state=state, acquisitions=acquisitions, fault=fault)
+
+
+_STEPS: dict[type, tuple[type, ...]] = {
+    Started: (Asked, Finished),
+    Asked: (Measured, Refused),
+    Refused: (Measured, Refused),
+    Measured: (Asked, Finished),
+    Finished: (),
+}
+"""What may come next in a run, whatever stopped it in between."""
+
+
+def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
+    """Numbers of entries that cannot stand where they do, each with the reason.
+
+    Parameters
+    ----------
+    entries
+        All of a journal, in order.
+    """
+    faults: list[tuple[int, str]] = []
+    step: type | None = None
+    asked: Asked | None = None
+    last: JournalEvent | None = None
+    for entry in entries:
+        event = entry.event
+        fault = _fault_of(event, last=last, step=step, asked=asked)
+        if fault is not None:
+            faults.append((entry.number, fault))
+        if isinstance(event, Asked):
+            asked = event
+        if type(event) in _STEPS:
+            step = type(event)
+        last = event
+    return faults
+
+
+def _fault_of(event: JournalEvent, *, last: JournalEvent | None, step: type | None, asked: Asked | None) -> str | None:
+    """Why an event cannot stand behind the last one and the last step of the run; None if it can."""
+    if type(event) in _STEPS:
+        return _fault_of_gap(event, last) or _fault_of_step(event, step, asked)
+    named = f"{type(event).__name__} cannot follow {type(last).__name__ if last is not None else 'nothing'}"
+    if isinstance(last, Finished):
+        return named
+    match event:
+        case Checked():
+            return None if _may_be_checked(last) else named
+        case Resuming(fault_reset=fault_reset):
+            return named if isinstance(last, Failed) and not fault_reset else None
+        case Failed():
+            # A device that does not answer at all ends a run before it begins.
+            return named if isinstance(last, Interrupted | Failed) else None
+        case _:
+            return named if last is None or isinstance(last, Interrupted | Failed) else None
+
+
+def _fault_of_gap(event: JournalEvent, last: JournalEvent | None) -> str | None:
+    """Why a step of the run cannot stand behind the last event, be it a step or not."""
+    if isinstance(last, Finished | Interrupted | Failed):
+        return f"{type(event).__name__} cannot follow {type(last).__name__}"
+    if isinstance(last, Checked) and last.difference is not None:
+        return "the run went on although the check had found a difference"
+    if isinstance(last, Resuming) and last.check_deg is not None:
+        return "the run went on without the check that was announced"
+    return None
+
+
+def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) -> str | None:
+    """Why a step of the run cannot stand behind the step before it."""
+    if isinstance(event, Started):
+        return None if step is None else "a run begins once, with its first entry"
+    if step is None or type(event) not in _STEPS[step]:
+        return f"{type(event).__name__} cannot follow {step.__name__ if step else 'nothing'}"
+    if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
+        return f"acquisition {event.index} ({event.role}) was not asked for"
+    return None
+
+
+def _may_be_checked(last: JournalEvent | None) -> bool:
+    """Whether the result of a check can stand behind the last event."""
+    if isinstance(last, Resuming):
+        return last.check_deg is not None
+    return isinstance(last, Checked) and last.difference is None
+
+
+def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list[tuple[int, str]]:
+    """Numbers of entries with an angle outside the limits of their run, each with the reason; 0 is the configuration.
+
+    Parameters
+    ----------
+    configuration
+        What the run was begun with; acquisitions with light lie in its search range.
+    entries
+        Its entries, in order.
+    """
+    search, start_deg = configuration.facts.search, configuration.plan.start_deg
+    reached = Interval(low_deg=search.low_deg - _ARRIVAL_DEG, high_deg=search.high_deg + _ARRIVAL_DEG)
+    faults: list[tuple[int, str]] = []
+    if start_deg is not None and start_deg not in _TURN:
+        faults.append((0, f"the start angle {start_deg:g} deg lies outside {_TURN}"))
+    dark = False
+    for entry in entries:
+        angles: list[tuple[float | None, Interval]] = []
+        match entry.event:
+            case Started(start_deg=start_deg, limits=limits):
+                angles = [(start_deg, _TURN)]
+                if limits != search:
+                    faults.append((entry.number, f"it searches {limits}, the run was begun with {search}"))
+            case Asked(role=role, angle_deg=angle_deg):
+                dark = role == "dark"
+                angles = [(angle_deg, _TURN if dark else search)]
+            case Measured(sample=sample):
+                angles = [(sample.angle_deg, _TURN if sample.dark else reached)]
+            case Refused(angle_deg=angle_deg):
+                angles = [(angle_deg, _TURN if dark else reached)]
+            case Resuming(check_deg=check_deg, flank_deg=flank_deg):
+                angles = [(check_deg, reached), (flank_deg, reached)]
+            case Finished(estimate=estimate):
+                angles = [(estimate.mean_deg, search if isinstance(estimate, Found) else _TURN)]
+        faults += [
+            (entry.number, f"the angle {angle_deg:g} deg lies outside {allowed}")
+            for angle_deg, allowed in angles
+            if angle_deg is not None and angle_deg not in allowed
+        ]
+    return faults

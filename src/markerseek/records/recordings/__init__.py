@@ -1,1 +1,0 @@
-"""Recordings of other people, as they come: tables, folders, arrays, single frames, Ultrasonix files."""

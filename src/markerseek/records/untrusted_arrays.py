@@ -1,0 +1,172 @@
+"""Arrays by name from files that NumPy or MATLAB saved: ``.npy``, ``.npz``, and ``.mat`` of versions 4 to 7.3.
+
+`arrays_in` asks a `Sandbox`; the readers below it run in the sandbox's child. A ``.mat`` of version 7.3 is HDF5 behind
+512 bytes of MATLAB's own. MATLAB counts along the first axis first and HDF5 along the last, so the axes of each array
+are reversed. Cells, structures, texts, logical, sparse and complex arrays are left out.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from markerseek.core import RecordError
+from markerseek.files import open_input
+from markerseek.records.sandbox import MOST_PER_BYTE, Reader, Sandbox
+from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
+
+if TYPE_CHECKING:
+    import h5py
+
+ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
+"""Suffixes of files that this module reads."""
+
+_HEAD_BYTES = 520
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HDF5_STARTS = (0, 512)
+_MATLAB_TYPES: dict[str, np.dtype[Any]] = {
+    "double": np.dtype("f8"),
+    "single": np.dtype("f4"),
+    **{f"{sign}int{bits}": np.dtype(f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
+}
+"""Types of numbers by their class in MATLAB."""
+
+
+def arrays_in(path: Path, sandbox: Sandbox, *, most_bytes: int) -> dict[str, np.ndarray]:
+    """Real numeric arrays in a file, by name; the array of an ``.npy`` has none.
+
+    Parameters
+    ----------
+    path
+        The file.
+    sandbox
+        Reads it.
+    most_bytes
+        Largest file that is read.
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, or unpacks to far more than it holds.
+    MissingExtraError
+        If it is a ``.mat`` of version 7.3, and h5py is not installed.
+    OSError
+        If it cannot be opened.
+    """
+    with open_input(path, most_bytes=most_bytes) as file:
+        head = file.read(_HEAD_BYTES)
+    readers: dict[str, Reader] = {".npy": read_npy, ".npz": read_npz, ".mat": read_mat}
+    reader = readers[path.suffix.lower()]
+    if reader is read_mat and any(head[start:].startswith(_HDF5_SIGNATURE) for start in _HDF5_STARTS):
+        require_h5py(purpose="a .mat of version 7.3")
+        reader = read_mat73
+    return sandbox.read(reader, path)
+
+
+def read_npy(path: Path) -> dict[str, np.ndarray]:
+    """The array of an ``.npy``, under an empty name."""
+    try:
+        with path.open("rb") as file:
+            array = np.load(file, allow_pickle=False)
+            more = file.read(1)
+    # The header is a Python literal, and a hostile one upsets NumPy's parser, and Python's, in many ways.
+    except Exception as problem:
+        raise RecordError(f"{path}: it is no .npy, or cut off: {problem}; save it again with numpy.save") from problem
+    if not isinstance(array, np.ndarray):
+        raise RecordError(f"{path}: it holds several arrays, one is expected; name it .npz")
+    if more:
+        raise RecordError(f"{path}: there are bytes behind the array; the file is damaged: save it again")
+    _require_numbers(path, array)
+    return {"": array}
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz``."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked_bytes = sum(each.file_size for each in archive.infolist())
+        too_large = unpacked_bytes > MOST_PER_BYTE * path.stat().st_size
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {} if too_large else dict(archive.items())
+    # Damaged archives raise errors of many kinds.
+    except Exception as problem:
+        raise RecordError(f"{path}: no .npz that can be read: {problem}; save it again with numpy.savez") from problem
+    if too_large:
+        raise RecordError(
+            f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with numpy.savez instead of "
+            "savez_compressed"
+        )
+    for array in arrays.values():
+        _require_numbers(path, array)
+    return arrays
+
+
+def _require_numbers(path: Path, array: object) -> None:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
+        found = f"{array.dtype} of shape {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise RecordError(f"{path}: {found} found, plain numbers expected; convert it")
+
+
+def read_mat(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a ``.mat`` of versions 4 to 7, by SciPy, in the classes that they had in MATLAB."""
+    from scipy.io import loadmat, whosmat
+
+    with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
+        found = [each for each in whosmat(path, appendmat=False) if each[2] in _MATLAB_TYPES]
+        unpacked_bytes = sum(math.prod(shape) * _MATLAB_TYPES[kind].itemsize for _, shape, kind in found)
+        if unpacked_bytes > MOST_PER_BYTE * path.stat().st_size:
+            raise RecordError(
+                f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with -v6 (uncompressed)"
+            )
+        names = [name for name, _, _ in found]
+        loaded = loadmat(path, appendmat=False, variable_names=names)
+        # Small numbers may be stored in fewer bytes than their class has. SciPy's mat_dtype would restore the class,
+        # and drop imaginary parts without a word.
+        return {
+            name: loaded[name].astype(_MATLAB_TYPES[kind], copy=False)
+            for name, _, kind in found
+            if name in loaded and loaded[name].dtype.kind in "iuf"
+        }
+
+
+def read_mat73(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a ``.mat`` of version 7.3, by h5py."""
+    with (
+        as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
+        UntrustedHdf5(path) as file,
+    ):
+        return {name: _matlab_values(item) for name, item in _matlab_arrays(path, file)}
+
+
+def _matlab_arrays(path: Path, file: UntrustedHdf5) -> Iterator[tuple[str, h5py.Dataset]]:
+    left_bytes = MOST_PER_BYTE * path.stat().st_size
+    for name in file.datasets():
+        item = file.opened[name]
+        if not _is_numeric(item):
+            continue
+        left_bytes -= math.prod(item.shape) * item.dtype.itemsize
+        if left_bytes < 0:
+            raise RecordError(
+                f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with '-v7.3', "
+                "'-nocompression'"
+            )
+        yield name, file.dataset(name)
+
+
+def _is_numeric(item: h5py.Dataset) -> bool:
+    """Whether it holds real numbers and, where it says what it was in MATLAB, was an array of such there."""
+    kind = item.attrs.get("MATLAB_class", b"double")
+    word = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+    return word in _MATLAB_TYPES and item.shape is not None and item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
+
+
+def _matlab_values(item: h5py.Dataset) -> np.ndarray:
+    """Values with the axes as in MATLAB; of an empty array HDF5 holds the shape instead."""
+    if "MATLAB_empty" in item.attrs:
+        return np.empty(0)
+    return np.asarray(item[()], dtype=item.dtype.newbyteorder("=")).T

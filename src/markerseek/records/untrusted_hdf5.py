@@ -1,0 +1,207 @@
+"""Reads HDF5 that somebody else may have made to do harm.
+
+The library follows links to other files, loads filters, and allocates what a header declares. Here only hard links are
+followed, only the usual compressions are undone, and nothing is read that would take much more memory than the file
+has bytes. Damaged bytes can make the library itself crash or hang, so `sandbox` probes a file in a child first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from markerseek.core import MissingExtraError, RecordError
+from markerseek.core.shapes import Float64
+from markerseek.records.sandbox import MOST_PER_BYTE
+
+if TYPE_CHECKING:
+    import h5py
+
+_FILTERS = frozenset({"gzip", "lzf", None})
+_MOST_TEXT = 10_000
+
+
+def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
+    """Say what to install where h5py is missing.
+
+    Parameters
+    ----------
+    purpose
+        What needs it.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        import h5py  # noqa: F401
+    except ImportError as problem:
+        raise MissingExtraError(package="h5py", extra="records", purpose=purpose) from problem
+
+
+class UntrustedHdf5:
+    """An HDF5 file, opened once, of which only harmless parts are handed out.
+
+    A context manager that closes it; an object that is forgotten closes it as well.
+
+    Parameters
+    ----------
+    path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import h5py
+
+        self._path = path
+        self._most = MOST_PER_BYTE * path.stat().st_size
+        self.opened: h5py.File = h5py.File(path, "r")
+
+    def close(self) -> None:
+        """Close the file; allowed twice."""
+        self.opened.close()
+
+    def __enter__(self) -> Self:
+        """The file itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Path]]:
+        """A copy in another process opens the file again."""
+        return type(self), (self._path,)
+
+    def datasets(self) -> list[str]:
+        """Names of the datasets that lie in the file itself, not in a group of it."""
+        import h5py
+
+        file = self.opened
+        hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+        return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
+
+    def has(self, name: str) -> bool:
+        """Whether there is anything of that name, be it harmless or not."""
+        group, last = self._parent(name)
+        return group is not None and last in group
+
+    def names(self, name: str) -> list[str]:
+        """Names in a group, sorted; none where it is missing or no group."""
+        import h5py
+
+        group, last = self._parent(name)
+        item = _followed(group, last) if group is not None and last in group else None
+        return sorted(item) if isinstance(item, h5py.Group) else []
+
+    def dataset(self, name: str) -> h5py.Dataset:
+        """Dataset of that name, whose largest chunk fits into memory.
+
+        Raises
+        ------
+        ValueError
+            If it is missing, leads elsewhere, or would take much more memory than the file has bytes.
+        """
+        import h5py
+
+        group, last = self._parent(name)
+        if group is None or last not in group:
+            raise ValueError(f"{name} is missing")
+        item = _followed(group, last)
+        if not isinstance(item, h5py.Dataset):
+            raise TypeError(f"{name} is no dataset")
+        if item.is_virtual or item.external:
+            raise ValueError(f"{name} lies in another file")
+        if item.compression not in _FILTERS or item.scaleoffset is not None:
+            raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
+        chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
+        if chunk > self._most:
+            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MOST_PER_BYTE} times the file")
+        return item
+
+    def require_room(self, count: int, *, name: str) -> None:
+        """Refuse to read that many bytes of a dataset at once where they are far more than the file holds."""
+        if count > self._most:
+            raise ValueError(f"{name} unpacks to {count} bytes, more than {MOST_PER_BYTE} times the file")
+
+    def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
+        """All numbers of a dataset in one row, whatever its shape."""
+        item = self.dataset(name)
+        if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
+            raise ValueError(f"{name} is {item.dtype}, numbers are expected")
+        self.require_room(8 * math.prod(item.shape), name=name)
+        return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
+
+    def number(self, name: str) -> float | None:
+        """The one number of a dataset; None where it is missing, not finite, or the word ``None`` stands for it."""
+        if not self.has(name) or self.text(name) == "None":
+            return None
+        values = self.numbers(name)
+        if values.size != 1:
+            raise ValueError(f"{name} holds {values.size} numbers, one is expected")
+        return float(values[0]) if math.isfinite(values[0]) else None
+
+    def text(self, name: str) -> str | None:
+        """The text of a dataset; None where it is missing or no text."""
+        import h5py
+
+        if not self.has(name):
+            return None
+        item = self.dataset(name)
+        kind = h5py.check_string_dtype(item.dtype)
+        if kind is None or item.shape != () or (kind.length or 0) > _MOST_TEXT:
+            return None
+        raw = item[()]
+        text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
+        return text[:_MOST_TEXT]
+
+    def _parent(self, name: str) -> tuple[h5py.Group | None, str]:
+        import h5py
+
+        *folders, last = name.split("/")
+        group: h5py.Group = self.opened
+        for folder in folders:
+            if folder not in group:
+                return None, last
+            inner = _followed(group, folder)
+            if not isinstance(inner, h5py.Group):
+                return None, last
+            group = inner
+        return group, last
+
+
+def _followed(group: h5py.Group, name: str) -> object:
+    import h5py
+
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise TypeError(f"{name} is a link to another place")
+    return group[name]
+
+
+@contextmanager
+def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
+    """Turn whatever the library says of a file into a `RecordError`; what damaged bytes make of it cannot be listed.
+
+    Parameters
+    ----------
+    path, what
+        The file, and what it should have been.
+    cure
+        What to say at the end.
+    """
+    try:
+        yield
+    except RecordError:
+        raise
+    except Exception as problem:
+        said = str(problem).strip("'\"") or type(problem).__name__
+        raise RecordError(f"{path}: no {what} that can be read: {said}; {cure}") from problem

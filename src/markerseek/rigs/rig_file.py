@@ -1,0 +1,54 @@
+"""Reads a rig file (TOML): the settings of a rig, by the names that they have in Python."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from markerseek.core import ConfigError
+from markerseek.drivers.settings import BenchSettings
+from markerseek.files.settings import known_keys, read_toml
+from markerseek.sim.settings import SimulatedSettings
+
+_SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {
+    "simulated": SimulatedSettings,
+    "bench": BenchSettings,
+}
+
+KINDS = tuple(_SETTINGS)
+"""Kinds of rig that a file can describe."""
+
+
+def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
+    """Settings of the rig in a file.
+
+    Parameters
+    ----------
+    path
+        TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other keys
+        are those of `SimulatedSettings` or `BenchSettings`. The word ``"none"`` stands for a value that is left out on
+        purpose, such as a lens. A receiver's folder is taken from where the file lies.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, a key is unknown or missing, or a value does not fit; the message names file, key
+        and cure.
+    """
+    table = read_toml(path, what="rig file")
+    if "kind" not in table:
+        raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
+    kind = table.pop("kind")
+    if not isinstance(kind, str) or kind not in _SETTINGS:
+        raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
+    wanted = _SETTINGS[kind]
+    try:
+        settings = msgspec.convert(known_keys(table, wanted), wanted)
+    except (ConfigError, msgspec.ValidationError) as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+    if isinstance(settings, BenchSettings):
+        folder = path.parent / settings.receiver.folder
+        return replace(settings, receiver=replace(settings.receiver, folder=str(folder)))
+    return settings

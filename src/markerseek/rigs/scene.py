@@ -1,0 +1,255 @@
+"""Scene of a simulated rig: marker, light spot and clutter drawn from settings, and their intensity curve.
+
+`draw_scene` is the only place where settings become absorbers and noise; rigs of frames and of curves both begin here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
+from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray, PaImage
+from markerseek.core.shapes import Float64
+from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset
+from markerseek.signals.peaks import strongest_peaks
+from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
+
+_MOST_COUNTS = 25_000
+"""Height to which the noise-free frame is blown up to measure its image without rounding errors, in counts."""
+
+_NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+
+_OFF_PLANE_DEG = np.concatenate(
+    [np.arange(0, 4, 0.2), np.arange(4, 12, 0.5), np.arange(12, 40, 1.0), np.arange(40, 80.1, 2.5)]
+)
+"""Angles at which a curve is computed, to one side: finer where it is steep."""
+
+_PEAKS = 6
+"""Separate peaks of an image that a curve keeps."""
+
+_APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
+"""Peaks that are nearer to one another than this, about a resolution cell, share their noise and count once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """Sources of sound, and how they are received.
+
+    Attributes
+    ----------
+    description
+        The material in words.
+    model
+        How the probe receives it.
+    marker
+        The marker's place.
+    absorbers
+        What sounds, in counts: the spot, if there is a marker, and clutter.
+    noise
+        Noise of one acquisition, in counts.
+    peak
+        Envelope peak of the marker's image without noise, with the probe on it, in counts; also where it is absent.
+    """
+
+    description: str
+    model: AcousticModel
+    marker: Absorber
+    absorbers: tuple[Absorber, ...]
+    noise: Noise
+    peak: float
+
+
+@lru_cache(maxsize=8)
+def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
+    """Imaging chain of a simulated probe; it keeps its tables, so that there is one of each.
+
+    Array and sampling are those of the rig, which a user would know; speed of sound, band and aperture are those of the
+    usual preset, whatever the tissue's are.
+    """
+    return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
+
+
+def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
+    """Scene of the settings; what they leave open is drawn.
+
+    Parameters
+    ----------
+    settings
+        The simulated rig.
+    rng
+        Source of randomness.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of the marker reaches the receiver.
+    """
+    material = tissue_named(settings.tissue)
+    model = _acoustic_model(settings, material)
+    marker = _draw_marker(settings, rng)
+    radius_m = settings.marker.source_radius_m
+    kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
+    spot, noise, peak = scaled_spot(kind.draw(marker, rng), marker, settings, model)
+    absorbers = spot if settings.marker.present else []
+    if material.clutter is not None:
+        clutter = material.clutter.draw(rng)
+        scale = settings.receiver.peak_counts / _loudness([marker], model, marker)
+        absorbers = absorbers + [replace(weak, strength=weak.strength * scale) for weak in clutter]
+    return Scene(
+        description=material.description,
+        model=model,
+        marker=marker,
+        absorbers=tuple(absorbers),
+        noise=noise,
+        peak=peak,
+    )
+
+
+def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int]:
+    """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
+
+    Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
+    without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
+    both sides, which is computed on one.
+
+    Parameters
+    ----------
+    scene
+        The sources, and how they are received.
+    peak_counts
+        Largest count of the marker in one channel, as in the settings from which the scene was drawn.
+    """
+    reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
+    louder = _MOST_COUNTS / peak_counts
+    absorbers = [replace(absorber, strength=absorber.strength * louder) for absorber in scene.absorbers]
+
+    def frame_at(off_plane_deg: float) -> ChannelFrame:
+        received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
+        counts = np.clip(np.rint(received), -32767, 32767).astype(np.int16)
+        return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
+
+    alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
+    angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
+    heights = _heights(reader, frame_at, angles)
+    if alike:
+        angles = np.concatenate([-angles[:0:-1], angles])
+        heights = np.concatenate([heights[:0:-1], heights])
+    cells = reader.read(frame_at(0.0)).cells or 1
+    return RecordedCurve(angles, heights / (scene.peak * louder)), cells
+
+
+def _heights(
+    reader: ImageReader, frame_at: Callable[[float], ChannelFrame], angles_deg: Float64[np.ndarray, " angles"]
+) -> Float64[np.ndarray, "angles peaks"]:
+    """Heights of the separate peaks at each angle, strongest first, the strongest as the reader refines it."""
+    heights = np.zeros((len(angles_deg), _PEAKS))
+    for row, angle_deg in enumerate(angles_deg.tolist()):
+        frame = frame_at(angle_deg)
+        peaks = _separate(reader.picture(frame))
+        if peaks:
+            # the reader finds its peak between the columns; the others stand in about the same place between them
+            heights[row, : len(peaks)] = np.array(peaks) * (reader.read(frame).intensity / peaks[0])
+    return heights
+
+
+def _separate(picture: PaImage) -> list[float]:
+    """Heights of local maxima of an image that are a resolution cell apart, strongest first."""
+    largest = float(picture.envelope.max())
+    kept: list[tuple[float, float, float]] = []
+    if largest > 0:
+        for row, column in strongest_peaks(picture.envelope, level=largest / 10, limit=64):
+            depth_m, lateral_m = float(picture.depth_m[row]), float(picture.lateral_m[column])
+            if all(
+                abs(depth_m - depth) >= _APART_DEPTH_M or abs(lateral_m - lateral) >= _APART_LATERAL_M
+                for depth, lateral, _ in kept
+            ):
+                kept.append((depth_m, lateral_m, float(picture.envelope[row, column])))
+    return [height for _, _, height in kept[:_PEAKS]]
+
+
+def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
+    """How the probe of the settings receives sound in the material."""
+    return AcousticModel(
+        probe=settings.probe,
+        medium=material.medium,
+        laser=RectanglePulse(duration_s=settings.laser.pulse_s),
+        sampling_hz=settings.receiver.sampling_hz,
+        samples=settings.receiver.samples,
+        trigger_offset_s=settings.receiver.trigger_offset_s,
+        reverberation=material.reverberation,
+    )
+
+
+def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
+    """Place of the marker of the settings, what they leave open drawn; of strength 1."""
+    search = settings.limits.search
+    # Off the ends of the array a marker gives hardly any signal: it is drawn in front of its inner four fifths.
+    reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
+    angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
+    marker = settings.marker
+    return Absorber(
+        radius_m=marker.radius_m,
+        angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
+        lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
+    )
+
+
+def scaled_spot(
+    spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
+) -> tuple[list[Absorber], Noise, float]:
+    """The spot so strong that it fills the converter as set, noise for the peak SNR as set, and the peak, in counts.
+
+    The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
+    deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
+
+    Parameters
+    ----------
+    spot
+        Absorbers of the marker.
+    marker
+        Its place.
+    settings
+        The simulated rig; of it count the receiver and the noise.
+    model
+        How the probe receives it.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of it reaches the receiver.
+    """
+    received = model.channel_data(spot, angle_deg=marker.angle_deg)
+    largest = _loudness(spot, model, marker)
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
+    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
+    peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
+    power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
+    share = settings.noise.coloured
+    white, coloured = np.sqrt(1 - share), np.sqrt(share)
+    gain = math.hypot(
+        beamformed_sigma(white, preset=imaging.preset),
+        beamformed_sigma(coloured, preset=imaging.preset, power=power),
+    )
+    channel_sigma = peak / 10 ** (settings.noise.peak_snr_db / 20) / gain
+    noise = Noise(
+        white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
+    )
+    louder = settings.receiver.peak_counts / largest
+    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise, peak
+
+
+def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
+    """Largest value that absorbers give a channel with the probe on the marker."""
+    largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
+    if not largest > 0:
+        raise ConfigError(
+            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m it is not heard in "
+            f"{model.samples} samples; move it nearer or record for longer"
+        )
+    return largest

@@ -1,0 +1,116 @@
+"""Photoacoustic images and readings of a bank, one frame at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from markerseek.core import AcquisitionError, PaImage, Reading, RecordError, Sample
+from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
+from markerseek.rigs.replay import preset_of
+from markerseek.search.curve import Curve, curve_of
+from markerseek.signals import ImageReader
+
+
+def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[int] | None = None) -> Iterator[PaImage]:
+    """Images of a bank as the imaging chain makes them.
+
+    Parameters
+    ----------
+    bank
+        The bank.
+    probe
+        Preset of the imaging chain; None: the one that the bank names, else the first of all.
+    order
+        Numbers of the angles, counted from 0; None: all, in their order.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown.
+    RecordError
+        If a frame cannot be read, or is not one of that probe.
+    """
+    imaging = ImageReader(preset_of(bank, probe))
+    for index in range(len(bank.angles_deg)) if order is None else order:
+        try:
+            yield imaging.picture(bank.frame(index))
+        except AcquisitionError as problem:
+            raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
+
+
+def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Iterator[Sample]:
+    """Acquisitions of a bank, the dark ones first, with the intensities that it holds or that its frames say.
+
+    Parameters
+    ----------
+    bank
+        The bank.
+    probe
+        As in `bank_images`; named, the intensities are computed again.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown.
+    RecordError
+        If a frame cannot be read, or is not one of that probe.
+    """
+    if isinstance(bank, IntensityBank):
+        for angle_deg, intensity in zip(bank.angles_deg, bank.intensities, strict=True):
+            yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
+        return
+    known = bank.intensities if probe is None and np.isfinite(bank.intensities).all() else ()
+    imaging = None if known else ImageReader(preset_of(bank, probe))
+    for index in range(bank.dark_frames):
+        frame = bank.dark_frame(index)
+        yield Sample(angle_deg=0.0, reading=Reading(intensity=0.0), dark=True, frame=frame)
+    for index, angle_deg in enumerate(bank.angles_deg):
+        frame = bank.frame(index)
+        try:
+            reading = Reading(intensity=known[index]) if imaging is None else imaging.read(frame)
+        except AcquisitionError as problem:
+            raise RecordError(f"the frame at {angle_deg:g} deg: {problem}") from problem
+        yield Sample(angle_deg=angle_deg, reading=reading, frame=frame)
+
+
+def bank_image(bank: FrameBank, index: int, *, probe: str | None = None) -> PaImage:
+    """Image of one angle, counted from 0; arguments and errors as of `bank_images`."""
+    try:
+        return ImageReader(preset_of(bank, probe)).picture(bank.frame(index))
+    except AcquisitionError as problem:
+        raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
+
+
+def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Curve:
+    """Intensity over angle; arguments and errors as of `bank_samples`."""
+    if probe is None and bank.intensities and np.isfinite(bank.intensities).all():
+        return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
+    return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
+
+
+def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> float | None:
+    """Largest intensity of the frames without laser; None where there are none. Arguments as of `bank_samples`."""
+    if isinstance(bank, IntensityBank) or bank.dark_frames == 0:
+        return None
+    imaging = ImageReader(preset_of(bank, probe))
+    try:
+        return max(imaging.read(bank.dark_frame(index)).intensity for index in range(bank.dark_frames))
+    except AcquisitionError as problem:
+        raise RecordError(f"a dark frame: {problem}") from problem
+
+
+def described(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> BankFacts:
+    """Facts of a bank, what it leaves open filled in from the preset by which its frames are imaged."""
+    if isinstance(bank, IntensityBank):
+        return bank.facts
+    preset = preset_of(bank, probe)
+    return replace(
+        bank.facts,
+        probe=preset.name,
+        sampling_hz=preset.sampling_hz,
+        sound_speed_m_s=preset.sound_speed_m_s,
+        pitch_m=preset.array.pitch_m,
+    )

@@ -1,0 +1,129 @@
+"""A bank from a rig: one acquisition in each step over the search range, through the same loop as a search."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+from markerseek._version import __version__
+from markerseek.core import ConfigError, Event, Measured, RigFacts
+from markerseek.records.banks import BankFacts
+from markerseek.records.banks.ipasc import BankWriter
+from markerseek.rigs.rig import Rig
+from markerseek.scan import RunLimits, run
+from markerseek.search import Exhaustive
+
+MOST_ANGLES = 5000
+"""Most angles of one scan."""
+
+_S_PER_ANGLE = 120.0
+
+
+def scan_angles(rig: Rig, *, step_deg: float) -> int:
+    """Number of angles of a scan with steps of at most that size, both ends of the search range included.
+
+    Raises
+    ------
+    ConfigError
+        If the step gives fewer than 3 angles or more than `MOST_ANGLES`.
+    """
+    width_deg = rig.limits.search.width_deg
+    if not width_deg / (MOST_ANGLES - 1) <= step_deg <= width_deg / 2:
+        raise ConfigError(
+            f"step_deg is {step_deg:g} deg, it must lie between {width_deg / (MOST_ANGLES - 1):.3g} and "
+            f"{width_deg / 2:g} deg for the search range {rig.limits.search}"
+        )
+    return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
+
+
+def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
+    """What is known of a bank from a rig; the true angle of a simulated marker is its reference.
+
+    Parameters
+    ----------
+    facts
+        Those of the rig.
+    description
+        What was scanned, in words.
+    clock_zero_unix_s
+        When the clock of the rig read 0, in seconds since 1970.
+    """
+    return BankFacts(
+        description=description,
+        probe=facts.probe,
+        sampling_hz=facts.sampling_hz,
+        sound_speed_m_s=facts.sound_speed_m_s,
+        pitch_m=facts.pitch_m,
+        face_radius_m=facts.face_radius_m,
+        reference_angle_deg=facts.known_deg,
+        clock_zero_unix_s=clock_zero_unix_s,
+        simulated=facts.kind == "simulated",
+        seed=facts.seed,
+        configuration=facts.fingerprint,
+        made_with=f"markerseek {__version__}",
+    )
+
+
+def scan_bank(
+    rig: Rig,
+    path: Path,
+    *,
+    step_deg: float = 0.5,
+    wavelength_m: float | None = None,
+    pulse_energy_j: float | None = None,
+) -> Generator[Event, None, None]:
+    """Scan the search range and write each acquisition before the next is made.
+
+    Closed or interrupted at any moment, the stage stops, the laser is disarmed, and the file holds what was taken. Its
+    times count from the moment at which the scan began by this computer's date; the clock of a simulated rig is
+    virtual, so that they go on from there faster or slower than the date.
+
+    Parameters
+    ----------
+    rig
+        What scans: every acquisition passes its guard.
+    path
+        File to be written, ``.hdf5`` or ``.h5``; it must not exist.
+    step_deg
+        Largest step in degrees.
+    wavelength_m, pulse_energy_j
+        Wavelength in metres and energy of one laser pulse in joules, where they are known.
+
+    Yields
+    ------
+    Event
+        As `markerseek.scan.run`, each `Measured` when it lies on the disk.
+
+    Raises
+    ------
+    ConfigError
+        If an argument cannot be used.
+    RecordError
+        If the file cannot be written.
+    DeviceError
+        If a device did not do its part.
+    """
+    angles = scan_angles(rig, step_deg=step_deg)
+    for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
+        if value is not None and not 0 < value < math.inf:
+            raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
+    facts = bank_facts(
+        rig.facts,
+        description=f"{rig.facts.kind} rig: {rig.facts.description}",
+        clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
+    )
+    facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
+    policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
+    limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
+    with (
+        BankWriter(path, angles=angles, dark_frames=rig.dark_frames, facts=facts) as writer,
+        closing(run(policy, rig.scanner, dark_frames=rig.dark_frames, stay=True, limits=limits)) as events,
+    ):
+        for event in events:
+            if isinstance(event, Measured):
+                writer.add(event.sample)
+            yield event

@@ -1,0 +1,111 @@
+"""Calibrates a rig from the frames of a scan over one point source: geometry, timing, sound speed and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.calibration import (
+    RECEIVED_RATIO,
+    Geometry,
+    Value,
+    Waves,
+    apex_s,
+    fit_geometry,
+    fit_moveout,
+    require_peak,
+)
+from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
+from markerseek.guard import Admission
+from markerseek.signals import ProbePreset
+from markerseek.signals.picks import common_wave
+
+NEAR_SHARE = 0.4
+"""Frames of at least this share of the largest intensity are near enough to the plane to show the speed of sound."""
+
+STRAIGHT_SHARE = 0.2
+"""Channels at most this share of the depth to the side of the source receive its wave from straight below."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """Geometry and noise of a rig.
+
+    Attributes
+    ----------
+    geometry
+        See `Geometry`; its ``source_deg`` is where the readback stood with the source in the image plane.
+    noise_sigma
+        Standard deviation of the beamformed noise in counts, with that of its mean over the frames.
+    frames, waves
+        Frames looked at, and those whose wave was clear enough to be used.
+    """
+
+    geometry: Geometry
+    noise_sigma: Value
+    frames: int
+    waves: int
+
+
+def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
+    """Calibration from one scan of a point source.
+
+    Parameters
+    ----------
+    samples
+        One for each angle, in the order of the angles, with their frames of channel data.
+    preset
+        The probe as it is thought to be; of speed of sound and trigger offset only a rough value is needed.
+
+    Raises
+    ------
+    RecordError
+        If the scan holds no channel data.
+    SearchError
+        If the scan does not pass one source that is strong enough, and is one point; the message says the cure.
+    """
+    frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
+    if len(frames) < len(samples) or not frames:
+        raise RecordError("calibration needs the channel data of a scan, and this one holds intensities only")
+    require_peak(samples, saturated_limit=Admission().saturated_limit)
+    readings = [sample.reading for sample in samples]
+    strongest = max(readings, key=lambda reading: reading.intensity)
+    if strongest.lateral_m is None or strongest.depth_m is None:
+        raise RecordError("calibration needs frames that are imaged, and these were not")
+    noise = np.array([reading.noise_sigma or 0.0 for reading in readings])
+    element_m = preset.array.lateral_m
+    place = {"lateral_m": strongest.lateral_m, "depth_m": strongest.depth_m}
+    near = [
+        wave.arrival_s
+        for reading, frame in zip(readings, frames, strict=True)
+        if reading.intensity >= NEAR_SHARE * strongest.intensity
+        and (wave := common_wave(frame, preset, **place)) is not None
+    ]
+    moveout = fit_moveout(near, element_m)
+    # Off the plane an oblique wave is smeared less than one from straight below, so that few channels are alike.
+    straight_m = STRAIGHT_SHARE * strongest.depth_m
+    received = [
+        (sample.angle_deg, wave)
+        for sample, frame, sigma in zip(samples, frames, noise, strict=True)
+        if sample.reading.intensity > RECEIVED_RATIO * sigma
+        and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
+    ]
+    if not received:
+        raise SearchError("no angle hears the source's wave well enough straight above it; average more pulses")
+    strongest_wave = max((wave for _, wave in received), key=lambda wave: float(np.abs(wave.wave).max()))
+    plane_s = apex_s(strongest_wave.arrival_s, element_m, moveout)
+    waves = Waves(
+        angle_deg=np.array([angle_deg for angle_deg, _ in received]),
+        arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout, plane_s=plane_s) for _, wave in received]),
+        wave=np.array([wave.wave for _, wave in received]),
+        sigma=np.array([wave.sigma for _, wave in received]),
+        sampling_hz=preset.sampling_hz,
+    )
+    return Calibration(
+        geometry=fit_geometry(waves, moveout),
+        noise_sigma=Value(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
+        frames=len(frames),
+        waves=len(received),
+    )

@@ -1,0 +1,94 @@
+"""The acquisitions of a run as a bank, so that other people's programs can open the frames of a journal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from markerseek.core import ChannelFrame, Measured, RecordError, Sample
+from markerseek.records.banks import FrameBank, IntensityBank, require_angles
+from markerseek.records.journal import Recording, read_journal
+from markerseek.runs.bank_scan import bank_facts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JournalBank(FrameBank):
+    """Frames of a run, in memory.
+
+    Attributes
+    ----------
+    samples
+        Acquisitions with light, in the order of the angles; those without, in the order of time.
+    dark
+        Those without, in the order of time.
+    """
+
+    samples: tuple[Sample, ...] = field(repr=False)
+    dark: tuple[Sample, ...] = field(repr=False)
+
+    def frame(self, index: int) -> ChannelFrame:
+        """Channel data of one angle, with the header that they came with."""
+        return _channels(self.samples[index])
+
+    def dark_frame(self, index: int) -> ChannelFrame:
+        """One frame without laser, counted from 0; `RecordError` where there is none."""
+        if not 0 <= index < self.dark_frames:
+            raise RecordError(f"there is no dark frame {index + 1}, the journal holds {self.dark_frames}")
+        return _channels(self.dark[index])
+
+
+def journal_bank(path: Path) -> IntensityBank | JournalBank:
+    """Bank of what a run measured, the confirmation included; of acquisitions at one angle the last.
+
+    Parameters
+    ----------
+    path
+        The journal; its run may be over or not.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read, is damaged, or holds fewer than 3 angles.
+    """
+    held = read_journal(path)
+    known = held.configuration.facts
+    samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
+    by_angle = {each.angle_deg: each for each in samples if not each.dark}
+    repeated = sum(not each.dark for each in samples) - len(by_angle)
+    require_angles(path, sorted(by_angle))
+    lit = tuple(by_angle[angle_deg] for angle_deg in sorted(by_angle))
+    bank = IntensityBank(
+        angles_deg=tuple(each.angle_deg for each in lit),
+        intensities=tuple(each.reading.intensity for each in lit),
+        facts=bank_facts(
+            known,
+            description=f"journal of {held.configuration.plan.method} on a {known.kind} rig: {known.description}"
+            + (f", without {repeated} at repeated angles" if repeated else ""),
+            clock_zero_unix_s=_clock_zero_unix_s(held),
+        ),
+    )
+    if not all(isinstance(each.frame, ChannelFrame) for each in lit):
+        return bank
+    dark = tuple(each for each in samples if each.dark and isinstance(each.frame, ChannelFrame))
+    return JournalBank(
+        angles_deg=bank.angles_deg,
+        intensities=bank.intensities,
+        facts=bank.facts,
+        dark_frames=len(dark),
+        samples=lit,
+        dark=dark,
+        started_s=tuple(each.frame.header.started_s for each in lit if each.frame is not None),
+        pulses=tuple(each.frame.header.pulses for each in lit if each.frame is not None),
+    )
+
+
+def _clock_zero_unix_s(held: Recording) -> float:
+    """When the clock of the run read 0, by the date of its first entry."""
+    first = held.entries[0]
+    return datetime.fromisoformat(first.written).timestamp() - first.clock_s
+
+
+def _channels(sample: Sample) -> ChannelFrame:
+    assert isinstance(sample.frame, ChannelFrame)  # noqa: S101 - only such samples are put into a bank of frames
+    return sample.frame

@@ -1,0 +1,61 @@
+"""Computes a run again from the frames in its journal, and compares readings, decisions and answer bit for bit."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+
+from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader
+from markerseek.guard import Limits
+from markerseek.records.journal import Entry, JournalEvent, Recording
+from markerseek.runs.journalled import run_plan
+from markerseek.runs.replayed_scanner import ReplayedScanner
+from markerseek.runs.resume import RUN_EVENTS
+from markerseek.signals import IntensityReader
+
+
+def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
+    """What differs, bit for bit, when a run is computed again from its frames alone; empty where nothing does.
+
+    Each stored frame is read again, the policy receives the readings, and its decisions and its answer are compared
+    with those of the journal.
+
+    Parameters
+    ----------
+    held
+        The journal.
+    policy
+        As it was before the run.
+    reader
+        Imaging chain of the rig.
+    """
+    found: list[str] = []
+    again = [_read_again(entry, reader, found) for entry in held.entries if isinstance(entry.event, RUN_EVENTS)]
+    if not again:
+        return []
+    search = held.configuration.facts.search
+    scanner = ReplayedScanner(again, limits=Limits(search=search, travel=search))
+    events = run_plan(policy, scanner, held.configuration.plan)
+    with closing(events):
+        for entry, event in zip(again, events, strict=False):
+            if _timeless(event) != _timeless(entry.event):
+                found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
+                break
+    return found
+
+
+def _timeless(event: JournalEvent) -> JournalEvent:
+    """The event without the duration of the run, which frames do not hold."""
+    return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
+
+
+def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
+    """The entry with the reading of its frame now; a difference is added to those found."""
+    event = entry.event
+    if not isinstance(event, Measured) or event.sample.frame is None:
+        return entry
+    frame = event.sample.frame
+    reading = (reader if isinstance(frame, ChannelFrame) else IntensityReader()).read(frame)
+    if reading != event.sample.reading:
+        found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
+    return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))

@@ -1,0 +1,181 @@
+"""A scanner that hands out what a journal holds, in its order, and then measures on a rig.
+
+`run` and the policies do not know of it: they repeat the run from its beginning, with the same samples and times.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, Measured, RecordError, Refused, Sample, Started
+from markerseek.guard import Admission, FiringLimits, Guard, Limits
+from markerseek.records.journal import Entry
+from markerseek.scan import AnyScanner
+
+
+class ReplayedClock:
+    """Shows the times of the entries, then those of a live clock.
+
+    Parameters
+    ----------
+    now_s
+        Time of the first entry in seconds.
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self._entry_s = now_s
+        self._live: Clock | None = None
+        self._ahead_s = 0.0
+
+    def now_s(self) -> float:
+        """Seconds, as the run would have read them."""
+        return self._entry_s if self._live is None else self._live.now_s() + self._ahead_s
+
+    def wait(self, duration_s: float) -> None:
+        """Not possible: nothing is measured while entries are repeated.
+
+        Raises
+        ------
+        ConfigError
+            Always.
+        """
+        raise ConfigError(f"a wait of {duration_s} s while a journal is repeated; only a rig can wait")
+
+    def show(self, now_s: float) -> None:
+        """Show the time of the next entry, in seconds."""
+        self._entry_s = now_s
+
+    def switch_to(self, live: Clock, *, same: bool) -> None:
+        """Show a live clock from now on.
+
+        Parameters
+        ----------
+        live
+            The clock.
+        same
+            Whether it was put back to the time at which the run stopped; else it is offset so that it continues from
+            there.
+        """
+        if self._live is None:
+            self._live = live
+            self._ahead_s = 0.0 if same else self._entry_s - live.now_s()
+
+
+class ReplayedScanner:
+    """Hands out what was measured or refused, in that order; then measures with another scanner, where there is one.
+
+    Parameters
+    ----------
+    entries
+        Those of a run, beginning with `Started`.
+    limits
+        Where the run was allowed to look.
+    live
+        Measures once the entries are used up; None where nothing may be measured.
+    same_clock
+        Whether the live clock was put back to the time at which the run stopped.
+
+    Raises
+    ------
+    RecordError
+        If the entries do not begin with `Started`.
+    """
+
+    def __init__(
+        self, entries: Sequence[Entry], *, limits: Limits, live: AnyScanner | None = None, same_clock: bool = False
+    ) -> None:
+        first = entries[0]
+        if not isinstance(first.event, Started):
+            raise RecordError("the journal does not begin with the start of a run")
+        self._start_deg = first.event.start_deg
+        self._limits = limits
+        self._live = live
+        self._same_clock = same_clock
+        self._active: AnyScanner | None = None
+        self._refused_frame: Frame | None = None
+        self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
+        self._clock = ReplayedClock(first.clock_s)
+        idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
+        self._guard = idle if live is None else live.guard
+
+    @property
+    def clock(self) -> Clock:
+        """Time of the run."""
+        return self._clock
+
+    @property
+    def guard(self) -> Guard:
+        """Guard of the rig; one that permits nothing where there is no rig."""
+        return self._guard
+
+    @property
+    def limits(self) -> Limits:
+        """Where the run was allowed to look."""
+        return self._limits
+
+    @property
+    def angle_deg(self) -> float:
+        """Where the probe stood when the run began, in degrees."""
+        return self._start_deg
+
+    def measure(self, angle_deg: float) -> Sample:
+        """The next sample of the journal, or one of the rig.
+
+        Raises
+        ------
+        AcquisitionError
+            If the frame was refused, then or now.
+        DeviceError
+            As `Scanner.measure`.
+        """
+        return self._next() or self._rig().measure(angle_deg)
+
+    def measure_dark(self) -> Sample:
+        """The next sample of the journal, or one of the rig with the laser kept off.
+
+        Raises
+        ------
+        AcquisitionError
+            If the frame was refused, then or now.
+        DeviceError
+            As `Scanner.measure_dark`.
+        """
+        return self._next() or self._rig().measure_dark()
+
+    @property
+    def refused_frame(self) -> Frame | None:
+        """Frame of the last acquisition if it was refused, then or now."""
+        return self._refused_frame if self._active is None else self._active.refused_frame
+
+    def switch_to_rig(self) -> None:
+        """Let the clock continue with that of the rig, and `measure` with the rig once the entries are used up.
+
+        Raises
+        ------
+        RecordError
+            If there is no rig.
+        """
+        self._active = self._live
+        self._clock.switch_to(self._rig().clock, same=self._same_clock)
+
+    def stop(self) -> None:
+        """Stop the rig, if the run was switched to it; before that nothing moves."""
+        if self._active is not None:
+            self._active.stop()
+
+    def _next(self) -> Sample | None:
+        if not self._outcomes:
+            return None
+        entry = self._outcomes.popleft()
+        self._clock.show(entry.clock_s)
+        self._refused_frame = None
+        if isinstance(entry.event, Refused):
+            self._refused_frame = entry.event.frame
+            raise AcquisitionError(entry.event.reason)
+        return entry.event.sample if isinstance(entry.event, Measured) else None
+
+    def _rig(self) -> AnyScanner:
+        if self._active is None:
+            raise RecordError("the journal holds no further acquisition, and there is no rig to make one")
+        return self._active

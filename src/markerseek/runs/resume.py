@@ -1,0 +1,200 @@
+"""Resumes a run from its journal, whatever ended it.
+
+The run is repeated from its beginning: a `ReplayedScanner` hands out what the journal holds, and each decision of the
+policy is compared with the one in the journal. Then two angles are measured again on the rig, and the run continues
+there. So travel, counts and the result are those of a run that was never stopped.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
+from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
+from markerseek.rigs.rig import Rig
+from markerseek.runs.journalled import closed_and_kept, keep, run_plan
+from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
+from markerseek.runs.replayed_scanner import ReplayedScanner
+from markerseek.scan import AnyScanner, RunLimits
+
+RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
+"""Events of a journal that the run repeats; a fault is not one of them, because it was reset."""
+
+_RUN_LIMITS = RunLimits()
+
+
+def resumed(
+    policy: Policy,
+    rig: Rig,
+    journal: Journal,
+    held: Recording,
+    *,
+    by: str,
+    reset_fault: bool = False,
+    limits: RunLimits = _RUN_LIMITS,
+) -> Generator[Event, None, None]:
+    """The events of a run from its beginning: those of the journal, then those of the rig.
+
+    Nothing moves before every decision in the journal was repeated and compared. Then the rig is armed in the name of
+    the person who asks for it, and the strongest angle so far and one on a flank are measured again; they must be as
+    they were.
+
+    Parameters
+    ----------
+    policy, rig
+        As they were before the run.
+    journal, held
+        What `Journal.reopen` gave.
+    by
+        Name of the person who arms the rig.
+    reset_fault
+        Whether that person has looked at the rig after a fault, and resets it.
+    limits
+        As in `run`.
+
+    Yields
+    ------
+    Event
+        As `run`; those that the journal holds already are not written again.
+
+    Raises
+    ------
+    DeviceError
+        If the run ended with a fault that is not reset, or an angle measured again is not as it was.
+    RecordError
+        If the run is over, the search decides otherwise than it did, or an event cannot be kept.
+    """
+    state = run_state(held.entries)
+    if state.state == "finished":
+        raise RecordError(f"{held.path}: the run is over; it cannot be resumed")
+    require_reset(held.path, state, reset_fault=reset_fault)
+    repeated = tuple(entry for entry in held.entries if isinstance(entry.event, RUN_EVENTS))
+    step = _StepToRig(rig, journal, held, repeated, by=by, attempts=limits.attempts)
+    scanner = step.scanner
+    pending = deque(repeated)
+    events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
+    with closed_and_kept(events, scanner.clock, journal):
+        if not pending:
+            step.take()
+        for event in events:
+            if pending:
+                _require_same(event, pending.popleft(), held)
+                yield event
+                if not pending:
+                    step.take()
+            else:
+                keep(event, scanner.clock, rig, journal)
+                yield event
+
+
+class _StepToRig:
+    """The step from the last entry of the journal to the rig; it is taken once.
+
+    Parameters
+    ----------
+    rig, journal, held
+        As in `resumed`.
+    repeated
+        Entries that the run repeats.
+    by
+        Name of the person who arms the rig.
+    attempts
+        How often one acquisition is tried when its frames are refused.
+    """
+
+    def __init__(
+        self, rig: Rig, journal: Journal, held: Recording, repeated: tuple[Entry, ...], *, by: str, attempts: int
+    ) -> None:
+        self._rig, self._journal, self._held, self._repeated = rig, journal, held, repeated
+        self._by, self._attempts = by, attempts
+        self._checkpoint = _last_checkpoint(rig, held) if repeated else None
+        self._replayed: ReplayedScanner | None = None
+        if repeated:
+            same_clock = self._checkpoint is not None
+            self._replayed = ReplayedScanner(repeated, limits=rig.limits, live=rig.scanner, same_clock=same_clock)
+
+    @property
+    def scanner(self) -> AnyScanner:
+        """Scanner of the whole run."""
+        return self._replayed or self._rig.scanner
+
+    def take(self) -> None:
+        """Charge the guard with the pulses so far, note who armed the rig, measure again, and leave the rig armed."""
+        rig, entries = self._rig, self._held.entries
+        rig.scanner.guard.charge(pulses_before(entries, pulses=rig.scanner.pulses, attempts=self._attempts))
+        self._restore()
+        if self._replayed is not None:
+            self._replayed.switch_to_rig()
+        samples = samples_to_recheck(entries)
+        check_deg, flank_deg, *_ = [*map(commanded_deg, samples), None, None]
+        note = Resuming(
+            by=self._by,
+            check_deg=check_deg,
+            flank_deg=flank_deg,
+            fault_reset=run_state(entries).state == "fault",
+            versions=versions(),
+        )
+        clock = self.scanner.clock
+        self._journal.commit(note, clock_s=clock.now_s())
+        arm = partial(rig.arm, by=self._by)
+        require_unchanged(samples, rig.scanner, self._journal, clock, arm=arm, attempts=self._attempts)
+        self._restore()
+        arm()
+
+    def _restore(self) -> None:
+        """Restore a simulated world, and let the guard recall the frames that it had admitted."""
+        if self._rig.world is not None and self._checkpoint is not None:
+            self._rig.world.restore(self._checkpoint)
+        guard = self._rig.scanner.guard
+        for entry in self._repeated:
+            if isinstance(entry.event, Measured) and entry.event.sample.frame is not None:
+                frame = entry.event.sample.frame
+                # A receiver that was started again counts from 1 again.
+                header = frame.header if self._checkpoint is not None else replace(frame.header, sequence=0)
+                guard.recall(replace(frame, header=header), entry.event.sample.reading)
+
+
+def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
+    """Refuse to resume after a fault that no person has reset.
+
+    Parameters
+    ----------
+    path
+        The journal, for the message.
+    state
+        State of its run.
+    reset_fault
+        Whether a person has looked at the rig, and resets it.
+
+    Raises
+    ------
+    DeviceError
+        If the run ended with a fault and nobody has.
+    """
+    if state.state == "fault" and not reset_fault:
+        raise DeviceError(
+            f"{path}: the run ended with a fault: {state.fault}; look at the rig, then resume with --reset-fault"
+        )
+
+
+def _last_checkpoint(rig: Rig, held: Recording) -> bytes | None:
+    """Last state of a simulated world; None of a real one."""
+    if rig.world is None:
+        return None
+    for entry in reversed(held.entries):
+        if entry.checkpoint is not None:
+            return entry.checkpoint
+    raise RecordError(f"{held.path}: it holds no state of the simulated world, which died with its process")
+
+
+def _require_same(now: Event, then: Entry, held: Recording) -> None:
+    if now != then.event:
+        begun = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+        raise RecordError(
+            f"{held.path}: entry {then.number}: the search decides otherwise than it did: {now} where the journal has "
+            f"{then.event}; resume with what it was begun with ({begun})"
+        )

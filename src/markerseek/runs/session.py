@@ -1,0 +1,161 @@
+"""One search from its plan to its result, new or resumed: what `search`, `replay` and `resume` share."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import dataclass, field
+
+from markerseek.core import Event, Policy, SearchPlan
+from markerseek.records.journal import Configuration, Journal, Recording
+from markerseek.records.result import Recorder, SearchResult
+from markerseek.rigs.rig import Rig
+from markerseek.runs.journalled import configuration_of, journalled, run_plan
+from markerseek.runs.rebuild import rebuild_policy
+from markerseek.runs.resume import resumed
+from markerseek.search import most_acquisitions, policy_for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Session:
+    """A search on a rig. Iterate over `events`, then ask for `result`.
+
+    Attributes
+    ----------
+    policy, rig
+        What searches, on what.
+    configuration
+        Plan of the search and facts of the rig, as a journal holds them.
+    journal
+        Keeps each event before it is handed out; None: none is kept.
+    held
+        What the journal holds of a run that is resumed; None for a new one.
+    by, reset_fault
+        Of a resumed run: who arms the rig, and whether that person has looked at it after a fault.
+    recorder
+        Collects from the events what the result needs.
+    """
+
+    policy: Policy
+    rig: Rig
+    configuration: Configuration
+    journal: Journal | None = None
+    held: Recording | None = None
+    by: str = ""
+    reset_fault: bool = False
+    recorder: Recorder = field(default_factory=Recorder)
+
+    def events(self) -> Generator[Event, None, None]:
+        """Run the search once; closed at any moment, the stage stops and the laser is disarmed.
+
+        Yields
+        ------
+        Event
+            As `markerseek.scan.run`, each kept in the journal before; of a resumed run from its beginning.
+
+        Raises
+        ------
+        MarkerseekError
+            As `markerseek.scan.run`, and as `resumed` for a run that is resumed.
+        RecordError
+            If an event cannot be kept; the rig is stopped.
+        """
+        with closing(self._run()) as events:
+            for event in events:
+                self.recorder.add(event)
+                yield event
+
+    def _run(self) -> Generator[Event, None, None]:
+        if self.journal is None:
+            return run_plan(self.policy, self.rig.scanner, self.configuration.plan)
+        if self.held is None:
+            return journalled(self.policy, self.rig, self.journal)
+        return resumed(self.policy, self.rig, self.journal, self.held, by=self.by, reset_fault=self.reset_fault)
+
+    @property
+    def most_acquisitions(self) -> int:
+        """Most acquisitions of the search, for a progress bar."""
+        return most_acquisitions(self.configuration.plan)
+
+    def result(self) -> SearchResult:
+        """Result of the search once it is over; `SearchError` before, and after an error."""
+        return self.recorder.result(self.configuration.plan, self.configuration.facts)
+
+
+def plan_on(
+    rig: Rig,
+    *,
+    method: str,
+    acquisitions: int | None = None,
+    as_published: bool = False,
+    start_deg: float,
+    stay: bool = False,
+) -> SearchPlan:
+    """Plan of a search with the dark frames and the end that a rig needs; the paper's form takes no dark frames first.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    method, acquisitions, as_published, start_deg, stay
+        As in `SearchPlan`.
+
+    Raises
+    ------
+    ConfigError
+        If a number cannot be used.
+    """
+    return SearchPlan(
+        method=method,
+        acquisitions=acquisitions,
+        as_published=as_published,
+        start_deg=start_deg,
+        dark_frames=0 if as_published else rig.dark_frames,
+        stay=stay,
+        closing_dark=rig.closing_dark,
+    )
+
+
+def new_session(rig: Rig, plan: SearchPlan) -> Session:
+    """A new search, without a journal yet; nothing moves before `Session.events` is iterated.
+
+    Parameters
+    ----------
+    rig, plan
+        The rig, and what is asked of the search.
+
+    Raises
+    ------
+    ConfigError
+        If the plan cannot be used.
+    """
+    policy = policy_for(plan, limits=rig.limits.search)
+    return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
+
+
+def resumed_session(rig: Rig, journal: Journal, held: Recording, *, by: str, reset_fault: bool) -> Session:
+    """A search that is resumed; nothing moves before `Session.events` is iterated.
+
+    Parameters
+    ----------
+    rig
+        That of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
+    journal, held
+        What `Journal.reopen` gave.
+    by, reset_fault
+        As in `markerseek.runs.resume.resumed`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such method any more.
+    """
+    return Session(
+        policy=rebuild_policy(held.configuration),
+        rig=rig,
+        configuration=held.configuration,
+        journal=journal,
+        held=held,
+        by=by,
+        reset_fault=reset_fault,
+    )
