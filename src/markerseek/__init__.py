@@ -12,64 +12,8 @@ The names here are all that most users need::
 Each is imported when it is first used: `simulated` and `replayed` bring NumPy, SciPy and Numba with them.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from markerseek._version import __version__
+from markerseek._version import __version__ as __version__
 
-if TYPE_CHECKING:
-    from markerseek.core import (
-        Ambiguous,
-        AtBound,
-        Finished,
-        Found,
-        Interval,
-        MarkerseekError,
-        Measured,
-        NotFound,
-        Policy,
-        Reading,
-        Sample,
-        Unsure,
-    )
-    from markerseek.rigs import replayed, simulated
-    from markerseek.scan import run
-    from markerseek.search import build
-
-__all__ = [
-    "Ambiguous",
-    "AtBound",
-    "Finished",
-    "Found",
-    "Interval",
-    "MarkerseekError",
-    "Measured",
-    "NotFound",
-    "Policy",
-    "Reading",
-    "Sample",
-    "Unsure",
-    "__version__",
-    "build",
-    "replayed",
-    "run",
-    "simulated",
-]
-
-_PACKAGES = {"build": "search", "replayed": "rigs", "run": "scan", "simulated": "rigs"}
-"""Packages of the names that are not of `markerseek.core`."""
-
-
-def __getattr__(name: str) -> object:
-    """One of the public names, imported at its first use (PEP 562)."""
-    if name not in __all__:
-        raise AttributeError(f"module 'markerseek' has no attribute {name!r}")
-    from importlib import import_module
-
-    value: object = getattr(import_module(f"markerseek.{_PACKAGES.get(name, 'core')}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """All names, also of what was not imported yet."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

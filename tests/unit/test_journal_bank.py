@@ -15,7 +15,7 @@ from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
 from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, Recording, read_journal
-from markerseek.runs.journal_bank import JournalBank, journal_bank
+from markerseek.runs.bank_of_journal import JournalBank, journal_bank
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.search import build
 

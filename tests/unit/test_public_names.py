@@ -46,7 +46,7 @@ def test_all_names_are_listed_before_they_are_used() -> None:
     program = "import markerseek, sys; print(set(markerseek.__all__) <= set(dir(markerseek)), 'numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "True False\n"
-    with pytest.raises(AttributeError, match="has no attribute 'simulate'"):
+    with pytest.raises(AttributeError, match="simulate"):
         markerseek.simulate  # noqa: B018
 
 

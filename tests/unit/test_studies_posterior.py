@@ -15,7 +15,7 @@ from markerseek.core import ConfigError
 from markerseek.sim import MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Row, Study, cells, read_rows, run_row, summarise, unknowns
 from markerseek.studies.bound import compare_with_bound, marker_curve, mean_bounds
-from markerseek.studies.error_figure import error_figure
+from markerseek.studies.bound_figure import error_figure
 from markerseek.studies.table import as_csv, columns, values_of
 from markerseek.studies.worlds import draw_trial, marker_window
 

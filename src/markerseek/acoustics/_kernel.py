@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from markerseek._compiled import compiled
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import Float32, Float64
 
 MIXED_BELOW_NP = 0.02
 """Change of the attenuation from the middle of a face to its edge, up to which one table serves a whole element."""

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.acoustics._checks import positive
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float32, Int16
+from markerseek.core import ConfigError, Float32, Int16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,8 +25,7 @@ from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
 from markerseek.acoustics.source import Source
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import ConfigError, Float32, Float64
 
 NEAREST_M = 1e-3
 """Distance in front of the face's plane within which, as behind it, an absorber gives no signal, in metres."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.acoustics._checks import not_negative, within
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64
 
 _NEPER_PER_METRE = math.log(10) / 20 * 100
 """One dB/cm in Np/m."""

@@ -9,8 +9,7 @@ import scipy.fft
 
 from markerseek.acoustics._checks import not_negative, positive, within
 from markerseek.acoustics.band import Band
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float32
+from markerseek.core import ConfigError, Float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

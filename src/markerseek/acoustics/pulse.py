@@ -18,8 +18,7 @@ from markerseek.acoustics.band import Band
 from markerseek.acoustics.laser import LaserPulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.source import Source
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Complex128, Float32
+from markerseek.core import Complex128, ConfigError, Float32
 
 REFERENCE_RANGE_M = 50e-3
 """Distance at which an absorber of strength 1 peaks at 1, in a lossless medium, on a point of an element."""

@@ -17,7 +17,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from markerseek.acoustics._checks import positive
-from markerseek.core.shapes import Complex128, Float64
+from markerseek.core import Complex128, Float64
 
 Frequencies: TypeAlias = Float64[np.ndarray, " frequencies"]
 """Frequencies in Hz, not negative."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from markerseek.core import PAPER_RANGE, Found, Interval, MissingExtraError
-from markerseek.search.policy import SearchPolicy, check_acquisitions
+from markerseek.search import SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
 """Standard deviations of the noise by which a sample must be weaker than the strongest to bound the maximum."""

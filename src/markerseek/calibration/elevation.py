@@ -18,8 +18,7 @@ from scipy.signal import hilbert
 
 from markerseek.calibration.moveout import Moveout
 from markerseek.calibration.requirements import BESIDE, LEAST_ANGLES
-from markerseek.core import SearchError
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, SearchError
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from markerseek.core import SearchError
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, SearchError
 
 _OUTLIER_S = 5e-9
 """Residual in seconds beyond which a channel counts less: a fifth of a sample at 40 MHz."""

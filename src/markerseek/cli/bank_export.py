@@ -57,7 +57,7 @@ def command(
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank
     from markerseek.records.exports import write_intensities
-    from markerseek.runs.bank_images import bank_curve
+    from markerseek.runs import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
     if kind is None or to.name.lower() == kind:
@@ -91,7 +91,7 @@ def command(
 def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.banks import FrameBank
     from markerseek.records.exports import series_of, write_mcap
-    from markerseek.runs.bank_images import bank_curve, bank_image, bank_images
+    from markerseek.runs import bank_curve, bank_image, bank_images
 
     intensities = bank_curve(bank, probe=probe).intensity.tolist()
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
@@ -106,7 +106,7 @@ def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, 
 
 def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.exports import series_of, write_sequence
-    from markerseek.runs.bank_images import bank_images
+    from markerseek.runs import bank_images
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
     write_sequence(to, _shown(bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series)
@@ -115,7 +115,7 @@ def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
     """Facts of a bank with the distance given; says where frames cannot be placed for want of it."""
     from markerseek.records.banks import FrameBank
-    from markerseek.runs.bank_images import described
+    from markerseek.runs import described
 
     facts = described(bank, probe=probe)
     if face_radius_mm is not None:

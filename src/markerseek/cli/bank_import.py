@@ -66,7 +66,7 @@ def command(
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
-    from markerseek.runs.bank_images import bank_samples, described
+    from markerseek.runs import bank_samples, described
 
     given: dict[str, Any] = {
         "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
@@ -115,7 +115,7 @@ def command(
 def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
     from markerseek.records.banks import ARRAY_SUFFIXES, read_arrays, read_bank
     from markerseek.records.journal import is_journal
-    from markerseek.runs.journal_bank import journal_bank
+    from markerseek.runs import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():

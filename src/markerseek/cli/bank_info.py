@@ -19,7 +19,7 @@ from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
-    from markerseek.search.peak import Peak
+    from markerseek.search import Peak
 
 NAME = "info"
 EXAMPLES = (
@@ -75,8 +75,8 @@ def command(
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
     from markerseek.records.banks import IntensityBank, read_bank
-    from markerseek.runs.bank_images import bank_curve, dark_intensity
-    from markerseek.search.peak import peak_of
+    from markerseek.runs import bank_curve, dark_intensity
+    from markerseek.search import peak_of
 
     folder = picture_folder(out, plot=plot)
     held = read_bank(bank)
@@ -201,7 +201,7 @@ def _draw(
 ) -> None:
     from markerseek.pictures import bank_figure, save_png
     from markerseek.records.banks import FrameBank
-    from markerseek.runs.bank_images import bank_image
+    from markerseek.runs import bank_image
 
     strongest = intensities.index(max(intensities))
     figure = bank_figure(

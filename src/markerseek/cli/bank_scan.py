@@ -62,7 +62,7 @@ def command(
     """
     from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.records.banks.ipasc import require_new_bank
-    from markerseek.runs.bank_scan import scan_angles, scan_bank
+    from markerseek.runs import scan_angles, scan_bank
 
     require_new_bank(out)
     announce_compilation()

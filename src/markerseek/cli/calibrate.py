@@ -17,7 +17,7 @@ from markerseek.core import ConfigError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
-    from markerseek.runs.calibrate import Calibration
+    from markerseek.runs import Calibration
 
 NAME = "calibrate"
 EXAMPLES = (
@@ -75,8 +75,8 @@ def command(
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.rigs.replay import preset_of
-    from markerseek.runs.calibrate import calibrate
+    from markerseek.rigs import preset_of
+    from markerseek.runs import calibrate
     from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):

@@ -55,7 +55,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     """
     from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.cli.session import run_new_session
-    from markerseek.runs.session import new_session, plan_on
+    from markerseek.runs import new_session, plan_on
 
     if not LEAST_DEG <= abs(source_deg) <= 360:
         raise ConfigError(

@@ -125,8 +125,8 @@ def _direction(path: Path, source_deg: float, *, arm: bool, as_json: bool) -> Fi
 
 def _lease_s(path: Path) -> float | None:
     """Longest silence of the control loop that a rig's devices bear, in seconds; None if they are simulated."""
-    from markerseek.drivers.settings import BenchSettings
-    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import read_rig_file
 
     settings = read_rig_file(path)
     return settings.supervisor.lease_s if isinstance(settings, BenchSettings) else None
@@ -147,7 +147,7 @@ def _punctuality(lease_s: float) -> Finding:
 
 def _timed_nap() -> float:
     """How long a nap really takes, in seconds."""
-    from markerseek.drivers.clock import SystemClock
+    from markerseek.drivers import SystemClock
 
     clock = SystemClock()
     began_s = clock.now_s()

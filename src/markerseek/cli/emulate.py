@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.emulators.bench import EmulatedBench
+    from markerseek.emulators import EmulatedBench
     from markerseek.sim import SimulatedSettings
 
 NAME = "emulate"
@@ -54,9 +54,8 @@ def command(
 
     from markerseek.cli.terminal import stderr
     from markerseek.core import ConfigError
-    from markerseek.emulators.bench import EmulatedBench, require_pace
-    from markerseek.emulators.kdc101 import Kdc101Settings
-    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.emulators import EmulatedBench, Kdc101Settings, require_pace
+    from markerseek.rigs import read_rig_file
     from markerseek.sim import SimulatedSettings
 
     require_pace(pace)
@@ -85,9 +84,8 @@ def _serve(
     from contextlib import ExitStack
 
     from markerseek.cli.terminal import stdout
-    from markerseek.drivers.clock import SystemClock
-    from markerseek.emulators import ByteDevice, PtyLine
-    from markerseek.emulators.bench import ServingClock, serve
+    from markerseek.drivers import SystemClock
+    from markerseek.emulators import ByteDevice, PtyLine, ServingClock, serve
     from markerseek.files import replaced
 
     real = SystemClock()

@@ -80,8 +80,7 @@ def command(
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.ultrasonix import show_ultrasonix
-    from markerseek.records.banks.frames import MAT_PROBE, load_frame
-    from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES
+    from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
     from markerseek.signals import ImageReader, probe_preset
 
     folder = picture_folder(out, plot=plot)

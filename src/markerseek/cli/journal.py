@@ -82,8 +82,7 @@ def replay(journal: _File, as_json: _Json = False) -> None:
     """Compute the readings again, let a new search decide on them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
-    from markerseek.runs.rebuild import rebuild_policy, rebuild_reader
-    from markerseek.runs.recompute import differences
+    from markerseek.runs import differences, rebuild_policy, rebuild_reader
 
     held = read_journal(journal)
     announce_compilation()
@@ -142,8 +141,8 @@ def _print_table(held: Recording) -> None:
 def _line(entry: Entry) -> tuple[str, str, str, str]:
     """What happened, where, how strong, and what else there is to say."""
     from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
+    from markerseek.records import answer_name
     from markerseek.records.journal import Checked, Interrupted, Resuming
-    from markerseek.records.result import answer_name
 
     match entry.event:
         case Started(start_deg=start_deg, limits=limits):

@@ -16,7 +16,7 @@ import typer
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.drivers.settings import BenchSettings
+    from markerseek.drivers import BenchSettings
     from markerseek.rigs import Rig
 
 _USUAL_SEED = 1
@@ -47,14 +47,14 @@ def open_rig(
         If a device does not answer, or is not fit for use.
     """
     from markerseek import rigs
-    from markerseek.drivers.settings import BenchSettings
-    from markerseek.rigs.rig_file import read_rig_file
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import read_rig_file
     from markerseek.sim import SimulatedSettings
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
         _require_none(path, {"--seed": seed, "--tissue": tissue, "--pace": pace or None})
-        from markerseek.rigs.bench import bench
+        from markerseek.rigs import bench
 
         with bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
@@ -91,8 +91,8 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import print_json, stderr
-    from markerseek.drivers.exposure import exposure_line
-    from markerseek.rigs.recipe import BenchRecipe
+    from markerseek.drivers import exposure_line
+    from markerseek.rigs import BenchRecipe
 
     if rig.devices is None:
         return

@@ -58,7 +58,7 @@ def command(
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.runs.session import new_session, plan_on
+    from markerseek.runs import new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))

@@ -54,8 +54,8 @@ def command(
     from markerseek.cli.terminal import print_json, stages_bar, stdout
     from markerseek.core import ConfigError
     from markerseek.pictures import require_room_for_pictures
+    from markerseek.studies import default_workers
     from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, Stopwatch, write_report, write_section
-    from markerseek.studies.workers import default_workers
 
     own = None
     if bank is not None:

@@ -12,9 +12,9 @@ from rich.markup import escape
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.drivers.settings import BenchSettings
+    from markerseek.drivers import BenchSettings
+    from markerseek.records import Recorder
     from markerseek.records.journal import Recording
-    from markerseek.records.result import Recorder
     from markerseek.signals import ImageReader
 
 NAME = "resume"
@@ -55,7 +55,7 @@ def command(
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.records.journal import read_journal, result_of, run_state
-    from markerseek.runs.resume import require_reset
+    from markerseek.runs import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     held = read_journal(journal, frames=plot)
@@ -78,10 +78,9 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
     from markerseek.cli.open_rig import print_permissions
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_warning
-    from markerseek.drivers.settings import BenchSettings
-    from markerseek.rigs.rig_file import read_rig_file
-    from markerseek.runs.rebuild import recorded_bench
-    from markerseek.runs.same_bench import require_same_measurement
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import read_rig_file
+    from markerseek.runs import recorded_bench, require_same_measurement
 
     recorded = recorded_bench(held.configuration)
     named: BenchSettings | None = None
@@ -119,8 +118,7 @@ def _resume(
     from markerseek.cli.open_rig import person
     from markerseek.cli.session import closed_at_end, run_session
     from markerseek.records.journal import Journal
-    from markerseek.runs.rebuild import rebuild_rig
-    from markerseek.runs.session import resumed_session
+    from markerseek.runs import rebuild_rig, resumed_session
 
     kept, held = Journal.reopen(journal)
     with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
@@ -142,8 +140,7 @@ def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_a
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_json, stdout
     from markerseek.records.journal import run_state
-    from markerseek.runs.rebuild import next_angle, rebuild_policy
-    from markerseek.runs.recheck import samples_to_recheck
+    from markerseek.runs import next_angle, rebuild_policy, samples_to_recheck
 
     state = run_state(held.entries)
     next_deg = next_angle(held, rebuild_policy(held.configuration))
@@ -181,7 +178,7 @@ def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_a
 
 def _imaging(held: Recording) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
-    from markerseek.runs.rebuild import rebuild_reader
+    from markerseek.runs import rebuild_reader
     from markerseek.signals import ImageReader
 
     reader = rebuild_reader(held.configuration)

@@ -57,7 +57,7 @@ def command(
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.runs.session import new_session, plan_on
+    from markerseek.runs import new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))

@@ -13,7 +13,7 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import print_warning, progress_bar, quoted, stderr
 from markerseek.core import ConfigError, Failed, MarkerseekError, Measured, RecordError, Refused
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
-from markerseek.runs.session import Session
+from markerseek.runs import Session
 
 
 def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:

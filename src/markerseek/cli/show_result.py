@@ -14,8 +14,8 @@ from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
 from markerseek.core import PaImage, Sample
+from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
-from markerseek.records.result import Recorder, SearchResult
 from markerseek.signals import ImageReader
 
 FOUND, OTHER_ANSWER = 0, 3

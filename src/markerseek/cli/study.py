@@ -13,8 +13,7 @@ from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.studies import Study, Summary
-    from markerseek.studies.bound import BoundComparison
+    from markerseek.studies import BoundComparison, Study, Summary
 
 NAME = "study"
 STOPPED = 130
@@ -118,8 +117,7 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     from rich.table import Table
 
     from markerseek.cli.terminal import print_json, stdout
-    from markerseek.studies import run_row
-    from markerseek.studies.table import columns, values_of
+    from markerseek.studies import columns, run_row, values_of
 
     again = run_row(study, row)
     named = dict(zip(columns(study), values_of(again), strict=True))
@@ -134,8 +132,7 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
 
 def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:
     """Each policy in each cell compared with the bound."""
-    from markerseek.studies import cells
-    from markerseek.studies.bound import compare_with_bound
+    from markerseek.studies import cells, compare_with_bound
 
     return [
         compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
@@ -154,9 +151,7 @@ def _finished(path: Path) -> tuple[Study, Summary]:
 
 def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> None:
     from markerseek.pictures import save_png, save_svg
-    from markerseek.studies import cells
-    from markerseek.studies.bound import mean_bounds
-    from markerseek.studies.error_figure import error_figure
+    from markerseek.studies import cells, error_figure, mean_bounds
 
     study = runs[0][0]
     counts = study.marks

@@ -10,9 +10,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from markerseek.studies import PolicySummary, Summary
-    from markerseek.studies.bound import BoundComparison
-    from markerseek.studies.statistics import Mean, Share
+    from markerseek.studies import BoundComparison, Mean, PolicySummary, Share, Summary
 
 
 def show_summary(summary: Summary) -> None:

@@ -17,7 +17,7 @@ from markerseek import __version__
 from markerseek.cli.terminal import print_json, stderr, stdout
 
 if TYPE_CHECKING:
-    from markerseek.records.banks.ultrasonix import UltrasonixFile
+    from markerseek.records.banks import UltrasonixFile
 
 
 class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,7 +53,7 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
     as_json
         One object for programs instead of words for people.
     """
-    from markerseek.records.banks.ultrasonix import open_ultrasonix
+    from markerseek.records.banks import open_ultrasonix
 
     file = open_ultrasonix(path)
     header = file.header

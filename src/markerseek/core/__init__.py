@@ -27,13 +27,8 @@ from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
-from markerseek.core.reading import (
-    LEAST_INTENSITY,
-    MOST_ACQUISITIONS,
-    MOST_INTENSITY,
-    Reading,
-    Sample,
-)
+from markerseek.core.reading import LEAST_INTENSITY, MOST_ACQUISITIONS, MOST_INTENSITY, Reading, Sample
+from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 
 __all__ = [
     "LEAST_INTENSITY",
@@ -44,8 +39,10 @@ __all__ = [
     "Ambiguous",
     "Asked",
     "AtBound",
+    "Bool",
     "ChannelFrame",
     "Clock",
+    "Complex128",
     "ConfigError",
     "DeviceError",
     "DeviceTimeoutError",
@@ -53,10 +50,15 @@ __all__ = [
     "Event",
     "Failed",
     "Finished",
+    "Float32",
+    "Float64",
     "Floor",
     "Found",
     "Frame",
     "FrameHeader",
+    "Int16",
+    "Int32",
+    "Int64",
     "Interval",
     "IntervalKind",
     "Laser",
@@ -87,6 +89,7 @@ __all__ = [
     "SearchPlan",
     "Stage",
     "Started",
+    "UInt8",
     "Unsure",
     "as_interval",
     "is_finite",

@@ -1,1 +1,5 @@
-"""The real devices, one vendor one file. Nothing is imported here: each file is loaded when its device is used."""
+"""The real devices, one vendor one file. Each is imported when its name is first used."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TypeVar
 
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError
-from markerseek.wire import apt
-from markerseek.wire.apt_frames import AptFramer
-from markerseek.wire.port import Port
+from markerseek.wire import AptFramer, Port, apt
 
 _AnswerT = TypeVar("_AnswerT", apt.Info, apt.Velocity, apt.SoftLimits, apt.Status, apt.Counts)
 

@@ -9,8 +9,7 @@ from typing import BinaryIO, TypeAlias
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, NotConnectedError, RecordError
-from markerseek.core.shapes import Int16
+from markerseek.core import AcquisitionError, Int16, NotConnectedError, RecordError
 from markerseek.wire import sonixdaq as wire
 
 _LARGEST_BYTES = 1 << 26

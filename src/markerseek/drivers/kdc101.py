@@ -14,8 +14,7 @@ from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
 from markerseek.drivers._kdc101_settings import StageSettings
 from markerseek.drivers._kdc101_setup import set_up
-from markerseek.wire import apt
-from markerseek.wire.port import Port
+from markerseek.wire import Port, apt
 
 __all__ = ["Kdc101Stage", "StageSettings"]
 

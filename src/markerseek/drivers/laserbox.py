@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import TypeGuard, TypeVar
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit, require_range
+from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
-from markerseek.wire.port import Port
 
 _BEAT_S = 0.02
 """Time between two beats, in seconds: five in the longest lease."""

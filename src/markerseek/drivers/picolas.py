@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Final
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError, Permit
-from markerseek.wire.port import Port
+from markerseek.wire import Port
 
 BAUD: Final = 115200
 """Bits per second of the line."""

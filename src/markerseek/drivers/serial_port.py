@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from markerseek.core import ConfigError, NotConnectedError, require_range
-from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
+from markerseek.files import SERIAL_ERRORS, Parity, open_serial
 
 _WRITE_TIMEOUT_S = 0.5
 """A line that takes no bytes for so long is gone."""

@@ -5,7 +5,6 @@ pseudo-terminal for any program that opens a serial port; `DirectPort` connects 
 virtual time.
 """
 
-from markerseek.emulators.byte_device import ByteDevice, DirectPort
-from markerseek.emulators.pty_line import PtyLine
+import lazy_loader
 
-__all__ = ["ByteDevice", "DirectPort", "PtyLine"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

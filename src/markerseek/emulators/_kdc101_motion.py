@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from markerseek.emulators._prm1z8 import Prm1z8
-from markerseek.sim.faults import Fault
+from markerseek.sim import Fault
 from markerseek.wire import apt
 
 COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from markerseek.emulators._motor import Motor
-from markerseek.sim.faults import Fault
-from markerseek.wire.apt import COUNTS_PER_DEG
+from markerseek.sim import Fault
+from markerseek.wire import COUNTS_PER_DEG
 
 
 class Turned(Protocol):

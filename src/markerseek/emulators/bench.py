@@ -21,7 +21,7 @@ from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.pty_line import PtyLine
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
-from markerseek.rigs.scene import draw_scene
+from markerseek.rigs import draw_scene
 from markerseek.sim import SimulatedSettings, VirtualClock, World
 
 _TICK_S = 2e-3

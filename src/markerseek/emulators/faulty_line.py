@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from markerseek.sim.faults import Fault
+from markerseek.sim import Fault
 
 
 class FaultyLine:

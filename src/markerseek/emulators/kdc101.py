@@ -28,9 +28,8 @@ from markerseek.emulators._kdc101_settings import Kdc101Settings
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faulty_line import FaultyLine
 from markerseek.emulators.stage_faults import STAGE_FAULTS
-from markerseek.sim.faults import Fault
-from markerseek.wire import apt
-from markerseek.wire.apt_frames import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage
+from markerseek.sim import Fault
+from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 
 __all__ = ["Kdc101Emulator", "Kdc101Settings"]
 

@@ -17,8 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader
-from markerseek.core.shapes import Int16
+from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Int16
 from markerseek.sim import Flash, SimulatedWorld
 from markerseek.wire import sonixdaq as wire
 

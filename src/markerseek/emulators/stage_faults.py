@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from markerseek.sim.faults import Fault, FaultKind
+from markerseek.sim import Fault, FaultKind
 
 
 def _fault(name: str, kind: FaultKind, meaning: str, *, amount: float = 0.0, observable: bool = True) -> Fault:

@@ -5,16 +5,25 @@
 """
 
 from markerseek.files.inputs import MIB, open_input, read_input, require_input
+from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
+from markerseek.files.settings import known_keys, read_toml, require_choice, require_key
 from markerseek.files.whole import new_file, published, replaced, require_new, sync_folder
 
 __all__ = [
     "MIB",
+    "SERIAL_ERRORS",
+    "Parity",
+    "known_keys",
     "new_file",
     "open_input",
+    "open_serial",
     "published",
     "read_input",
+    "read_toml",
     "replaced",
+    "require_choice",
     "require_input",
+    "require_key",
     "require_new",
     "sync_folder",
 ]

@@ -6,4 +6,12 @@ from markerseek.guard.limits import Limits
 from markerseek.guard.machine import Guard, State
 from markerseek.guard.permits import FiringLimits, Permits
 
-__all__ = ["Admission", "FiringLimits", "Guard", "Lease", "Limits", "Permits", "State"]
+__all__ = [
+    "Admission",
+    "FiringLimits",
+    "Guard",
+    "Lease",
+    "Limits",
+    "Permits",
+    "State",
+]

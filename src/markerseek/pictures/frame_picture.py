@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import Float32, Float64
 from markerseek.pictures.image_panel import draw_image
 from markerseek.pictures.style import ACCENT, new_figure, put_title
 

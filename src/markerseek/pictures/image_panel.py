@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import Float32, Float64
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core.shapes import Int16, UInt8
+from markerseek.core import Int16, UInt8
 from markerseek.pictures.style import new_figure, put_title
 
 if TYPE_CHECKING:

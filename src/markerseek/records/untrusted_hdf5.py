@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from markerseek.core import MissingExtraError, RecordError
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, MissingExtraError, RecordError
 from markerseek.records.sandbox import MOST_PER_BYTE
 
 if TYPE_CHECKING:

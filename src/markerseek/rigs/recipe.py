@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.drivers.settings import BenchSettings
+from markerseek.drivers import BenchSettings
 from markerseek.sim import SimulatedSettings
 
 
@@ -33,7 +33,7 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
 
 
 class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
-    """Arguments of `markerseek.rigs.bench.bench`."""
+    """Arguments of `markerseek.rigs.bench_rig.bench`."""
 
     settings: BenchSettings
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from markerseek.core import LinearArray, RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
+from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.scan import Scanner

@@ -10,7 +10,7 @@ from typing import Protocol, Self
 import msgspec
 
 from markerseek.core import Laser, Receiver, RigFacts, Stage
-from markerseek.drivers.settings import BenchSettings
+from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.rigs.recipe import Recipe

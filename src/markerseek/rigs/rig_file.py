@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.drivers.settings import BenchSettings
-from markerseek.files.settings import known_keys, read_toml
-from markerseek.sim.settings import SimulatedSettings
+from markerseek.drivers import BenchSettings
+from markerseek.files import known_keys, read_toml
+from markerseek.sim import SimulatedSettings
 
 _SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {
     "simulated": SimulatedSettings,

@@ -13,10 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, LinearArray, PaImage
-from markerseek.core.shapes import Float64
-from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset
-from markerseek.signals.peaks import strongest_peaks
+from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, PaImage
+from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
 _MOST_COUNTS = 25_000

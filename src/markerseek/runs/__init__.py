@@ -2,3 +2,7 @@
 
 `markerseek.rigs` puts a rig together; nothing there runs. The commands and the studies start here.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,8 +9,8 @@ import numpy as np
 
 from markerseek.core import AcquisitionError, PaImage, Reading, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
-from markerseek.rigs.replay import preset_of
-from markerseek.search.curve import Curve, curve_of
+from markerseek.rigs import preset_of
+from markerseek.search import Curve, curve_of
 from markerseek.signals import ImageReader
 
 

@@ -13,7 +13,7 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError, Event, Measured, RigFacts
 from markerseek.records.banks import BankFacts
 from markerseek.records.banks.ipasc import BankWriter
-from markerseek.rigs.rig import Rig
+from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
 

@@ -9,7 +9,7 @@ import msgspec
 
 from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
 from markerseek.records.journal import Configuration, Journal
-from markerseek.rigs.rig import Rig
+from markerseek.rigs import Rig
 from markerseek.scan import AnyScanner, RunLimits, run
 
 _RUN_LIMITS = RunLimits()

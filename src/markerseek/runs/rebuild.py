@@ -7,12 +7,9 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
-from markerseek.drivers.settings import BenchSettings
+from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, Recording
-from markerseek.rigs.recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
-from markerseek.rigs.replay import replayed
-from markerseek.rigs.rig import Rig
-from markerseek.rigs.simulation import simulated
+from markerseek.rigs import BenchRecipe, Recipe, ReplayedRecipe, Rig, SimulatedRecipe, replayed, simulated
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset
@@ -56,7 +53,7 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
                 "the journal is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
                 "markerseek resume FILE --rig RIG.toml --arm"
             )
-        from markerseek.rigs.bench import bench
+        from markerseek.rigs import bench
 
         require_same_measurement(configuration, recipe.settings, bench_settings)
         return bench(bench_settings)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
 from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
-from markerseek.rigs.rig import Rig
+from markerseek.rigs import Rig
 from markerseek.runs.journalled import closed_and_kept, keep, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.replayed_scanner import ReplayedScanner

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.drivers.settings import BenchSettings
+from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration
-from markerseek.rigs.rig import fingerprint
+from markerseek.rigs import fingerprint
 
 SAME = (
     "stage.driver",

@@ -7,9 +7,9 @@ from contextlib import closing
 from dataclasses import dataclass, field
 
 from markerseek.core import Event, Policy, SearchPlan
+from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, Recording
-from markerseek.records.result import Recorder, SearchResult
-from markerseek.rigs.rig import Rig
+from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, run_plan
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed

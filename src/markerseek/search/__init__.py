@@ -4,28 +4,40 @@ A method has two forms: as published, which always answers, and `Guarded`, whose
 either from a name.
 """
 
+from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
+from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import noise_of
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
+from markerseek.search.peak import Peak, peak_of
+from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 
 __all__ = [
     "GOLDEN",
     "METHODS",
     "TERNARY",
+    "THRESHOLD",
     "BracketSearch",
+    "Curve",
     "Exhaustive",
     "Guarded",
     "Method",
+    "Peak",
     "ScriptedManual",
+    "SearchPolicy",
     "WeightedAverage",
     "build",
+    "check_acquisitions",
+    "curve_of",
     "equal_steps",
     "method_named",
     "most_acquisitions",
     "noise_of",
+    "peak_of",
     "peak_passed",
     "policy_for",
+    "weighted_average",
 ]

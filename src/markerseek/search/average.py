@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64
 from markerseek.search.curve import Curve
 
 THRESHOLD = 0.2

@@ -21,8 +21,7 @@ from __future__ import annotations
 
 import math
 
-from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval
-from markerseek.core.reading import Sample
+from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, Sample
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.peak import noise_limit_deg
 from markerseek.search.policy import SearchPolicy, check_acquisitions

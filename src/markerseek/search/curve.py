@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core.reading import Sample
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, Sample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

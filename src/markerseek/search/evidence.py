@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Found, Interval
-from markerseek.core.reading import Sample
+from markerseek.core import Found, Interval, Sample
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import Noise
 

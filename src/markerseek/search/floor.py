@@ -28,8 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Floor
-from markerseek.core.reading import Sample
+from markerseek.core import Floor, Sample
 from markerseek.search.curve import Curve, curve_of
 
 FALSE_FOUND = 1e-3

@@ -16,8 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, Unsure
-from markerseek.core.reading import Sample
+from markerseek.core import PAPER_RANGE, AtBound, ConfigError, Estimate, Found, Interval, NotFound, Sample, Unsure
 from markerseek.search.curve import curve_of
 from markerseek.search.evidence import contradiction, missing_evidence, rising_side
 from markerseek.search.floor import noise_of

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from markerseek.core import PAPER_RANGE, Found, Interval
-from markerseek.core.reading import Sample
+from markerseek.core import PAPER_RANGE, Found, Interval, Sample
 from markerseek.search.bracket import bracket_answer
 from markerseek.search.curve import curve_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start

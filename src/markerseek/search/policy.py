@@ -7,8 +7,7 @@ import operator
 from abc import ABC, abstractmethod
 from typing import Protocol, SupportsIndex, runtime_checkable
 
-from markerseek.core import MOST_ACQUISITIONS, ConfigError, Found, SearchError
-from markerseek.core.reading import Sample
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, Found, Sample, SearchError
 
 
 class SearchPolicy(ABC):

@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval
-from markerseek.core.shapes import Float64
+from markerseek.core import PAPER_RANGE, ConfigError, Float64, Found, Interval
 from markerseek.search.average import THRESHOLD, average_sigma_deg, weighted_average
 from markerseek.search.curve import curve_of
 from markerseek.search.parabola import fit_top

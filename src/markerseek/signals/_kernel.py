@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from markerseek._compiled import compiled
-from markerseek.core.shapes import Float32, Float64, Int32, Int64
+from markerseek.core import Float32, Float64, Int32, Int64
 
 PAD = 32
 """Zero columns on each side of the signals, so that every inner loop has a multiple of 32 steps."""

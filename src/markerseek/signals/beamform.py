@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError, LinearArray
-from markerseek.core.shapes import Float32, Float64, Int32
+from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
 from markerseek.signals._kernel import PAD, aligned, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import Float32, Float64
 from markerseek.signals._kernel import magnitude
 
 QUADRATURE_TAPS = 20

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64, Int16
+from markerseek.core import Float32, Float64, Int16
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import aligned_signals, beamform_at, half_aperture_m, path_delay
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float32, Float64, Int16
+from markerseek.core import ConfigError, Float32, Float64, Int16
 from markerseek.signals._kernel import PAD, fir
 
 HALF_LENGTH = 24

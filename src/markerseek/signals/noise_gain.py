@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 from markerseek.signals.beamform import half_aperture_m
 from markerseek.signals.filtering import band_pass_taps, response
 from markerseek.signals.presets import ProbePreset

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import Float32, Float64
 from markerseek.signals._kernel import local_maxima
 from markerseek.signals.beamform import ImageGrid, beamform_at
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope

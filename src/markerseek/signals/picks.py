@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
-from markerseek.core import ChannelFrame
-from markerseek.core.shapes import Float64
+from markerseek.core import ChannelFrame, Float64
 from markerseek.signals._kernel import PAD
 from markerseek.signals.filtering import band_pass, band_pass_taps
 from markerseek.signals.presets import ProbePreset

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Frame, PaImage, Reading
-from markerseek.core.shapes import Float32, Float64
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Float32, Float64, Frame, PaImage, Reading
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, image_grid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope

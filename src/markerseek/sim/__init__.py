@@ -5,24 +5,24 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
-from markerseek.sim.curve_world import CurveWorld
+from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve
+from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
-from markerseek.sim.settings import (
-    LaserSettings,
-    MarkerSettings,
-    NoiseSettings,
-    ReceiverSettings,
-    SimulatedSettings,
-)
+from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
+from markerseek.sim.settings import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.world import Flash, SimulatedWorld, World
+from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
 
 __all__ = [
+    "RECEIVER_FAULTS",
     "TISSUES",
     "CurveWorld",
+    "Fault",
+    "FaultKind",
+    "FaultyReceiver",
     "Flash",
     "GaussianCurve",
     "IntensityCurve",
@@ -44,5 +44,7 @@ __all__ = [
     "Tissue",
     "VirtualClock",
     "World",
+    "flash_of",
+    "largest_noise",
     "tissue_named",
 ]

@@ -20,8 +20,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core import ConfigError, FrameHeader, ReadingFrame
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64, FrameHeader, ReadingFrame
 from markerseek.sim.curves import IntensityCurve
 from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of

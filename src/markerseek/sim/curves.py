@@ -14,8 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 
 
 class IntensityCurve(Protocol):

@@ -14,8 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
-from markerseek.core import ChannelFrame, Frame, FrameHeader
-from markerseek.core.shapes import Float32, Int16
+from markerseek.core import ChannelFrame, Float32, Frame, FrameHeader, Int16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

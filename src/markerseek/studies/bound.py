@@ -18,8 +18,7 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Estimate, Policy
-from markerseek.core.reading import Sample
+from markerseek.core import ConfigError, Estimate, Policy, Sample
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from markerseek.core import ConfigError
-from markerseek.sim import SimulatedSettings
-from markerseek.sim.curves import PowerCurve
+from markerseek.sim import PowerCurve, SimulatedSettings
 
 Value: TypeAlias = str | float | int | bool | None
 """A setting that can be varied."""

@@ -24,7 +24,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files.settings import require_choice, require_key
+from markerseek.files import require_choice, require_key
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.files.settings import known_keys, read_toml
+from markerseek.files import known_keys, read_toml
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.study import Study
 

@@ -9,7 +9,7 @@ import msgspec
 
 from markerseek import rigs
 from markerseek.core import Asked, ConfigError, DeviceError, Finished, Found, Refused, Unsure
-from markerseek.records.result import answer_name
+from markerseek.records import answer_name
 from markerseek.scan import run
 from markerseek.studies.policies import PolicySettings, build_policy
 from markerseek.studies.settings import Value

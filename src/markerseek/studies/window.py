@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Interval
-from markerseek.core.shapes import Float32
+from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, Interval
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
 

@@ -20,11 +20,8 @@ import numpy as np
 
 from markerseek.acoustics import Noise
 from markerseek.core import ConfigError, Frame, FrameHeader, Reading, ReadingFrame
-from markerseek.signals import beamformed_sigma
-from markerseek.signals.features import LEAST_CHANNELS
-from markerseek.sim import Flash
-from markerseek.sim.curve_world import largest_noise
-from markerseek.sim.world import flash_of
+from markerseek.signals import LEAST_CHANNELS, beamformed_sigma
+from markerseek.sim import Flash, flash_of, largest_noise
 from markerseek.studies.window import Window, frame_of
 
 FLOOR_SCATTER = 0.01

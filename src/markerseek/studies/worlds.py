@@ -10,8 +10,7 @@ import numpy as np
 from markerseek import rigs
 from markerseek.acoustics import Absorber, Digitiser, Noise
 from markerseek.core import Reader
-from markerseek.rigs.scene import draw_scene, image_reader, scaled_spot, scene_curve
-from markerseek.rigs.simulation import in_world
+from markerseek.rigs import draw_scene, image_reader, in_world, scaled_spot, scene_curve
 from markerseek.sim import (
     GaussianCurve,
     IntensityCurve,

@@ -18,7 +18,7 @@ from typing import Self
 import msgspec
 
 from markerseek.core import ConfigError, NotConnectedError
-from markerseek.guard.lease import Lease
+from markerseek.guard import Lease
 from markerseek.supervisor.death import hasten
 from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed, packed_step, unpacked

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from markerseek.core import DeviceError
-from markerseek.guard.lease import Lease
+from markerseek.guard import Lease
 from markerseek.supervisor.death import end_with_parent
 from markerseek.supervisor.lines import Line, open_line
 from markerseek.supervisor.messages import Kind, packed, step_of, unpacked

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from markerseek.core import ConfigError, NotConnectedError
-from markerseek.files.serial_line import Parity, open_serial
+from markerseek.files import Parity, open_serial
 
 
 class OpenLine(Protocol):

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.core import RecordError
-from markerseek.core.shapes import Int16
+from markerseek.core import Int16, RecordError
 
 CHANNELS = 128
 """Channels, and files, of one acquisition."""

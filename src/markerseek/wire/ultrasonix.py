@@ -13,8 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import RecordError
-from markerseek.core.shapes import Int16, UInt8
+from markerseek.core import Int16, RecordError, UInt8
 
 HEADER_BYTES = 76
 """Length of the header."""

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MOST_INTENSITY, ChannelFrame, FrameHeader, RecordError
-from markerseek.core.shapes import Float64, Int16
+from markerseek.core import MOST_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.core.shapes import Int16
+from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import MIB, open_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.journal import is_journal

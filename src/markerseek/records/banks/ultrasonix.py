@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import RecordError
-from markerseek.core.shapes import Int16, UInt8
+from markerseek.core import Int16, RecordError, UInt8
 from markerseek.files import MIB, open_input
 from markerseek.wire import ultrasonix
 

@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from markerseek.core import PaImage
-from markerseek.core.shapes import Float32, UInt8
+from markerseek.core import Float32, PaImage, UInt8
 
 Kinds: TypeAlias = Mapping[str, Any]
 """Classes of messages by name."""

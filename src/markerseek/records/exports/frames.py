@@ -17,8 +17,7 @@ import math
 
 import numpy as np
 
-from markerseek.core import PaImage
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, PaImage
 
 TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval
-from markerseek.core.shapes import Float64, Int64
+from markerseek.core import PAPER_RANGE, ConfigError, Float64, Int64, Interval
 from markerseek.search.bounds.curves import SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,

@@ -6,8 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 
 
 @runtime_checkable

@@ -20,8 +20,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.core.shapes import Float64
+from markerseek.core import ConfigError, Float64
 from markerseek.search.bounds.curves import SlopedCurve
 
 Nuisance: TypeAlias = Literal["amplitude", "width", "tail", "floor"]

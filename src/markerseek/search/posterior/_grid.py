@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from markerseek._compiled import compiled
-from markerseek.core.shapes import Bool, Float32, Float64, Int32, Int64
+from markerseek.core import Bool, Float32, Float64, Int32, Int64
 
 DROPPED_BELOW = 30.0
 """Log-likelihood below the largest from which a row of the grid is dropped: three outliers could not bring it back."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from markerseek._compiled import compiled
-from markerseek.core.shapes import Float64, Int64
+from markerseek.core import Float64, Int64
 
 
 @compiled

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Interval
-from markerseek.core.reading import Sample
-from markerseek.core.shapes import Float64, Int64
+from markerseek.core import Float64, Int64, Interval, Sample
 from markerseek.search.posterior.asymmetry import SAME_PLACE_M
 
 MODE_SHARE = 0.05

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek._compiled import compiled
-from markerseek.core.reading import Sample
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, Sample
 from markerseek.search.posterior.asymmetry import SAME_PLACE_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
 

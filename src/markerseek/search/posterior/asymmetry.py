@@ -23,8 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core.reading import Sample
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, Sample
 
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""

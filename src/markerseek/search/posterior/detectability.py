@@ -11,8 +11,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from markerseek.core import Interval
-from markerseek.core.reading import Sample
+from markerseek.core import Interval, Sample
 from markerseek.search.floor import Noise
 
 WEAKEST_DB = 20.0

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core.shapes import Float32, Float64, Int64
+from markerseek.core import Float32, Float64, Int64
 from markerseek.search.posterior import _grid
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, Observation, log_tables
 from markerseek.search.posterior.shapes import MODEL_ERROR, STEP_DEG, Shapes

@@ -15,9 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from markerseek.core import Interval
-from markerseek.core.reading import Sample
-from markerseek.core.shapes import Float64, Int64
+from markerseek.core import Float64, Int64, Interval, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
 from markerseek.search.posterior.arrival import Moments, moments_of

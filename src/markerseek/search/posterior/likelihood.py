@@ -20,8 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core.reading import LEAST_INTENSITY, Sample
-from markerseek.core.shapes import Float64
+from markerseek.core import LEAST_INTENSITY, Float64, Sample
 from markerseek.search.floor import MOST_CELLS, Noise
 from markerseek.search.posterior import _grid
 

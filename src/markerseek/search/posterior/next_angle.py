@@ -12,8 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr
 
-from markerseek.core import Interval
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, Interval
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes

@@ -20,9 +20,9 @@ from markerseek.core import (
     Interval,
     NotFound,
     Reading,
+    Sample,
     Unsure,
 )
-from markerseek.core.reading import Sample
 from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fresnel
 
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64
 
 KNEES: tuple[tuple[float, float, float], ...] = (
     (1.0, 2.0, 0.10),

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core.shapes import Float64, Int64
+from markerseek.core import Float64, Int64
 from markerseek.search.posterior import _symmetry
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.likelihood import (

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek import rigs
-from markerseek.records.banks import FrameBank, IntensityBank, read_bank
-from markerseek.records.banks.table import write_bank
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank, write_bank
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import MATERIALS

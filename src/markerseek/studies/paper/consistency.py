@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64
 from markerseek.pictures import new_figure, put_heading
 from markerseek.studies.paper.banks import grid
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_trials, fwhm_deg, study_of

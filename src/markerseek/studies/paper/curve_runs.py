@@ -14,10 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import PAPER_RANGE
-from markerseek.search import equal_steps
-from markerseek.search.average import weighted_average
-from markerseek.search.curve import Curve
-from markerseek.search.peak import peak_of
+from markerseek.search import Curve, equal_steps, peak_of, weighted_average
 from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.banks import PEAK_COUNTS
 from markerseek.studies.paper.methods import (

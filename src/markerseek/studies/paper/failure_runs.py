@@ -11,15 +11,12 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Bursts
-from markerseek.core import MarkerseekError, Receiver
-from markerseek.core.estimate import Found
+from markerseek.core import Found, MarkerseekError, Receiver
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.scan import Scanner
 from markerseek.search import build
 from markerseek.signals import IntensityReader
-from markerseek.sim import IntensityCurve, SimulatedSettings
-from markerseek.sim.faults import Fault
-from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
+from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import Condition
 from markerseek.studies.paper.methods import BUILT, PAPER_METHODS, PaperMethod, searched
 from markerseek.studies.paper.options import RunOptions

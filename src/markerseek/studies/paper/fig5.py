@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE
-from markerseek.core.shapes import Float64
+from markerseek.core import PAPER_RANGE, Float64
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_studies, study_of
 from markerseek.studies.paper.methods import (

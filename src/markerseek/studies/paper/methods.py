@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Literal, TypeAlias
 
-from markerseek.core import PAPER_RANGE, Interval, Policy, Reading, Sample, SearchError
-from markerseek.core.estimate import Estimate
-from markerseek.core.events import Finished, Measured
+from markerseek.core import PAPER_RANGE, Estimate, Finished, Interval, Measured, Policy, Reading, Sample, SearchError
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import StageMotion

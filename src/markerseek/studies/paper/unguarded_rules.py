@@ -11,11 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, Permit
-from markerseek.core.protocols import Laser, Reader, Receiver, Stage
+from markerseek.core import PAPER_RANGE, Laser, Permit, Reader, Receiver, Stage
 from markerseek.guard import FiringLimits, Permits
-from markerseek.search import GOLDEN, TERNARY, equal_steps
-from markerseek.search.average import THRESHOLD
+from markerseek.search import GOLDEN, TERNARY, THRESHOLD, equal_steps
 from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, ONLINE_STEPS, PaperMethod
 
 

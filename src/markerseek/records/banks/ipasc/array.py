@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import RecordError
-from markerseek.core.shapes import Float64
+from markerseek.core import Float64, RecordError
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.core.shapes import Float64
+from markerseek.core import MOST_INTENSITY, Float64, RecordError
 from markerseek.records.banks.bank import BankFacts, require_angles
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.rows import row_sum

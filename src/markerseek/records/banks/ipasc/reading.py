@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, FrameHeader, RecordError
-from markerseek.core.shapes import Int16
+from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import require_input
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields

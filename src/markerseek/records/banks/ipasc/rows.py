@@ -14,7 +14,7 @@ import zlib
 
 import numpy as np
 
-from markerseek.core.shapes import Float64, Int16
+from markerseek.core import Float64, Int16
 
 
 def probe_pose(angle_deg: float, *, first_deg: float, face_radius_m: float) -> Float64[np.ndarray, " 6"]:

@@ -8,13 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from markerseek.core import Clock, Laser, RigFacts
-from markerseek.drivers import picolas
-from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
-from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.serial_port import SerialPort, SerialSettings
-from markerseek.drivers.settings import BenchProbe, BenchSettings, SonixDaqKeys, StageKeys
-from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers import (
+    BenchProbe,
+    BenchSettings,
+    Kdc101Stage,
+    LaserBox,
+    SerialPort,
+    SerialSettings,
+    SonixDaqKeys,
+    SonixDaqReceiver,
+    SonixDaqSettings,
+    StageKeys,
+    StageSettings,
+    SystemClock,
+    picolas,
+)
 from markerseek.guard import Admission, Guard
 from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
@@ -22,9 +30,8 @@ from markerseek.rigs.simulation import DARK_FRAMES
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, probe_preset
 from markerseek.supervisor import Line, Supervisor
-from markerseek.wire import apt
+from markerseek.wire import Port, apt
 from markerseek.wire import laserbox as laserbox_wire
-from markerseek.wire.port import Port
 
 DARK_ALARM = 1e-6
 """Probability with which the noise of one dark frame is taken for a source: 7.3 standard deviations for an image."""

@@ -19,8 +19,7 @@ from markerseek.calibration import (
 )
 from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
 from markerseek.guard import Admission
-from markerseek.signals import ProbePreset
-from markerseek.signals.picks import common_wave
+from markerseek.signals import ProbePreset, common_wave
 
 NEAR_SHARE = 0.4
 """Frames of at least this share of the largest intensity are near enough to the plane to show the speed of sound."""

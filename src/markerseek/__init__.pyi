@@ -1,0 +1,38 @@
+from ._version import __version__
+from .core import (
+    Ambiguous,
+    AtBound,
+    Finished,
+    Found,
+    Interval,
+    MarkerseekError,
+    Measured,
+    NotFound,
+    Policy,
+    Reading,
+    Sample,
+    Unsure,
+)
+from .rigs import replayed, simulated
+from .scan import run
+from .search import build
+
+__all__ = [
+    "Ambiguous",
+    "AtBound",
+    "Finished",
+    "Found",
+    "Interval",
+    "MarkerseekError",
+    "Measured",
+    "NotFound",
+    "Policy",
+    "Reading",
+    "Sample",
+    "Unsure",
+    "__version__",
+    "build",
+    "replayed",
+    "run",
+    "simulated",
+]

@@ -1,0 +1,15 @@
+from .bench import EmulatedBench, ServingClock, require_pace, serve
+from .byte_device import ByteDevice, DirectPort
+from .kdc101 import Kdc101Settings
+from .pty_line import PtyLine
+
+__all__ = [
+    "ByteDevice",
+    "DirectPort",
+    "EmulatedBench",
+    "Kdc101Settings",
+    "PtyLine",
+    "ServingClock",
+    "require_pace",
+    "serve",
+]

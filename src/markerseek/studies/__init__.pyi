@@ -1,0 +1,46 @@
+from .bound import BoundComparison, compare_with_bound, mean_bounds
+from .bound_figure import error_figure
+from .policies import PolicySettings
+from .runner import Finish, run_study
+from .settings import Axis, CurveSettings, World
+from .statistics import Mean, Share
+from .study import Cell, Study, cells
+from .study_file import read_study
+from .summary import Difference, Summary, summarise
+from .table import columns, read_rows, values_of
+from .tally import FAILURE_DEG, PolicySummary
+from .trial import Row, run_row, run_trial
+from .workers import default_workers
+from .worlds import intensity_curve
+
+__all__ = [
+    "FAILURE_DEG",
+    "Axis",
+    "BoundComparison",
+    "Cell",
+    "CurveSettings",
+    "Difference",
+    "Finish",
+    "Mean",
+    "PolicySettings",
+    "PolicySummary",
+    "Row",
+    "Share",
+    "Study",
+    "Summary",
+    "World",
+    "cells",
+    "columns",
+    "compare_with_bound",
+    "default_workers",
+    "error_figure",
+    "intensity_curve",
+    "mean_bounds",
+    "read_rows",
+    "read_study",
+    "run_row",
+    "run_study",
+    "run_trial",
+    "summarise",
+    "values_of",
+]
