@@ -8,13 +8,14 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench faults failures kills mutants peers docs lock clean
+.PHONY: help demo test check bench faults failures kills mutants peers docs figures lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
+	@echo "next: source .venv/bin/activate, then markerseek --help"
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
@@ -47,6 +48,11 @@ peers: .venv-peers/ready  ## have other people's programs open our files and dri
 
 docs: .venv/dev  ## run the examples of the documentation
 	$(BIN)/python -m pytest -q tests/system/test_examples.py
+
+figures: .venv/dev  ## draw the pictures of README and map
+	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures
+	rm docs/figures/search.html
+	$(BIN)/python docs/explanation/draw_map.py
 
 lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools
