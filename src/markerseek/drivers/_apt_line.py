@@ -87,7 +87,7 @@ class AptLine:
                 if not self._clock.now_s() < again_s:
                     break
                 self._clock.wait(_POLL_S)
-            # What has begun to arrive and did not end is garbled: its end would swallow the next answer. It was an answer.
+            # What has begun to arrive and did not end is a garbled answer: its end would swallow the next one.
             self._framer.forget()
             if self._garbled and self._open[ident]:
                 self._open[ident].popleft()
