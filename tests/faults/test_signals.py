@@ -25,8 +25,7 @@ import pytest
 from markerseek.cli.emulate import _rig_toml
 from markerseek.core import RecordError
 from markerseek.drivers.clock import SystemClock
-from markerseek.emulators import PtyLine
-from markerseek.emulators.bench import EmulatedBench, ServingClock, serve
+from markerseek.emulators.bench import EmulatedBench, serve
 from markerseek.records.journal import Recording, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
@@ -100,8 +99,8 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
     (folder / "rig.toml").write_text(_rig_toml(folder, settings, pace=1.0).replace("triggered", "fixed"))
     with ExitStack() as opened:
         lines = [
-            opened.enter_context(PtyLine(device=device, clock=ServingClock(clock), link=folder / name))
-            for name, device in (("stage", bench.stage), ("laser", bench.laser_box))
+            opened.enter_context(bench.line("stage", clock=clock, link=folder / "stage")),
+            opened.enter_context(bench.line("laser", clock=clock, link=folder / "laser")),
         ]
         serving = threading.Thread(
             target=serve, kwargs={"lines": lines, "clock": clock, "pace": 1.0, "daq": bench.daq, "until": over.is_set}

@@ -23,6 +23,7 @@ from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, VirtualClock
+from markerseek.wire import apt
 
 SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=-8.0), receiver=ReceiverSettings(readout_s=0.3))
 
@@ -166,6 +167,23 @@ def test_what_is_made_ready_changes_nothing_that_is_heard(tmp_path: Path) -> Non
         assert len(bench.world.flashes) == 1
         heard.append(bench.world.counts(bench.world.flashes[0]))
     assert np.array_equal(*heard)
+
+
+def test_the_stage_of_a_bench_turns_on_while_the_computer_holds_up_its_emulator(tmp_path: Path) -> None:
+    """A motor that stood still meanwhile, and had its speed again, is no motor that its driver believes."""
+    bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path / "daq")
+    clock = VirtualClock()
+    with bench.line("stage", clock=clock, link=tmp_path / "stage") as line:
+        end = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(end, apt.set_target(apt.counts_of(5.0)) + apt.move())
+        line.serve_once(wait_s=1.0)
+        clock.wait(0.01)
+        line.serve_once(wait_s=0.0)
+        clock.wait(0.5)
+        line.serve_once(wait_s=0.0)
+        os.close(end)
+    # half a second at 20 deg/s², since the parameters are those after power-up
+    assert bench.stage._stage.motor.angle_deg == pytest.approx(2.5, abs=0.15)
 
 
 def test_a_served_bench_answers_on_its_lines_and_an_error_of_the_writer_ends_it(tmp_path: Path) -> None:

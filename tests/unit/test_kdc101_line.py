@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 
@@ -68,6 +69,47 @@ def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
             done.set()
             serving.join()
     assert heard == every
+
+
+class HeldUp(VirtualClock):
+    """Holds up the server for 0.1 s when it takes the time, while the program at the other end goes on writing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.end = -1
+
+    def now_s(self) -> float:
+        taken_s = super().now_s()
+        self.wait(0.1)
+        os.write(self.end, b"b")
+        return taken_s
+
+
+class Stamped:
+    """Keeps when it was fed what."""
+
+    def __init__(self) -> None:
+        self.fed: list[tuple[float, bytes]] = []
+        self._now_s = 0.0
+
+    def advance(self, now_s: float) -> bytes:
+        self._now_s = now_s
+        return b""
+
+    def feed(self, data: bytes) -> bytes:
+        self.fed.append((self._now_s, data))
+        return b""
+
+
+def test_no_question_is_answered_as_of_a_time_before_it_was_asked() -> None:
+    clock, device = HeldUp(), Stamped()
+    with PtyLine(device=device, clock=clock) as line:
+        clock.end = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(clock.end, b"a")
+        line.serve_once(wait_s=1.0)
+        line.serve_once(wait_s=1.0)
+        os.close(clock.end)
+    assert device.fed == [(0.0, b"a"), (pytest.approx(0.1), b"b")]
 
 
 def test_one_program_holds_the_port() -> None:

@@ -85,17 +85,15 @@ def _serve(
 
     from markerseek.cli.terminal import stdout
     from markerseek.drivers import SystemClock
-    from markerseek.emulators import ByteDevice, PtyLine, ServingClock, serve
+    from markerseek.emulators import serve
     from markerseek.files import replaced
 
     real = SystemClock()
     if device in ("daq", "bench"):
         emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
-    clock = ServingClock(real)
-    behind: dict[str, ByteDevice] = {"stage": emulated.stage, "laser": emulated.laser_box}
     with ExitStack() as opened:
         ports = {
-            name: opened.enter_context(PtyLine(device=behind[name], clock=clock, link=_free(folder / name)))
+            name: opened.enter_context(emulated.line(name, clock=real, link=_free(folder / name)))
             for name in _PORTS[device]
         }
         for name, port in ports.items():
@@ -114,14 +112,14 @@ def _serve(
 
         def until() -> bool:
             if device == "daq" and _typed_line():
-                emulated.world.flash(pulses=settings.laser.pulses, at_s=clock.now_s())
+                emulated.world.flash(pulses=settings.laser.pulses, at_s=real.now_s())
                 emulated.daq.trigger(settings.laser.pulses)
             return bool(stop)
 
         serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
 
 
-_PORTS: dict[Device, tuple[str, ...]] = {
+_PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
     "kdc101": ("stage",),
     "laser": ("laser",),
     "daq": (),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from typing import TypeVar
 
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError
@@ -11,13 +12,17 @@ _AnswerT = TypeVar("_AnswerT", apt.Info, apt.Velocity, apt.SoftLimits, apt.Statu
 
 _POLL_S = 1e-3
 _READ_BYTES = 4096
+_LOST_AGES = 2
+"""After so many ages allowed, no answer to a question comes any more."""
 
 
 class AptLine:
     """A line to one controller.
 
-    APT numbers neither questions nor answers. What has arrived before a question is dropped, so an answer is only as
-    old as it was long on its way; and where none comes within the age allowed, even a late one is not waited for.
+    APT numbers neither questions nor answers. What has arrived before a question is dropped; but an answer that comes
+    later may still be to an earlier question, which was asked again because this computer or the line was slow. Answers
+    keep the order of their questions, so each is at most as old as the first question that was open when it came. Where
+    none comes within the age allowed, even a late one is not waited for.
 
     Parameters
     ----------
@@ -32,16 +37,19 @@ class AptLine:
 
     Attributes
     ----------
-    answer_s
-        As above.
+    since_s
+        Earliest time at which the question to the last answer can have been asked, in seconds.
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
         self._port = port
         self._clock = clock
-        self.answer_s = answer_s
+        self.since_s = clock.now_s()
+        self._answer_s = answer_s
         self._age_s = age_s
         self._framer = AptFramer()
+        self._open: defaultdict[int, deque[float]] = defaultdict(deque)
+        self._garbled = False
 
     def send(self, message: bytes) -> None:
         """Say something that has no answer."""
@@ -67,8 +75,9 @@ class AptLine:
         self._take(ident)
         first_s = self._clock.now_s()
         while (asked_s := self._clock.now_s()) - first_s < self._age_s:
+            self._open[ident].append(asked_s)
             self._port.write(question)
-            again_s = min(asked_s + self.answer_s, first_s + self._age_s)
+            again_s = min(asked_s + self._answer_s, first_s + self._age_s)
             while True:
                 answer = self._take(ident)
                 if isinstance(answer, kind):
@@ -76,8 +85,11 @@ class AptLine:
                 if not self._clock.now_s() < again_s:
                     break
                 self._clock.wait(_POLL_S)
-            # What has begun to arrive and did not end is garbled: its end would swallow the next answer.
+            # What has begun to arrive and did not end is a garbled answer: its end would swallow the next one.
             self._framer.forget()
+            if self._garbled and self._open[ident]:
+                self._open[ident].popleft()
+            self._garbled = False
         raise DeviceTimeoutError(
             f"the stage's controller gave no answer in {self._age_s:g} s; check its cable and its power"
         )
@@ -89,10 +101,19 @@ class AptLine:
     def _take(self, ident: int) -> apt.Answer | None:
         """Last answer of that kind among the bytes that have arrived; None if there is none."""
         taken = None
-        for message in self._framer.feed(self._port.read(_READ_BYTES, timeout_s=0.0)):
+        now_s = self._clock.now_s()
+        data = self._port.read(_READ_BYTES, timeout_s=0.0)
+        self._garbled = self._garbled or bool(data)
+        for message in self._framer.feed(data):
+            self._garbled = False
+            asked_s = self._open[message.ident].popleft() if self._open[message.ident] else now_s - self._age_s
             if message.ident == ident:
                 try:
                     taken = apt.decode(message)
                 except DeviceError:
                     continue
+                self.since_s = asked_s
+        # A question this old was lost on the line.
+        while self._open[ident] and now_s - self._open[ident][0] > _LOST_AGES * self._age_s:
+            self._open[ident].popleft()
         return taken

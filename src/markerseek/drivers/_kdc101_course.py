@@ -2,7 +2,8 @@
 
 An encoder that jumps in mid-move shows itself here: backwards as a fall-back, or either way as a speed that no motor
 with the acceleration that was set can have. Each reading was taken at some time between the question and its answer;
-every bound below takes the ends of these times that speak for the stage. Pure.
+every bound below takes the ends of these times that speak for the stage. What holds up the computer, the line or the
+answers widens these times and with them the bounds: it hides small jumps, and makes no jump of a sound stage. Pure.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _KEPT = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatedPosition:
-    """A position in counts, and the times between which it was taken, in seconds."""
+    """A position in counts, and the earliest and latest time at which it can have been taken, in seconds."""
 
     counts: int
     asked_s: float
@@ -49,7 +50,6 @@ class Course:
         self._acceleration = acceleration
         self._unsteady = unsteady
         self._farthest = start
-        self._dated = True
         self._last: deque[DatedPosition] = deque(
             [DatedPosition(counts=start, asked_s=now_s, answered_s=now_s)], maxlen=_KEPT
         )
@@ -68,7 +68,7 @@ class Course:
                 f"the stage fell back by {back} counts on its way, to {reading.counts}; its encoder or its coupling "
                 "slips: switch it off and on, home it with the probe outside the patient"
             )
-        if not self._dated or len(self._last) < 2:
+        if len(self._last) < 2:
             return None
         *earlier, last = self._last
         bounds = [self._advances(first, last, reading) for first in earlier]
@@ -90,18 +90,14 @@ class Course:
         low = max(slowest, 0.0) * max(third.asked_s - second.answered_s, 0.0) - self._unsteady
         return low, max(fastest, 0.0) * (third.answered_s - second.asked_s) + self._unsteady
 
-    def add(self, reading: DatedPosition, *, in_time: bool) -> None:
+    def add(self, reading: DatedPosition) -> None:
         """Take in a reading that nothing speaks against.
 
         Parameters
         ----------
         reading
             The reading.
-        in_time
-            Whether the question was asked once. Asked twice, it is answered twice, and the second answer may be taken
-            for that to a later question: from then on, only fall-backs are looked for.
         """
-        self._dated = self._dated and in_time
         if self._heading * (reading.counts - self._farthest) > 0:
             self._farthest = reading.counts
         if reading.asked_s - self._last[-1].answered_s >= _APART_S:

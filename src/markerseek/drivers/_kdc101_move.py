@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from markerseek.core import Clock, DeviceError, LimitError, MoveError
@@ -15,6 +16,8 @@ _STABLE_READS = 3
 _STABLE_COUNTS = 2
 _TRIES = 3
 _TICK_S = 1e-6
+_MOST_TIMES = 5
+"""On a computer that is held up, a move may take so many times as long."""
 _TOO_FAST = 1.25
 """Share of speed and acceleration set that is put down to the servo and to the age of two readings."""
 _UNSTEADY_COUNTS = 20
@@ -96,6 +99,9 @@ class Move:
         LimitError
             If it is outside its travel range.
         """
+        return self._look()[0]
+
+    def _look(self) -> tuple[apt.Status, DatedPosition]:
         status, reading = self._ask()
         if self._objection(status, reading) is not None:
             status, reading = self._ask()
@@ -104,14 +110,13 @@ class Move:
                 raise objection
         self._last = (reading.asked_s, reading.counts)
         if self._course is not None:
-            in_time = reading.answered_s - reading.asked_s < self._line.answer_s
-            self._course.add(reading, in_time=in_time)
-        return status
+            self._course.add(reading)
+        return status, reading
 
     def _ask(self) -> tuple[apt.Status, DatedPosition]:
-        asked_s = self._clock.now_s()
         status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
-        return status, DatedPosition(counts=status.position, asked_s=asked_s, answered_s=self._clock.now_s())
+        answered_s = self._clock.now_s()
+        return status, DatedPosition(counts=status.position, asked_s=self._line.since_s, answered_s=answered_s)
 
     def go(self, target: int, start: int) -> int:
         """Go from a place to another, and return where it came to rest, all in counts.
@@ -133,32 +138,42 @@ class Move:
             acceleration=_TOO_FAST * rules.acceleration,
             unsteady=max(rules.arrival, _UNSTEADY_COUNTS),
         )
-        ends_s = self._clock.now_s() + rules.longest_s(abs(target - start))
-        aimed_s = advanced_s = self._clock.now_s()
+        longest_s = rules.longest_s(abs(target - start))
+        aimed_s = advanced_s = looked_s = began_s = self._clock.now_s()
+        ends_s, pause_s = began_s + longest_s, 0.0
         aim: int | None = None
-        farthest = start
+        sent_s: float | None = math.inf
+        farthest = farthest_aim = start
         settled: list[int] = []
         while True:
-            status = self.look()
+            status, reading = self._look()
             now_s = self._clock.now_s()
+            # A target that is renewed late costs the stage that time twice: it brakes, and speeds up again.
+            late_s = now_s - looked_s - pause_s
+            ends_s, looked_s = min(ends_s + 2 * late_s, began_s + _MOST_TIMES * longest_s), now_s
             if self._settles(status, target, settled):
                 return status.position
             if heading * (status.position - farthest) > _STABLE_COUNTS:
-                farthest, advanced_s = status.position, now_s
-            if not now_s - advanced_s < rules.begin_s:
+                farthest, advanced_s = status.position, reading.answered_s
+            if sent_s is not None and reading.asked_s >= sent_s:
+                # Only now has it surely received its target: both may have waited in one place on their way.
+                sent_s, advanced_s = None, reading.answered_s
+            if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
                 raise self._stuck(status.position, target, began=farthest != start)
             if not now_s < ends_s:
-                raise MoveError(
-                    f"the stage has not arrived in {rules.longest_s(abs(target - start)):.1f} s; it is too slow"
-                )
+                raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= rules.renew_s - _TICK_S or aim is None:
                 # The nearer of two readings: one that is garbled must not carry the target further.
                 here = min(status.position, self.look().position, key=lambda position: heading * position)
                 next_aim = target if heading * (target - here) <= rules.lead else here + heading * rules.lead
                 if next_aim != aim or not (status.moving or settled):
                     self._aim(next_aim)
+                if heading * (next_aim - farthest_aim) > _STABLE_COUNTS:
+                    # At the target before it may have come to rest, if this one is late.
+                    farthest_aim, sent_s = next_aim, self._clock.now_s()
                 aim, aimed_s = next_aim, now_s
-            self._clock.wait(self._pause_s(abs(target - status.position)))
+            pause_s = self._pause_s(abs(target - status.position))
+            self._clock.wait(pause_s)
 
     def _aim(self, counts: int) -> None:
         """Give a target, and let it go there only once the controller is known to have understood it."""

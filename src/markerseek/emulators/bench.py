@@ -77,6 +77,25 @@ class EmulatedBench:
         )
         self.laser_box = EmulatedLaserBox(world=self.world, on_triggers=self.daq.trigger)
 
+    def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
+        """A pseudo-terminal for one of the devices.
+
+        The laser box lives in the time of the process that serves it: a lease does not lapse because that was held up.
+        The stage lives in real time: a motor turns on, whatever a computer does, and its driver checks that it does.
+
+        Parameters
+        ----------
+        name
+            Which device.
+        clock
+            Real time.
+        link
+            Where to put a link to the pseudo-terminal.
+        """
+        if name == "stage":
+            return PtyLine(device=self.stage, clock=clock, link=link)
+        return PtyLine(device=self.laser_box, clock=ServingClock(clock), link=link)
+
 
 class BenchClock(VirtualClock):
     """Virtual time that advances the emulated devices tick by tick during a wait.
@@ -108,7 +127,7 @@ class BenchClock(VirtualClock):
 
 
 class ServingClock:
-    """Real time without the pauses of the serving process.
+    """Real time without the pauses of the serving process, for leases only.
 
     Parameters
     ----------

@@ -71,9 +71,11 @@ class PtyLine:
     def serve_once(self, *, wait_s: float) -> None:
         """Wait for bytes at most so many seconds, then advance the device once."""
         arrived, _, _ = select.select([self._ours], [], [], wait_s)
+        # Read first: bytes that arrive after the time is taken would be answered as of a time before they were sent.
+        data = os.read(self._ours, 4096) if arrived else b""
         self._outbox += self._device.advance(self._clock.now_s())
-        if arrived:
-            self._outbox += self._device.feed(os.read(self._ours, 4096))
+        if data:
+            self._outbox += self._device.feed(data)
         del self._outbox[_UNREAD_LIMIT:]
         if self._outbox:
             try:
