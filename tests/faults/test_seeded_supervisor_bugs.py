@@ -21,6 +21,8 @@ from markerseek.core import ConfigError
 from markerseek.supervisor import Line, Supervisor
 from seeding import Bug, caught, seeded
 
+pytestmark = pytest.mark.real_time
+
 FAREWELL = b"DISARM\n"
 LEASE_S = 0.5
 SOON_S = 3.0

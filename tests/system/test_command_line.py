@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import shutil
@@ -72,7 +73,7 @@ def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path
     assert "Simulated rig: no hardware was involved." in text
     assert "data:image/png;base64," in text
     assert "http" not in text.replace("http-equiv", "")
-    embedded = text[text.index("<pre>") + 5 : text.index("</pre>")].replace("&quot;", '"')
+    embedded = html.unescape(text[text.index("<pre>") + 5 : text.index("</pre>")])
     assert msgspec.json.decode(embedded)["seed"] == 1
 
 

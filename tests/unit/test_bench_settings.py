@@ -82,7 +82,10 @@ def test_the_least_that_must_be_said_is_enough_and_folders_lie_beside_the_file(t
         (LEAST + "[limits.search]\nlow_deg = 35.0\nhigh_deg = -35.0\n", "low end must lie below the high end"),
         (LEAST + "[limits.search]\nlow_deg = nan\nhigh_deg = 35.0\n", "must be finite"),
         (LEAST + "[firing]\npulses_per_permit = 15\n", "pulses is 16, firing.pulses_per_permit is 15"),
-        (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'), "Invalid enum value 'lamp'"),
+        (
+            LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = "lamp"'),
+            "it must be one of: laserbox, picolas",
+        ),
         (LEAST.replace('port = "/dev/b"', 'port = "/dev/b"\nrate_hz = nan'), "rate_hz is nan"),
         (
             LEAST.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),

@@ -48,7 +48,7 @@ class Interval:
 
     def __contains__(self, angle_deg: object) -> bool:
         """Whether the angle lies inside or on an end; NaN, and what is no real number, never does."""
-        return is_finite(angle_deg) and self.low_deg <= angle_deg <= self.high_deg
+        return is_finite(angle_deg) and bool(self.low_deg <= angle_deg <= self.high_deg)
 
     def __str__(self) -> str:
         return f"[{self.low_deg:g}, {self.high_deg:g}] deg"

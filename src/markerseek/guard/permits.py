@@ -91,7 +91,9 @@ class Permits:
         self._issued += 1
         self._pulses += pulses
         expires_s = now_s + self._limits.lifetime_s
-        permit = Permit(token=f"permit-{self._issued}", angle_deg=angle_deg, pulses=pulses, expires_s=expires_s)
+        permit = Permit(
+            token=f"permit-{self._issued}", angle_deg=float(angle_deg), pulses=int(pulses), expires_s=float(expires_s)
+        )
         self._open = {permit}
         return permit
 
