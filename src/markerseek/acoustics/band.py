@@ -38,6 +38,7 @@ class Band:
                 f"band: low_hz {self.low_hz} Hz, centre_hz {self.centre_hz} Hz, high_hz {self.high_hz} Hz: "
                 "they must be positive, finite and rise in this order"
             )
+        # Far out on its narrow side the width w is less than at −6 dB; at a skew of 8 it would reach 0.
         skew = (self.high_hz - self.centre_hz) / (self.centre_hz - self.low_hz)
         if not 1 / 4 <= skew <= 4:
             raise ConfigError(

@@ -133,6 +133,7 @@ class AcousticModel:
             elevation, axial = self._place(absorber, angle_deg)
             if axial >= NEAREST_M and absorber.strength != 0:
                 places.setdefault(absorber.source, []).append(
+                    # The kernel divides by the path; a strength is an amplitude at the reference range.
                     (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
                 )
         # Absorbers of one kind share a table of pulses and one call of the kernel.
@@ -143,6 +144,7 @@ class AcousticModel:
     def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
         """Elevation and axial distance of an absorber, in metres."""
         least = self.probe.face_radius_m + NEAREST_M
+        # Refused at every angle, also where the probe would hide it: at some angle it would be inside the probe.
         if not absorber.radius_m >= least:
             raise ConfigError(
                 f"absorber: radius_m is {absorber.radius_m} m, which is inside the probe: "

@@ -144,6 +144,7 @@ class Noise:
         # flat: a real bin holds half the variance of a complex one
         flat = np.where(share == 1.0, 2.0, 1.0)
         power += self.white_sigma**2 * flat / (share @ flat)
+        # Bins below −80 dB are left at 0: they would cost draws and change nothing.
         bins = np.flatnonzero(power > 1e-8 * power.max())
         low, high = int(bins[0]), int(bins[-1]) + 1
         spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
@@ -151,6 +152,7 @@ class Noise:
         drawn -= np.float32(0.5)
         # a twelfth is the variance of an even draw from an interval of length 1
         scale = (samples * np.sqrt(12 * power[low:high])).astype(np.float32)
+        # Two neighbouring draws are the real and the imaginary part of a bin.
         np.multiply(drawn.view(np.complex64), scale, out=spectrum[:, low:high])
         noise: Float32[np.ndarray, "channels samples"] = scipy.fft.irfft(spectrum, samples, axis=1, overwrite_x=True)
         return noise

@@ -91,6 +91,7 @@ class Guarded(SearchPolicy):
         if side is not None:
             curve = curve_of(self._lit)
             top_deg = float(curve.angle_deg[curve.strongest])
+            # The stage may stop up to a count beyond the end; the answer is inside the range.
             inside_deg = min(max(top_deg, self._limits.low_deg), self._limits.high_deg)
             return AtBound(mean_deg=inside_deg, side=side, floor=noise.floor)
         doubt = contradiction(self._lit, mean_deg=answer.mean_deg, noise=noise) or self._too_wide(answer)

@@ -127,6 +127,7 @@ class CurveWorld:
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         """Frame with the intensity after a flash; after none, that of noise alone."""
+        # Drawn also where the marker is far stronger: the numbers that follow must not depend on the curve.
         largest = largest_noise(self._rng, cells=self._cells)
         if flash is not None and self._curve is not None:
             snr = flash.energy * self._peak / self._noise_sigma

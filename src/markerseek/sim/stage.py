@@ -54,6 +54,7 @@ class StageMotion:
             Length of the move in degrees, of either sign.
         """
         distance = abs(distance_deg)
+        # v²/a: the distance of speeding up and braking together. A shorter move never reaches the full speed.
         ramp = self.speed_deg_s**2 / self.acceleration_deg_s2
         if distance <= ramp:
             return 2 * math.sqrt(distance / self.acceleration_deg_s2)
@@ -80,6 +81,7 @@ class SimulatedStage:
         self._world = world
         self._clock = clock
         self._motion = motion
+        # Whole counts: readback and setpoint differ by up to half a count, as on the device.
         self.counts = round(world.angle_deg * motion.counts_per_deg)
 
     @property
@@ -97,6 +99,7 @@ class SimulatedStage:
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        # At the lower end of the travel there is no room below the target: the play then stays above.
         below_deg = max(angle_deg - self._motion.approach_deg, self.limits.low_deg)
         if angle_deg < self.angle_deg and below_deg < angle_deg:
             self._turn(below_deg)

@@ -27,6 +27,7 @@ Done = TypeVar("Done")
 
 def default_workers() -> int:
     """Cores that this process may use."""
+    # `os.cpu_count` also counts cores that a container or a batch system withholds.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -100,6 +101,7 @@ def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahea
         ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
         for future in ready:
             done = under_way.pop(future)
+            # Submitted before the result is used: no worker waits for the caller.
             under_way.update((submit(job), number) for number, job in islice(waiting, 1))
             yield done, future.result()
 

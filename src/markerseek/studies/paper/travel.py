@@ -154,6 +154,7 @@ def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
     low_deg = PAPER_RANGE.low_deg
     orders: dict[str, Callable[[list[float]], list[float]]] = {"as printed": lambda track: track}
     if name in BRACKETS:
+        # WA has no pairs: its sweep is the shortest way already.
         orders["shortest order"] = partial(shortest_order, start_deg=low_deg)
     ways = []
     for order, ordered in orders.items():
