@@ -110,7 +110,7 @@ class AcousticModel:
     ) -> Float32[np.ndarray, "elements samples"]:
         """Channel data without noise, shape (elements, samples); see the class for the unit.
 
-        An absorber that stands, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
+        An absorber that is, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
         gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
 
         Parameters

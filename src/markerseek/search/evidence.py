@@ -1,4 +1,4 @@
-"""Tests of the evidence for a marker, and of samples that contradict an answer (decision 6 of the safety notes).
+"""Tests of the evidence for a marker, and of samples that contradict an answer.
 
 A reading may be incomplete: each test uses the features that are there and ignores those that are None.
 """

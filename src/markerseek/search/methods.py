@@ -125,7 +125,7 @@ def build(
     as_published
         The bare method of the paper, which always answers `Found` and begins at the low end; else the guarded form.
     start_deg
-        Angle at which the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end.
+        Present angle of the probe, in degrees: guarded sweeps and the manual search begin at the nearer end.
         None: at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known

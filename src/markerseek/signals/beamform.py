@@ -66,7 +66,7 @@ def path_delay(preset: ProbePreset) -> tuple[float, float]:
 def half_aperture_m(
     preset: ProbePreset, depth_m: Float64[np.ndarray, " depth"], *, at_least: float = 0.5
 ) -> Float64[np.ndarray, " depth"]:
-    """Half the width of the receiving aperture in metres, and no less than so many pitches."""
+    """Half the width of the receiving aperture in metres, at least ``at_least`` pitches."""
     if preset.f_number == 0:
         return np.full(len(depth_m), np.inf)
     # Wider by 1e-9, so that rounding does not decide about an element on the edge.

@@ -74,7 +74,7 @@ def band_pass(
 
     Returns
     -------
-    Filtered signals, shape (samples, columns); channel c stands in column c + `_kernel.PAD`.
+    Filtered signals, shape (samples, columns); channel c is in column c + `_kernel.PAD`.
     """
     channels, count = samples.shape
     if not 0 <= blanked <= count - 2 * TAPER_SAMPLES:

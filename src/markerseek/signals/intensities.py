@@ -9,7 +9,7 @@ class IntensityReader:
     """Reader of frames that somebody else has reduced to one number."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading with the intensity, and with the noise where the frame tells it.
+        """Reading with the intensity, and with the noise where the frame states it.
 
         Raises
         ------

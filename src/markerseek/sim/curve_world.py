@@ -30,7 +30,7 @@ _CELLS_AT = 1e-3
 
 _SEEN = 0.55
 """Share of the noise peaks that a reader sees at their height: it refines the largest pixel only, and midway between
-two columns a peak stands up to 4 dB too low in the pixels. Set from about a hundred dark frames of the simulated rig;
+two columns a peak is up to 4 dB too low in the pixels. Set from about a hundred dark frames of the simulated rig;
 400 of another four seeds give 0.50 ± 0.025 by maximum likelihood, which is 0.02 σ in the mean of the largest noise."""
 
 
@@ -122,7 +122,7 @@ class CurveWorld:
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Light the tissue with the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:

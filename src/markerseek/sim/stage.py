@@ -115,6 +115,6 @@ class SimulatedStage:
         start_deg = self.angle_deg
         self.counts = round(angle_deg * self._motion.counts_per_deg)
         self._clock.wait(self._motion.duration_s(self.angle_deg - start_deg))
-        # Pushed from below the probe stands at the encoder's angle, pulled from above by the play behind it.
+        # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
         play_deg = self._motion.backlash_deg
         self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)

@@ -27,7 +27,7 @@ class Flash:
 
 
 def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:
-    """A flash with the mean energy of so many pulses, each with its jitter."""
+    """A flash with the mean energy of this number of pulses, each with its jitter."""
     # The mean of n independent pulses scatters by 1/sqrt(n) of one; a draw below 0 would be light of negative energy.
     energy = 1.0 + energy_jitter * rng.standard_normal() / np.sqrt(pulses)
     return Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0))
@@ -88,7 +88,7 @@ class World:
         self._rng = rng
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Light the tissue with the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ChannelFrame:

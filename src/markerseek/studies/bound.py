@@ -45,7 +45,7 @@ MEAN_OF_ROOT = math.sqrt(2 / math.pi)
 
 
 class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
-    """Errors of a policy and the bounds, over so many markers.
+    """Errors of a policy and the bounds, over the first markers of a study.
 
     ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
     bounds for the best angles and for the policy's. ``decision_ms`` are the median and the largest time of a decision.

@@ -73,7 +73,7 @@ def error_figure(
                 [mean.mean or 0.0 for mean in means.values()],
                 yerr=[_half(mean) for mean in means.values()],
                 label=label,
-                # Colour and mark change together: a line can be told by its mark alone.
+                # Colour and mark change together, for readers who do not distinguish the colours.
                 color=_COLOURS[number % 12],
                 marker=_MARKS[number % 12],
                 **ERROR_BARS,

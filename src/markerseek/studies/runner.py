@@ -152,7 +152,7 @@ def _run_chunks(
     else:
         count = default_workers() if workers is None else workers
         computed = on_processes(partial(run_chunk, study), missing, workers=count)
-    # Closed at Ctrl-C too: the processes would otherwise go on with their jobs.
+    # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
     with closing(computed):  # type: ignore[type-var]
         for number, lines in computed:
             # The hash of a study contains the version of the package that computed it.

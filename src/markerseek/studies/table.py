@@ -113,5 +113,5 @@ def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
     }
     marks = line[COLUMNS.index("marks_deg")]
     named["marks_deg"] = [float(part) for part in marks.split()]
-    # Column 2 is the cell, which stands for the varied settings: a TOML value read as text would lose its type.
+    # Column 2 is the cell. Its settings are taken from the study: read as text, a value would lose its type.
     return msgspec.convert({**named, "settings": by_cell[int(line[2])]}, Row, strict=False)

@@ -25,7 +25,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     ``error_deg``, ``failures`` are of the searches that found. The rest is of all with a marker, whatever the answer:
     ``any_error_deg`` with its root mean square ``rmse_deg``, ``off``, ``not_found``, ``missed``, ``wrong_claims``;
     ``covered`` is of those that gave an interval, ``false_found`` of those without a marker. ``marks_deg`` holds the
-    mean errors after so many acquisitions as the study's marks say.
+    mean errors at the study's marks (numbers of acquisitions).
     """
 
     cell: int

@@ -111,7 +111,7 @@ class WindowWorld:
         self._marker = replace(window.marker, strength=gain * window.marker.strength)
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> PrecomputedFrame:

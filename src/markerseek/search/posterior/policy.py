@@ -85,7 +85,7 @@ class Posterior(SearchPolicy):
         The search ends once the centre of the curve is known to this standard deviation, in degrees, and the marker is
         found; 0: only with the last acquisition.
     start_deg
-        Angle at which the probe stands, in degrees; the search begins at the nearer end. None: at the low end.
+        Present angle of the probe, in degrees; the search begins at the nearer end. None: at the low end.
     cues
         Which of `CUES` are used: "intensity", "arrival", "lateral" (position of the peak along the array).
 

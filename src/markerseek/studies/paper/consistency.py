@@ -181,7 +181,7 @@ def _combination(
 def is_consistent(
     paper: float, errors: Float64[np.ndarray, " searches"], *, searches: int, rng: np.random.Generator
 ) -> bool:
-    """Whether the paper's mean of so many searches, rounded to two decimal places, is consistent with these errors.
+    """Whether the paper's mean of n searches, rounded to two decimal places, is consistent with these errors.
 
     Parameters
     ----------

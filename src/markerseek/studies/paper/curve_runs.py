@@ -207,7 +207,7 @@ def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> 
     """Errors of full scans of WA without the search loop; equal to those of the loop to rounding.
 
     The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of each
-    marker would otherwise take most of the time. The probe only moves upwards, so that there is no play, and stands at
+    marker would otherwise take most of the time. The probe only moves upwards, so that there is no play, and is at
     the encoder count. All policies of a trial have the same noise, also scans of different lengths.
     """
     settings = cell.world.rig

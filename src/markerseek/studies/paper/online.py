@@ -93,7 +93,7 @@ class OnlineSearch:
         return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
 
     def error_deg(self, acquisitions: int) -> float:
-        """Absolute error of the answer after so many acquisitions, in degrees."""
+        """Absolute error of the answer after this number of acquisitions, in degrees."""
         return abs(self.answers_deg[acquisitions] - self.truth_deg)
 
 
