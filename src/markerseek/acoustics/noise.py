@@ -127,12 +127,10 @@ class Noise:
     def _shaped(
         self, rng: np.random.Generator, channels: int, samples: int, sampling_hz: float
     ) -> Float32[np.ndarray, "channels samples"]:
-        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one.
-
-        The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
-        interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal
-        (its excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
-        """
+        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one."""
+        # The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
+        # interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal (its
+        # excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
         frequency_hz = scipy.fft.rfftfreq(samples, 1 / sampling_hz)
         # parts of unit variance in bin k give a variance of 4/samples², in the real bins at both ends 1/samples²
         share = np.full(frequency_hz.size, 4.0)

@@ -124,10 +124,8 @@ class BracketSearch(SearchPolicy):
         self._kept = self._cut(left, right)
 
     def _cut(self, left: Sample, right: Sample) -> tuple[Sample, bool] | None:
-        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one.
-
-        Two samples at one angle (of a stage that cannot resolve the two inner points) say nothing of either side.
-        """
+        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one."""
+        # Two samples at one angle (of a stage that cannot resolve the two inner points) say nothing of either side.
         if left.angle_deg == right.angle_deg:
             return None
         if left.reading.intensity >= right.reading.intensity:

@@ -123,12 +123,10 @@ def _quantile_factor(share: float, *, cells: int) -> float:
 
 
 def _roughness(curve: Curve) -> float:
-    """Largest σ that the curve's smoothness allows: 3.4 times its scatter about the line through both neighbours.
-
-    The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample
-    above the noise by σ: the factor fits the former and is generous to the latter. The median of the scatter
-    ignores the peak, which is curved; 1.5 is the variance that two neighbours add.
-    """
+    """Largest σ that the curve's smoothness allows: 3.4 times its scatter about the line through both neighbours."""
+    # The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample above
+    # the noise by σ: the factor 3.4 fits the former and is generous to the latter. 1.4826 turns a median into a
+    # standard deviation, and 1.5 is the variance with that of the two neighbours.
     low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
@@ -139,10 +137,8 @@ def _roughness(curve: Curve) -> float:
 
 
 def _lower_quartile(curve: Curve) -> float:
-    """Intensity below which a quarter of the measured range lies, each sample representing the angles nearest to it.
-
-    A search that converges takes most of its samples at the maximum; a plain quartile of those would lie on the peak.
-    """
+    """Intensity below which a quarter of the measured range lies, each sample representing the angles nearest to it."""
+    # A search that converges takes most of its samples at the maximum; a plain quartile of those would be on the peak.
     edges = np.concatenate(
         [curve.angle_deg[:1], (curve.angle_deg[1:] + curve.angle_deg[:-1]) / 2, curve.angle_deg[-1:]]
     )

@@ -113,10 +113,8 @@ class Guarded(SearchPolicy):
         )
 
     def _rising_side(self) -> Literal["low", "high"] | None:
-        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends.
-
-        The bracket is that of the answer without noise, which widens the interval and does not move the bracket.
-        """
+        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends."""
+        # The answer without noise: with noise the interval is wider, and the bracket the same.
         bare = self._inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > self._sigma_limit_deg:
             return None

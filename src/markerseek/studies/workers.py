@@ -70,10 +70,8 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
-    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that.
-
-    A Ctrl-C goes to all processes of a terminal. One that is still importing would print a traceback.
-    """
+    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that."""
+    # A Ctrl-C goes to all processes of a terminal, and one that is still importing would print a traceback.
     if not hasattr(signal, "pthread_sigmask"):
         return pool.submit(function, job)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

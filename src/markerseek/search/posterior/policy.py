@@ -276,10 +276,8 @@ def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
 
 @lru_cache(maxsize=1)
 def _load_kernels() -> None:
-    """Decide once on three made-up samples, so that no decision of a search waits for machine code.
-
-    From disk the kernels take a quarter of a second.
-    """
+    """Decide once on three made-up samples, so that no decision of a search waits for the compiled kernels."""
+    # From disk they take a quarter of a second.
     lit = [
         Sample(
             angle_deg=angle_deg,
