@@ -43,7 +43,7 @@ class Band:
         if not 1 / 4 <= skew <= 4:
             raise ConfigError(
                 f"band: centre_hz is {self.centre_hz} Hz, one side of the band is {max(skew, 1 / skew):.3g} times as "
-                "wide as the other, at most 4 can be had; move the centre towards the middle"
+                "wide as the other, at most 4 is allowed; move the centre towards the middle"
             )
 
     def gain(self, frequency_hz: Float64[np.ndarray, " frequencies"]) -> Float64[np.ndarray, " frequencies"]:

@@ -141,7 +141,7 @@ def _lines(
     last = -((half - kept[-1]) // PHASES) + 2
     if last - first > _WINDOW // 2:
         raise ConfigError(
-            f"the pulse of {source} lasts {last - first} samples, at most {_WINDOW // 2} can be had; "
+            f"the pulse of {source} lasts {last - first} samples, at most {_WINDOW // 2} are possible; "
             "shorten the laser pulse or shrink the absorber"
         )
     # whole vector registers, of which a compiled loop takes four at a time

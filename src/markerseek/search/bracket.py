@@ -79,7 +79,7 @@ class BracketSearch(SearchPolicy):
             )
         if reuse and not math.isclose(ratio, GOLDEN):
             raise ConfigError(
-                f"bracket search: with ratio {ratio:g} the kept point is no inner point of the next bracket; "
+                f"bracket search: with ratio {ratio:g} the kept point is not an inner point of the next bracket; "
                 "reuse it with the golden ratio only"
             )
         if width_deg is not None and not 0 < width_deg < math.inf:

@@ -134,8 +134,8 @@ def build(
     Raises
     ------
     ConfigError
-        If the method is unknown, the number of acquisitions is none that it can work with, or a posterior is wanted as
-        published, which it is not.
+        If the method is unknown, the number of acquisitions does not fit it, or a posterior is requested as
+        published, a form that it does not have.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions

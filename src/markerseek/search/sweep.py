@@ -118,7 +118,7 @@ class WeightedAverage(Sweep):
     Raises
     ------
     ConfigError
-        If an argument is outside what is said above.
+        If an argument is out of the range given above.
     """
 
     name = "weighted-average"

@@ -131,7 +131,7 @@ def delay_and_sum(
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
     all are contiguous.
     """
-    # Columns that stand on the elements share one table of delays, because a delay depends on the depth and the lateral
+    # Columns at the elements share one table of delays, because a delay depends on the depth and the lateral
     # distance alone. So the sum runs over distances, and adds whole rows of the signals to whole rows of the image.
     depths, columns = out.shape
     wide = signals.shape[1]

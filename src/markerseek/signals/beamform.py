@@ -1,6 +1,6 @@
-"""One-way delay-and-sum on columns that stand on the elements, and on any others.
+"""One-way delay-and-sum on columns at the elements, and on any others.
 
-There the delay depends on the depth and on the lateral distance alone, so that one small table serves every column.
+At the elements the delay depends on the depth and on the lateral distance alone: one small table serves every column.
 The sum is linear in the signals, with linear interpolation between samples, and is divided by the root of the number
 of channels in it: white noise is then equally strong at every depth. No apodisation, no weighting by directivity.
 """
@@ -19,7 +19,7 @@ from markerseek.signals.presets import ProbePreset
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DelayTable:
-    """Delays for columns that stand on the elements.
+    """Delays for columns at the elements.
 
     Attributes
     ----------

@@ -66,7 +66,7 @@ def run_study(
     study
         The study.
     folder
-        Folder of its files; made if need be.
+        Folder of its files; created if it does not exist.
     workers
         Processes of this machine; None: as many as it has cores.
     scheduler

@@ -33,7 +33,7 @@ TABLE_SIZE = _MU.size
 """Entries of the table."""
 
 OUTLIER_SHARE = 0.01
-"""Prior probability that a frame is an outlier: it says nothing of the marker."""
+"""Prior probability that a frame is an outlier, which contains no information on the marker."""
 
 OUTLIER_RANGE = 7.0
 """Range of ln y over which the intensity of an outlier is uniform."""
