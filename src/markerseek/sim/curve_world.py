@@ -188,9 +188,11 @@ def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
     cells
         Number of independent envelope cells of the image, at least 10.
     """
+    # ρ of the module docstring: M = ρ(u² − 1), with u² = 2·ln(M/1e-3) where a reading defines M.
     rate = _SEEN * cells / (2 * math.log(cells / _CELLS_AT) - 1)
     # 1 − exp(−N(u)) is uniform, so N(u) is exponential; u follows by fixed-point iteration of N(u) = wanted.
     wanted = rng.standard_exponential()
+    # From u² − 1 = 20, that of a usual image; each step reduces the error about tenfold (by 2/(u² − 1)).
     square = 2 * math.log(rate * 20 / wanted)
     for _ in range(4):
         # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise

@@ -45,6 +45,7 @@ class SimulatedLaser:
         # Noted before the flash: a permit that failed half-way must not fire again.
         self._used.add(permit.token)
         if permit.pulses > 0:
+            # One flash for the whole train, at its beginning: a frame is the average of its pulses.
             self._world.flash(pulses=permit.pulses, at_s=self._clock.now_s())
         self._clock.wait(permit.pulses / self._rate_hz)
         return permit.pulses

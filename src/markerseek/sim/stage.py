@@ -97,6 +97,7 @@ class SimulatedStage:
         LimitError
             If the angle is NaN or outside the travel range; nothing moves.
         """
+        # An interval contains no NaN.
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
         # At the lower end of the travel there is no room below the target: the play then stays above.
