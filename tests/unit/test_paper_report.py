@@ -65,7 +65,7 @@ def test_the_papers_numbers_are_those_of_the_paper() -> None:
     assert paper_number("fig5/TS").value == pytest.approx(70 * (2 / 3) ** 14 / 4, abs=0.001)
     assert str(paper_number("fig5/WA")) == "0.47 ± 0.11°"
     assert all(number.place for number in PAPER_NUMBERS.values())
-    with pytest.raises(ConfigError, match="no number of the paper"):
+    with pytest.raises(ConfigError, match="not a number of the paper"):
         paper_number("fig12")
 
 

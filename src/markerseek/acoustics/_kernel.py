@@ -18,7 +18,7 @@ MIXED_FROM_NODES = 40
 
 @compiled
 def nodes_needed(phase: float, steepness: float) -> int:
-    """Gauss–Legendre nodes for a phase that changes by so many radians per half extent.
+    """Gauss–Legendre nodes for a phase that changes by this number of radians per half extent.
 
     An n-point rule integrates exp(i k x) over [−1, 1] once 2n exceeds k by a margin that grows as k^(1/3) (the decay
     of Bessel functions of order 2n above their argument k). ``steepness`` is half the extent over the distance, which
@@ -55,9 +55,9 @@ def _add_element(
     next_phase = np.uint64(length)
     next_range = np.uint64(phases * length)
     for u in range(across.size):
-        beside = across[u] * across[u] + axial * axial
+        squared = across[u] * across[u] + axial * axial
         for v in range(along.size):
-            path = math.sqrt(beside + along[v] * along[v])
+            path = math.sqrt(squared + along[v] * along[v])
             amplitude = strength * across_weight[u] * along_weight[v] / path
             # Between two phases the pulse is interpolated: PHASES lines per sample keep that to 3e-4 (`pulse`).
             arrival = (path - lens[v]) * samples_per_metre + offset
@@ -140,25 +140,25 @@ def add_absorbers(
     for n in range(data.shape[0]):
         row = data[n]
         for s in range(strengths.size):
-            beside = positions[s, 0] - element_m[n]
+            lateral = positions[s, 0] - element_m[n]
             off = positions[s, 1]
             axial = positions[s, 2]
             # steepest change of the path over the face, along and across, at its nearest and farthest edges
             steep = 0.0
             for side in (-half_height, half_height):
-                slope = (side - off) / math.sqrt((off - side) ** 2 + beside**2 + axial**2)
+                slope = (side - off) / math.sqrt((off - side) ** 2 + lateral**2 + axial**2)
                 if focus > 0.0:
                     slope -= side / math.sqrt(focus**2 + side**2)
                 steep = max(steep, abs(slope))
             tall = min(nodes_needed(wavenumber * half_height * steep, half_height / axial), most)
-            reach = abs(beside) + half_width
+            reach = abs(lateral) + half_width
             sideways = reach / math.sqrt(reach**2 + off**2 + axial**2)
             wide = min(nodes_needed(wavenumber * half_width * sideways, half_width / axial), most)
             points = half_height * nodes[tall, :tall]
             lens = np.zeros(tall)
             if focus > 0.0:
                 lens = np.sqrt(focus**2 + points**2) - focus
-            middle = math.sqrt(beside**2 + off**2 + axial**2)
+            middle = math.sqrt(lateral**2 + off**2 + axial**2)
             table = lines
             change = loss * (abs(off) * half_height + reach * half_width) / middle
             if lines.shape[0] > 1 and change < MIXED_BELOW_NP and tall * wide > MIXED_FROM_NODES:
@@ -167,7 +167,7 @@ def add_absorbers(
             _add_element(
                 row,
                 table,
-                beside - half_width * nodes[wide, :wide],
+                lateral - half_width * nodes[wide, :wide],
                 weights[wide, :wide],
                 off - points,
                 weights[tall, :tall],

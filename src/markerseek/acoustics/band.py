@@ -38,11 +38,12 @@ class Band:
                 f"band: low_hz {self.low_hz} Hz, centre_hz {self.centre_hz} Hz, high_hz {self.high_hz} Hz: "
                 "they must be positive, finite and rise in this order"
             )
+        # Far out on its narrow side the width w is less than at −6 dB; at a skew of 8 it would reach 0.
         skew = (self.high_hz - self.centre_hz) / (self.centre_hz - self.low_hz)
         if not 1 / 4 <= skew <= 4:
             raise ConfigError(
                 f"band: centre_hz is {self.centre_hz} Hz, one side of the band is {max(skew, 1 / skew):.3g} times as "
-                "wide as the other, at most 4 can be had; move the centre towards the middle"
+                "wide as the other, at most 4 is allowed; move the centre towards the middle"
             )
 
     def gain(self, frequency_hz: Float64[np.ndarray, " frequencies"]) -> Float64[np.ndarray, " frequencies"]:

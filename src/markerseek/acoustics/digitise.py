@@ -59,5 +59,6 @@ class Digitiser:
         if np.isnan(counts).any():
             raise ConfigError("digitiser: data holds NaN, for which a converter has no code; correct its source")
         np.rint(counts, out=counts)
+        # Clipped before the conversion to int16, which would wrap an overflow round to the other sign.
         np.clip(counts, self.least, self.largest, out=counts)
         return counts.astype(np.int16)

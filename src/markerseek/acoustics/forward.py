@@ -110,7 +110,7 @@ class AcousticModel:
     ) -> Float32[np.ndarray, "elements samples"]:
         """Channel data without noise, shape (elements, samples); see the class for the unit.
 
-        An absorber that stands, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
+        An absorber that is, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
         gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
 
         Parameters
@@ -133,6 +133,7 @@ class AcousticModel:
             elevation, axial = self._place(absorber, angle_deg)
             if axial >= NEAREST_M and absorber.strength != 0:
                 places.setdefault(absorber.source, []).append(
+                    # The kernel divides by the path; a strength is an amplitude at the reference range.
                     (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
                 )
         # Absorbers of one kind share a table of pulses and one call of the kernel.
@@ -143,6 +144,7 @@ class AcousticModel:
     def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
         """Elevation and axial distance of an absorber, in metres."""
         least = self.probe.face_radius_m + NEAREST_M
+        # Refused at every angle, also where the probe would hide it: at some angle it would be inside the probe.
         if not absorber.radius_m >= least:
             raise ConfigError(
                 f"absorber: radius_m is {absorber.radius_m} m, which is inside the probe: "

@@ -51,6 +51,7 @@ class RectanglePulse:
         frequency_hz
             Frequencies in Hz.
         """
+        # `numpy.sinc` has the factor π in it.
         return np.sinc(frequency_hz * self.duration_s).astype(np.complex128)
 
 

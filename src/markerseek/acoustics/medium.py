@@ -10,6 +10,7 @@ import numpy as np
 from markerseek.acoustics._checks import not_negative, within
 from markerseek.core import Float64
 
+# 20 dB are a factor of 10, because this is an amplitude.
 _NEPER_PER_METRE = math.log(10) / 20 * 100
 """One dB/cm in Np/m."""
 

@@ -127,12 +127,10 @@ class Noise:
     def _shaped(
         self, rng: np.random.Generator, channels: int, samples: int, sampling_hz: float
     ) -> Float32[np.ndarray, "channels samples"]:
-        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one.
-
-        The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
-        interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal
-        (its excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
-        """
+        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one."""
+        # The record is one period of a periodic process: its ends join. The parts of a bin are drawn evenly from an
+        # interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal (its
+        # excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
         frequency_hz = scipy.fft.rfftfreq(samples, 1 / sampling_hz)
         # parts of unit variance in bin k give a variance of 4/samples², in the real bins at both ends 1/samples²
         share = np.full(frequency_hz.size, 4.0)
@@ -144,6 +142,7 @@ class Noise:
         # flat: a real bin holds half the variance of a complex one
         flat = np.where(share == 1.0, 2.0, 1.0)
         power += self.white_sigma**2 * flat / (share @ flat)
+        # Bins below −80 dB are left at 0: they would cost draws and change nothing.
         bins = np.flatnonzero(power > 1e-8 * power.max())
         low, high = int(bins[0]), int(bins[-1]) + 1
         spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
@@ -151,6 +150,7 @@ class Noise:
         drawn -= np.float32(0.5)
         # a twelfth is the variance of an even draw from an interval of length 1
         scale = (samples * np.sqrt(12 * power[low:high])).astype(np.float32)
+        # Two neighbouring draws are the real and the imaginary part of a bin.
         np.multiply(drawn.view(np.complex64), scale, out=spectrum[:, low:high])
         noise: Float32[np.ndarray, "channels samples"] = scipy.fft.irfft(spectrum, samples, axis=1, overwrite_x=True)
         return noise

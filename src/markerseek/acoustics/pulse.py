@@ -100,6 +100,7 @@ def pulse_table(
         raise ConfigError(
             f"{source} under {laser} leaves nothing in the band {band}; take a smaller absorber or a shorter pulse"
         )
+    # Scaled to 1 before the transform: the spectrum itself may be as small as 1e-200.
     product = product / _envelope_peak(product / magnitude.max()) / magnitude.max()
     # The step of the paths is set by the attenuation over it, at the upper end of the pulse's band.
     attenuation = medium.attenuation_np_m(frequency_hz)
@@ -140,7 +141,7 @@ def _lines(
     last = -((half - kept[-1]) // PHASES) + 2
     if last - first > _WINDOW // 2:
         raise ConfigError(
-            f"the pulse of {source} lasts {last - first} samples, at most {_WINDOW // 2} can be had; "
+            f"the pulse of {source} lasts {last - first} samples, at most {_WINDOW // 2} are possible; "
             "shorten the laser pulse or shrink the absorber"
         )
     # whole vector registers, of which a compiled loop takes four at a time

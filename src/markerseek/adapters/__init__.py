@@ -44,6 +44,6 @@ def build_adapter(
         If there is no such adapter, or (MissingExtraError) its package is not installed.
     """
     if method not in _OPTIMISERS:
-        raise ConfigError(f"method: {method!r} is no adapter; adapters are {', '.join(_OPTIMISERS)}")
+        raise ConfigError(f"method: {method!r} is not an adapter; adapters are {', '.join(_OPTIMISERS)}")
     optimiser = _OPTIMISERS[method](limits=limits, acquisitions=acquisitions)
     return optimiser if as_published else Guarded(optimiser, limits=limits)

@@ -35,7 +35,7 @@ class BoTorch(OptimiserPolicy):
         angles = torch.tensor(angles_deg, dtype=torch.float64).unsqueeze(-1)
         heights = torch.tensor(values, dtype=torch.float64).unsqueeze(-1)
         bounds = torch.tensor([[self._limits.low_deg], [self._limits.high_deg]], dtype=torch.float64)
-        # BoTorch draws from PyTorch's global generator: its state is restored for whoever else uses it.
+        # BoTorch draws from PyTorch's global generator: its state is restored for other code that uses it.
         with warnings.catch_warnings(), torch.random.fork_rng(devices=[]):
             warnings.simplefilter("ignore")
             torch.manual_seed(SEED + len(angles_deg))

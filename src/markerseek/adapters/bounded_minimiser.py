@@ -21,7 +21,7 @@ class _NotMeasuredError(Exception):
 class BoundedMinimiser(OptimiserPolicy):
     """`scipy.optimize.minimize_scalar(method="bounded")` on the negative intensity.
 
-    Where the stage stops beside the requested angle, the minimiser takes the value as that of the requested angle.
+    Where the stage stops next to the requested angle, the minimiser uses the value as that of the requested angle.
     """
 
     name = "bounded-minimiser"

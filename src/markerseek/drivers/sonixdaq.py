@@ -6,7 +6,7 @@ computers' clocks are compared.
 
 Nothing in a file says which trigger it answers. Whenever files of an earlier trigger may still come, `settle` waits for
 longer than a readout takes before anything is triggered again. The number of pulses in the files must be that
-of the permit, which the scanner varies where the device allows (decision 20).
+of the permit, which the scanner varies where the device allows (decision 16).
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float, thre
        τ·w·(u1 + u2)/W there, w half the kept width and u uniform in ±1/2: a standard deviation of τ·w/(W·√6). While
        only n samples reach half maximum the curve may fall between the samples, which adds 0.15·θd/n²: not derived, but
        the least that covers curves of 3–17° (FWHM) with n = 1 in simulation.
-    4. The range. Where the kept part touches the first or last sample, the curve may go on beyond it and the average
+    4. The range. Where the kept part touches the first or last sample, the curve may continue beyond it and the average
        leans inwards. The average of the kept samples that have a partner on the other side of the largest does not; the
        difference of the two counts in full, and so do parts 1 and 3 for that average, whose window ends where the
        curve is still high.

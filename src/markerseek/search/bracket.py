@@ -79,7 +79,7 @@ class BracketSearch(SearchPolicy):
             )
         if reuse and not math.isclose(ratio, GOLDEN):
             raise ConfigError(
-                f"bracket search: with ratio {ratio:g} the kept point is no inner point of the next bracket; "
+                f"bracket search: with ratio {ratio:g} the kept point is not an inner point of the next bracket; "
                 "reuse it with the golden ratio only"
             )
         if width_deg is not None and not 0 < width_deg < math.inf:
@@ -124,10 +124,8 @@ class BracketSearch(SearchPolicy):
         self._kept = self._cut(left, right)
 
     def _cut(self, left: Sample, right: Sample) -> tuple[Sample, bool] | None:
-        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one.
-
-        Two samples at one angle (of a stage that cannot resolve the two inner points) say nothing of either side.
-        """
+        """Drop what lies beyond the weaker point; return the point that is kept and whether it becomes the left one."""
+        # Two samples at one angle (of a stage that cannot resolve the two inner points) say nothing of either side.
         if left.angle_deg == right.angle_deg:
             return None
         if left.reading.intensity >= right.reading.intensity:

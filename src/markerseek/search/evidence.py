@@ -1,4 +1,4 @@
-"""Tests of the evidence for a marker, and of samples that contradict an answer (decision 6 of the safety notes).
+"""Tests of the evidence for a marker, and of samples that contradict an answer.
 
 A reading may be incomplete: each test uses the features that are there and ignores those that are None.
 """
@@ -77,11 +77,9 @@ def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str
 
 
 def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample], *, level: float) -> str | None:
-    """Whether the strongest sample is no more in phase than noise was, and stands alone.
-
-    A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise, or
-    a spike on a channel, does not come from one place again and again.
-    """
+    """Whether the strongest sample is no more in phase than noise was, and no other comes from its place."""
+    # A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise,
+    # or a spike on a channel, does not come from one place again and again.
     coherence = strongest.reading.coherence
     noise = [sample.reading.coherence for sample in dark if sample.reading.coherence is not None]
     if coherence is None or not noise or coherence > max(noise):

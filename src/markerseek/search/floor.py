@@ -1,4 +1,4 @@
-"""The noise floor of a search, from its samples: the largest intensity that noise alone reaches (decision 6 of safety).
+"""The noise floor of a search, from its samples: the largest intensity that noise alone reaches.
 
 The largest of M independent envelope cells of Rayleigh noise exceeds x with probability 1 − (1 − exp(−x²/2σ²))^M, and
 N frames have M·N cells. The threshold for a share p of false finds is therefore
@@ -12,7 +12,7 @@ N frames have M·N cells. The threshold for a share p of false finds is therefor
    were the median of such maxima, which the largest of few dark samples usually exceeds;
 2. the lit frames' own ``noise_sigma``: its median, or that of the strongest frame where larger, so that a burst raises
    its own floor;
-3. the lower quartile of the intensities at 12 angles or more, each weighed by the part of the range that it stands for
+3. the lower quartile of the intensities at 12 angles or more, each weighted by the part of the range around it
    (for equal steps the plain quartile); the threshold follows as from dark samples, with the quartile for the median.
    The quartile may be a marker's tail, so that σ itself is taken smaller where the curve is smoother than noise;
 4. nothing: the floor is unknown.
@@ -123,12 +123,10 @@ def _quantile_factor(share: float, *, cells: int) -> float:
 
 
 def _roughness(curve: Curve) -> float:
-    """Largest σ that the curve's smoothness allows: 3.4 times its scatter about the line through both neighbours.
-
-    The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample that
-    stands above the noise by σ: the factor serves the former and is generous to the latter. The median of the scatter
-    ignores the peak, which is curved; 1.5 is the variance that two neighbours add.
-    """
+    """Largest σ that the curve's smoothness allows: 3.4 times its scatter about the line through both neighbours."""
+    # The largest of M Rayleigh cells scatters by π/sqrt(6)/sqrt(2·ln M)·σ, 0.30 σ for 12,800 cells, and a sample above
+    # the noise by σ: the factor 3.4 fits the former and is generous to the latter. 1.4826 turns a median into a
+    # standard deviation, and 1.5 is the variance with that of the two neighbours.
     low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
@@ -139,10 +137,8 @@ def _roughness(curve: Curve) -> float:
 
 
 def _lower_quartile(curve: Curve) -> float:
-    """Intensity below which a quarter of the measured range lies, each sample representing the angles nearest to it.
-
-    A search that converges takes most of its samples at the maximum; a plain quartile of those would lie on the peak.
-    """
+    """Intensity below which a quarter of the measured range lies, each sample representing the angles nearest to it."""
+    # A search that converges takes most of its samples at the maximum; a plain quartile of those would be on the peak.
     edges = np.concatenate(
         [curve.angle_deg[:1], (curve.angle_deg[1:] + curve.angle_deg[:-1]) / 2, curve.angle_deg[-1:]]
     )

@@ -91,6 +91,7 @@ class Guarded(SearchPolicy):
         if side is not None:
             curve = curve_of(self._lit)
             top_deg = float(curve.angle_deg[curve.strongest])
+            # The stage may stop up to a count beyond the end; the answer is inside the range.
             inside_deg = min(max(top_deg, self._limits.low_deg), self._limits.high_deg)
             return AtBound(mean_deg=inside_deg, side=side, floor=noise.floor)
         doubt = contradiction(self._lit, mean_deg=answer.mean_deg, noise=noise) or self._too_wide(answer)
@@ -112,10 +113,8 @@ class Guarded(SearchPolicy):
         )
 
     def _rising_side(self) -> Literal["low", "high"] | None:
-        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends.
-
-        The bracket is that of the answer without noise, which widens the interval and does not move the bracket.
-        """
+        """The end at which the curve rises; of a bracket only once it is narrow, because it begins at both ends."""
+        # The answer without noise: with noise the interval is wider, and the bracket the same.
         bare = self._inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > self._sigma_limit_deg:
             return None

@@ -37,7 +37,7 @@ class ScriptedManual(SearchPolicy):
     acquisitions
         Most acquisitions, at least 10.
     start_deg
-        Angle at which the probe stands, in degrees: the coarse turns begin at the nearer end. None: at the low end.
+        Present angle of the probe, in degrees: the coarse turns begin at the nearer end. None: at the low end.
 
     Raises
     ------

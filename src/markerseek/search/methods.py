@@ -125,7 +125,7 @@ def build(
     as_published
         The bare method of the paper, which always answers `Found` and begins at the low end; else the guarded form.
     start_deg
-        Angle at which the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end.
+        Present angle of the probe, in degrees: guarded sweeps and the manual search begin at the nearer end.
         None: at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
@@ -134,8 +134,8 @@ def build(
     Raises
     ------
     ConfigError
-        If the method is unknown, the number of acquisitions is none that it can work with, or a posterior is wanted as
-        published, which it is not.
+        If the method is unknown, the number of acquisitions does not fit it, or a posterior is requested as
+        published, a form that it does not have.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions

@@ -33,12 +33,12 @@ def fit_top(curve: Curve, *, step_deg: float, noise_sigma: float) -> Top:
     """Return the vertex of the least-squares parabola S ≈ a + b·t + c·t² through the top, t counted from its middle.
 
     Vertex −b/(2c); its variance is gᵀ·C·g with g = (0, −1/(2c), b/(2c²)) and C = s²·(XᵀX)⁻¹, where s² is σ² or the
-    scatter about the parabola, whichever is larger. To that comes 0.5·θd/(n + 1) for a top that is no parabola, n the
+    scatter about the parabola, whichever is larger. Added is 0.5·θd/(n + 1) for a top that is not a parabola, n the
     number of samples that reach half maximum: not derived, but what covers noise-free curves from a cusp, 1/(1 + 2|t|),
     to a Gaussian with steps of 0.15 to 1.2 of their width.
 
     The top is the run of samples round the largest that are not below `TOP_SHARE` of it, with one neighbour on each
-    side where the run is shorter than three. Without a vertex in it (no bend downwards, three samples not to be had,
+    side where the run is shorter than three. Without a vertex in it (no bend downwards, fewer than three samples,
     the same angle three times) the largest sample answers, uncertain by the step to its neighbours or the run's width,
     whichever is larger, over √3.
 

@@ -78,7 +78,7 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
     """Standard deviation in degrees with which comparisons of two samples find the maximum, however many are made.
 
     A peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²), has
-    fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison says nothing. In simulation, over
+    fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison is chance. In simulation, over
     widths of 3–17° and 30–40 dB, golden-section and ternary searches miss the maximum by a standard deviation of 0.40
     to 0.56 of t; 0.55·t is returned.
 

@@ -103,7 +103,7 @@ def check_acquisitions(
     Raises
     ------
     ConfigError
-        If it is no whole number, or fewer than ``least``, or more than ``most``.
+        If it is not a whole number, or fewer than ``least``, or more than ``most``.
     """
     # Whole numbers of all kinds, NumPy's too, but neither 16.0 nor True.
     if isinstance(acquisitions, bool | float) or not isinstance(acquisitions, SupportsIndex):

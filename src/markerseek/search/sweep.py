@@ -32,7 +32,7 @@ def peak_passed(intensity: Float64[np.ndarray, " samples"], *, threshold: float 
     """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
 
     True where the largest sample so far is not the last, and the last two are below ``threshold`` of it. Of equally
-    large samples each counts. If all are zero, none is below the threshold, and the sweep goes on.
+    large samples each counts. If all are zero, none is below the threshold, and the sweep continues.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Sweep(SearchPolicy):
     acquisitions
         Number N of angles, at least 2.
     start_deg
-        Angle at which the probe stands, in degrees: the sweep begins at the nearer end, at the low one if both are
+        Present angle of the probe, in degrees: the sweep begins at the nearer end, at the low one if both are
         equally near. None: at the low end, as in the paper.
     """
 
@@ -85,7 +85,7 @@ class Sweep(SearchPolicy):
     def _found(self, mean_deg: float, sigma_deg: float) -> Found:
         """Answer with a normal interval, its middle moved into the range where the stage overshot it."""
         inside_deg = min(max(mean_deg, self._limits.low_deg), self._limits.high_deg)
-        # An interval has a width: one unit in the last place of a range stands for "exact".
+        # An interval has a width: one unit in the last place of a range means "exact".
         half_deg = max(1.96 * sigma_deg, 1e-12 * self._limits.width_deg)
         return Found(
             mean_deg=inside_deg,
@@ -118,7 +118,7 @@ class WeightedAverage(Sweep):
     Raises
     ------
     ConfigError
-        If an argument is outside what is said above.
+        If an argument is out of the range given above.
     """
 
     name = "weighted-average"

@@ -60,7 +60,7 @@ def magnitude(
 ) -> None:
     """Write the magnitude of the rows of ``padded`` and of their antisymmetric filter into ``out``.
 
-    Tap k stands at the odd offset 2 k + 1; ``padded`` holds 2 len(taps) rows more than ``out`` on either side, and the
+    Tap k has the odd offset 2 k + 1; ``padded`` holds 2 len(taps) rows more than ``out`` on either side, and the
     number of taps is a multiple of four.
     """
     # Antisymmetric, and every second tap of a Hilbert transformer is 0: a quarter of the products of a plain filter.
@@ -131,7 +131,7 @@ def delay_and_sum(
     a multiple of 32 columns, ``signals`` `PAD` zero columns more on either side, the tables a multiple of four rows;
     all are contiguous.
     """
-    # Columns that stand on the elements share one table of delays, because a delay depends on the depth and the lateral
+    # Columns at the elements share one table of delays, because a delay depends on the depth and the lateral
     # distance alone. So the sum runs over distances, and adds whole rows of the signals to whole rows of the image.
     depths, columns = out.shape
     wide = signals.shape[1]
@@ -157,7 +157,7 @@ def delay_and_sum(
                 starts = (r0 + s, r1 + s + 1, r2 + s + 2, r3 + s + 3)
                 _add_four(image, values, z * columns, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
                 if m == 0:
-                    # The element straight above a column stands once in the sum.
+                    # The element straight above a column is in the sum once only.
                     u0, w0 = np.float32(0), np.float32(0)
                 s = from_left
                 starts = (r0 + s, r1 + s - 1, r2 + s - 2, r3 + s - 3)

@@ -1,6 +1,6 @@
-"""One-way delay-and-sum on columns that stand on the elements, and on any others.
+"""One-way delay-and-sum on columns at the elements, and on any others.
 
-There the delay depends on the depth and on the lateral distance alone, so that one small table serves every column.
+At the elements the delay depends on the depth and on the lateral distance alone: one small table serves every column.
 The sum is linear in the signals, with linear interpolation between samples, and is divided by the root of the number
 of channels in it: white noise is then equally strong at every depth. No apodisation, no weighting by directivity.
 """
@@ -19,7 +19,7 @@ from markerseek.signals.presets import ProbePreset
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DelayTable:
-    """Delays for columns that stand on the elements.
+    """Delays for columns at the elements.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def path_delay(preset: ProbePreset) -> tuple[float, float]:
 def half_aperture_m(
     preset: ProbePreset, depth_m: Float64[np.ndarray, " depth"], *, at_least: float = 0.5
 ) -> Float64[np.ndarray, " depth"]:
-    """Half the width of the receiving aperture in metres, and no less than so many pitches."""
+    """Half the width of the receiving aperture in metres, at least ``at_least`` pitches."""
     if preset.f_number == 0:
         return np.full(len(depth_m), np.inf)
     # Wider by 1e-9, so that rounding does not decide about an element on the edge.

@@ -112,7 +112,7 @@ def energy_in_depth(
     """Centroid and standard deviation in depth of the energy of a peak, in metres.
 
     Off plane the pulse splits into the edge waves of the element, and a long laser pulse has two edges of its own:
-    which of these is the highest is a matter of noise, and the centroid of all does not hop. The envelope of the column
+    which of these is the highest is a matter of noise, and the centroid of all is steady. The envelope of the column
     is squared and gathered over `ENERGY_HALF_S` to either side, about the peak first and then about the centroid so
     found. Samples below `ENERGY_SIGMAS` do not count, save the peak.
 
@@ -162,7 +162,7 @@ def saturated_channels(
     half = 2 * window_samples(preset)
     used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
     window = np.clip(middle[used, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
-    # As 32 bits, for the magnitude of -32768 does not fit in 16.
+    # As 32 bits, because the magnitude of -32768 does not fit in 16.
     largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
     return tuple(int(channel) for channel in used[largest >= preset.full_scale]), len(used)
 

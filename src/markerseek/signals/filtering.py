@@ -43,7 +43,7 @@ def band_pass_taps(*, low_hz: float, high_hz: float, sampling_hz: float) -> Floa
 def response(
     taps: Float64[np.ndarray, " taps"], *, frequency_hz: Float64[np.ndarray, " bins"], sampling_hz: float
 ) -> Float64[np.ndarray, " bins"]:
-    """Gain of a symmetric filter of odd length at the given frequencies; no phase, for its delay is taken out."""
+    """Gain of a symmetric filter of odd length at the given frequencies; no phase, because its delay is taken out."""
     half = len(taps) // 2
     k = np.arange(1, half + 1)
     waves = np.cos(2 * np.pi * frequency_hz[:, None] / sampling_hz * k)
@@ -74,7 +74,7 @@ def band_pass(
 
     Returns
     -------
-    Filtered signals, shape (samples, columns); channel c stands in column c + `_kernel.PAD`.
+    Filtered signals, shape (samples, columns); channel c is in column c + `_kernel.PAD`.
     """
     channels, count = samples.shape
     if not 0 <= blanked <= count - 2 * TAPER_SAMPLES:

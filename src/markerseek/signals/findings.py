@@ -58,6 +58,7 @@ class FrameFindings:
         Channels without any signal.
     """
 
+    # Separate from `strongest`, which is there also if no peak passes: it says how far from a source the frame is.
     found: bool
     reason: str
     strongest: Arrival

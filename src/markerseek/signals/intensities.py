@@ -1,4 +1,4 @@
-"""Reader of frames that are one number already."""
+"""Reader of frames that hold an intensity instead of channel data."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from markerseek.core import ConfigError, Frame, Reading, ReadingFrame
 
 
 class IntensityReader:
-    """Reader of frames that somebody else has reduced to one number."""
+    """Reader of frames that were reduced to one number elsewhere, as in a CSV of intensities."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading with the intensity, and with the noise where the frame tells it.
+        """Reading with the intensity, and with the noise where the frame states it.
 
         Raises
         ------

@@ -23,6 +23,7 @@ class _Generator(msgspec.Struct, frozen=True, kw_only=True):
     kind: Literal["PCG64"]
     state: str
     increment: str
+    # PCG64 gives two draws of 32 bits from one of 64; a half that was not used yet is part of the state.
     has_half: int
     half: int
 
@@ -53,6 +54,7 @@ class _Checkpoint(msgspec.Struct, frozen=True, kw_only=True):
     """Time, the stage's encoder, the true angle of the probe, the receiver's last frame number, random state."""
 
     now_s: float
+    # Both angles: with play the probe is not where the encoder says, and the difference depends on the last move.
     encoder_counts: int
     probe_deg: float
     sequence: int
@@ -107,6 +109,7 @@ class SimulatedState:
         """
         try:
             state = msgspec.json.decode(checkpoint, type=_Checkpoint)
+            # The only assignment that can fail comes first, so that a damaged checkpoint changes nothing.
             state.generator.restore(self._rng)
         except (msgspec.MsgspecError, ValueError, OverflowError) as problem:
             raise RecordError(f"the checkpoint of the simulated world cannot be read: {problem}") from problem

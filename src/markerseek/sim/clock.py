@@ -41,5 +41,6 @@ class VirtualClock:
         if not 0 <= duration_s < math.inf:
             raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
         self._now_s += duration_s
+        # Without a pace no sleep at all: even one of 0 s gives the processor away.
         if self._pace > 0:
             time.sleep(duration_s * self._pace)  # noqa: TID251  the only place where virtual time takes real time

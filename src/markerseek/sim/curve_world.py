@@ -30,7 +30,7 @@ _CELLS_AT = 1e-3
 
 _SEEN = 0.55
 """Share of the noise peaks that a reader sees at their height: it refines the largest pixel only, and midway between
-two columns a peak stands up to 4 dB too low in the pixels. Set from about a hundred dark frames of the simulated rig;
+two columns a peak is up to 4 dB too low in the pixels. Set from about a hundred dark frames of the simulated rig;
 400 of another four seeds give 0.50 ± 0.025 by maximum likelihood, which is 0.02 σ in the mean of the largest noise."""
 
 
@@ -122,11 +122,12 @@ class CurveWorld:
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Light the tissue with the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         """Frame with the intensity after a flash; after none, that of noise alone."""
+        # Drawn also where the marker is far stronger: the numbers that follow must not depend on the curve.
         largest = largest_noise(self._rng, cells=self._cells)
         if flash is not None and self._curve is not None:
             snr = flash.energy * self._peak / self._noise_sigma
@@ -187,9 +188,11 @@ def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
     cells
         Number of independent envelope cells of the image, at least 10.
     """
+    # ρ of the module docstring: M = ρ(u² − 1), with u² = 2·ln(M/1e-3) where a reading defines M.
     rate = _SEEN * cells / (2 * math.log(cells / _CELLS_AT) - 1)
     # 1 − exp(−N(u)) is uniform, so N(u) is exponential; u follows by fixed-point iteration of N(u) = wanted.
     wanted = rng.standard_exponential()
+    # From u² − 1 = 20, that of a usual image; each step reduces the error about tenfold (by 2/(u² − 1)).
     square = 2 * math.log(rate * 20 / wanted)
     for _ in range(4):
         # never below u² = 2, where peaks cannot be counted any more: fewer than one image in 10^30 has so little noise

@@ -39,10 +39,13 @@ class SimulatedLaser:
         """
         if permit.token in self._used:
             raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
+        # Not ">", which would let a NaN pass.
         if not self._clock.now_s() <= permit.expires_s:
             raise LaserError(f"laser: the permit {permit.token!r} has expired; nothing was fired")
+        # Noted before the flash: a permit that failed half-way must not fire again.
         self._used.add(permit.token)
         if permit.pulses > 0:
+            # One flash for the whole train, at its beginning: a frame is the average of its pulses.
             self._world.flash(pulses=permit.pulses, at_s=self._clock.now_s())
         self._clock.wait(permit.pulses / self._rate_hz)
         return permit.pulses

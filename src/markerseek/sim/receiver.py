@@ -48,6 +48,7 @@ class SimulatedReceiver:
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"receiver: it was not armed for the permit {permit.token!r}; arm it before firing")
         _, flashes_before, started_s = self._armed
+        # Disarmed before the readout: one arming serves one acquisition, also one that fails.
         self._armed = None
         new = self._world.flashes[flashes_before:]
         self._clock.wait(self._readout_s)
@@ -55,6 +56,7 @@ class SimulatedReceiver:
         header = FrameHeader(
             sequence=self.sequence,
             token=permit.token,
+            # The pulses that were fired, not those of the permit: the guard compares the two.
             pulses=sum(flash.pulses for flash in new),
             commanded_deg=permit.angle_deg,
             started_s=started_s,

@@ -62,6 +62,7 @@ class FaultyReceiver:
         """
         self._step += 1
         frame, previous = self._inner.acquire(permit), self._previous
+        # Kept at every step, so that the first late frame is the one just before the fault began.
         self._previous = frame
         if not self._fault.holds_at(self._step):
             return frame

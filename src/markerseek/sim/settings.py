@@ -127,6 +127,7 @@ class ReceiverSettings:
     def __post_init__(self) -> None:
         if not 512 <= self.samples <= 65_536:
             raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
+        # Values above full scale (2047) are allowed, to try what saturation does.
         if not 0 < self.peak_counts <= 1e6:
             raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; 600 is usual")
         if not 0 <= self.readout_s <= 3600:

@@ -54,6 +54,7 @@ class StageMotion:
             Length of the move in degrees, of either sign.
         """
         distance = abs(distance_deg)
+        # v²/a: the distance of speeding up and braking together. A shorter move never reaches the full speed.
         ramp = self.speed_deg_s**2 / self.acceleration_deg_s2
         if distance <= ramp:
             return 2 * math.sqrt(distance / self.acceleration_deg_s2)
@@ -80,6 +81,7 @@ class SimulatedStage:
         self._world = world
         self._clock = clock
         self._motion = motion
+        # Whole counts: readback and setpoint differ by up to half a count, as on the device.
         self.counts = round(world.angle_deg * motion.counts_per_deg)
 
     @property
@@ -95,8 +97,10 @@ class SimulatedStage:
         LimitError
             If the angle is NaN or outside the travel range; nothing moves.
         """
+        # An interval contains no NaN.
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        # At the lower end of the travel there is no room below the target: the play then stays above.
         below_deg = max(angle_deg - self._motion.approach_deg, self.limits.low_deg)
         if angle_deg < self.angle_deg and below_deg < angle_deg:
             self._turn(below_deg)
@@ -112,6 +116,6 @@ class SimulatedStage:
         start_deg = self.angle_deg
         self.counts = round(angle_deg * self._motion.counts_per_deg)
         self._clock.wait(self._motion.duration_s(self.angle_deg - start_deg))
-        # Pushed from below the probe stands at the encoder's angle, pulled from above by the play behind it.
+        # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
         play_deg = self._motion.backlash_deg
         self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)

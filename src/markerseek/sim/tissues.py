@@ -62,6 +62,7 @@ class Spot:
                 radius_m=math.hypot(x, z),
                 angle_deg=math.degrees(math.atan2(x, z)),
                 lateral_m=y,
+                # Equal shares: the pulses of the grains interfere, so that the image's peak is less than the sum.
                 strength=middle.strength / self.count,
                 source=self.grain,
             )

@@ -27,7 +27,8 @@ class Flash:
 
 
 def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:
-    """A flash with the mean energy of so many pulses, each with its jitter."""
+    """A flash with the mean energy of this number of pulses, each with its jitter."""
+    # The mean of n independent pulses scatters by 1/sqrt(n) of one; a draw below 0 would be light of negative energy.
     energy = 1.0 + energy_jitter * rng.standard_normal() / np.sqrt(pulses)
     return Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0))
 
@@ -87,7 +88,7 @@ class World:
         self._rng = rng
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Light the tissue with the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ChannelFrame:
@@ -104,6 +105,7 @@ class World:
             self._rng, channels=model.probe.array.elements, samples=model.samples, sampling_hz=model.sampling_hz
         )
         if flash is not None:
+            # In single precision: a NumPy double would make the product, of the size of a frame, a double one.
             data += np.float32(flash.energy) * _without_noise(model, self._absorbers, self.angle_deg)
         return self._digitiser.digitise(data)
 
@@ -114,5 +116,6 @@ def _without_noise(
 ) -> Float32[np.ndarray, "channels samples"]:
     """Channel data of the absorbers; cached, because studies search worlds in turn that differ in their noise alone."""
     data = model.channel_data(absorbers, angle_deg=angle_deg)
+    # All callers share the cached array.
     data.flags.writeable = False
     return data

@@ -45,7 +45,7 @@ MEAN_OF_ROOT = math.sqrt(2 / math.pi)
 
 
 class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
-    """Errors of a policy and the bounds, over so many markers.
+    """Errors of a policy and the bounds, over the first markers of a study.
 
     ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
     bounds for the best angles and for the policy's. ``decision_ms`` are the median and the largest time of a decision.
@@ -143,10 +143,12 @@ def compare_with_bound(
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
         recorded = _Recorded(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
+        # Without the confirmation at the end, which no bound on the angle takes into account.
         for _ in run(recorded, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
             pass
         marker_deg = unknowns.marker.angle_deg
         errors.append(recorded.estimate().mean_deg - marker_deg)
+        # The best angles of this marker need its true angle: no policy can know them.
         ideal = best_angles(
             curve, marker_deg=marker_deg, noise=noise, acquisitions=count, limits=limits, prior=TABLE_PRIOR
         )

@@ -73,6 +73,7 @@ def error_figure(
                 [mean.mean or 0.0 for mean in means.values()],
                 yerr=[_half(mean) for mean in means.values()],
                 label=label,
+                # Colour and mark change together, for readers who do not distinguish the colours.
                 color=_COLOURS[number % 12],
                 marker=_MARKS[number % 12],
                 **ERROR_BARS,
@@ -93,6 +94,7 @@ def _lines(study: Study, summary: Summary, cell: int) -> dict[str, dict[int, Mea
                 means.update(zip(study.marks, policy.marks_deg, strict=True))
             means[policy.acquisitions_most] = policy.any_error_deg
     known = {
+        # Policies of one line may be listed in any order; the line must run to the right.
         name: {count: mean for count, mean in sorted(means.items(), key=lambda item: item[0]) if mean.mean is not None}
         for name, means in lines.items()
     }

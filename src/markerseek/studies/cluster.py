@@ -40,12 +40,14 @@ def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterat
     except ImportError as problem:
         raise MissingExtraError(package="distributed", extra="cluster", purpose="a study on a cluster") from problem
     try:
+        # Not the default client: the caller may have one of its own.
         client = distributed.Client(address, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as problem:
         raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
     with client:
         # The study is sent to each worker once, not with every chunk.
         everywhere = client.scatter(study, broadcast=True, hash=False)
+        # Not pure: Dask would hash all arguments to find equal calls, and there are none.
         submit = partial(client.get_executor(pure=False).submit, run_chunk, everywhere)
         threads = sum(client.nthreads().values()) or 1
         try:

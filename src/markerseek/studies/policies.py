@@ -68,6 +68,7 @@ class PolicySettings:
 
     def __str__(self) -> str:
         form = " as published" if self.as_published else ""
+        # Named only where it has an effect: labels are the names of lines in a figure.
         end = "" if self.early_end or self.method not in ("weighted-average", "posterior") else ", no early end"
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
         return f"{self.method}{form}, {self.most}{end}{cues}"

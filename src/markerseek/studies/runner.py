@@ -66,7 +66,7 @@ def run_study(
     study
         The study.
     folder
-        Folder of its files; made if need be.
+        Folder of its files; created if it does not exist.
     workers
         Processes of this machine; None: as many as it has cores.
     scheduler
@@ -97,6 +97,7 @@ def run_study(
         if not (folder / SUMMARY).exists():
             summary = summarise(study, read_rows(folder / ROWS, study))
             write_whole(folder / SUMMARY, _json(summary))
+        # Last: however a run ends before this line, parts or table are there to continue from.
         shutil.rmtree(folder / PARTS)
         return Finish(rows=folder / ROWS, summary=_summary(folder / SUMMARY))
 
@@ -151,6 +152,7 @@ def _run_chunks(
     else:
         count = default_workers() if workers is None else workers
         computed = on_processes(partial(run_chunk, study), missing, workers=count)
+    # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
     with closing(computed):  # type: ignore[type-var]
         for number, lines in computed:
             # The hash of a study contains the version of the package that computed it.

@@ -38,6 +38,7 @@ class Moments(msgspec.Struct, frozen=True, kw_only=True):
         count = self.count + other.count
         if count == 0:
             return self
+        # Difference of the means, not sums of squares: those of large samples would cancel.
         apart = other.mean - self.mean
         return Moments(
             count=count,
@@ -102,6 +103,7 @@ def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
     # The quantiles of the beta distribution themselves. `scipy.stats.binomtest` searches for the same limits with an
     # absolute tolerance of 2e-12, and importing it takes 0.4 s, in each worker of a study.
     tail = (1 - CONFIDENCE) / 2
+    # The beta distribution has no parameter 0: without hits, or with hits only, the limit is 0 or 1 itself.
     low = 0.0 if hits == 0 else float(betaincinv(hits, count - hits + 1, tail))
     high = 1.0 if hits == count else float(betaincinv(hits + 1, count - hits, 1 - tail))
     return low, high

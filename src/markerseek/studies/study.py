@@ -104,6 +104,7 @@ class Study:
             )
         if self.level != "curves" and any(key.startswith("curve.") for key in keys):
             raise ConfigError(f"study: curve settings have no effect at the level {self.level}; leave them out of vary")
+        # Made here: a combination that cannot be is refused when the study is read, not hours later.
         cells(self)
 
     @property
@@ -180,6 +181,7 @@ def _require_size(study: Study) -> None:
         raise ConfigError(f"study: there are {len(study.policies)} policies, at most {MOST_POLICIES} are compared")
     if not 1 <= study.trials <= MOST_ROWS:
         raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {MOST_ROWS:,}")
+    # Counted, not made: a billion combinations would fill the memory first.
     combinations = math.prod(len(axis.values) for axis in study.vary)
     if combinations > MOST_CELLS:
         raise ConfigError(
@@ -229,4 +231,5 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
 
 
 def _hashed(value: object) -> hashlib._Hash:
+    # Keys sorted: the order of fields in a class must not change the hash, and with it the markers.
     return hashlib.sha256(msgspec.json.encode(value, order="deterministic"))

@@ -70,6 +70,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
         for block in _blocks(of_cell, len(study.policies)):
             for policy, tally in enumerate(tallies):
                 tally.add([trial[policy] for trial in block])
+            # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
             apart = [
                 moments.merged(Moments.of(_apart(block, one, other)))
                 for moments, (one, other) in zip(apart, pairs, strict=True)

@@ -34,6 +34,7 @@ def columns(study: Study) -> tuple[str, ...]:
 def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
     """Lines of a table, each a sequence of values."""
     text = io.StringIO()
+    # The default of the csv module is CRLF, on every system.
     csv.writer(text, lineterminator="\n").writerows([[_field(value) for value in line] for line in lines])
     return text.getvalue().encode("utf-8")
 
@@ -102,6 +103,7 @@ def _field(value: object) -> object:
         return " ".join(repr(part) for part in value)
     if isinstance(value, bool):
         return "true" if value else "false"
+    # `repr` has as many digits as are needed to read the same double.
     return repr(value) if isinstance(value, float) else value
 
 
@@ -111,4 +113,5 @@ def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
     }
     marks = line[COLUMNS.index("marks_deg")]
     named["marks_deg"] = [float(part) for part in marks.split()]
+    # Column 2 is the cell. Its settings are taken from the study: read as text, a value would lose its type.
     return msgspec.convert({**named, "settings": by_cell[int(line[2])]}, Row, strict=False)

@@ -25,7 +25,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     ``error_deg``, ``failures`` are of the searches that found. The rest is of all with a marker, whatever the answer:
     ``any_error_deg`` with its root mean square ``rmse_deg``, ``off``, ``not_found``, ``missed``, ``wrong_claims``;
     ``covered`` is of those that gave an interval, ``false_found`` of those without a marker. ``marks_deg`` holds the
-    mean errors after so many acquisitions as the study's marks say.
+    mean errors at the study's marks (numbers of acquisitions).
     """
 
     cell: int
@@ -57,6 +57,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
 
 def failed(row: Row) -> bool:
     """Whether a search found something wrong: too far from the marker, or without a marker."""
+    # Not ">": an error of NaN must count as a failure.
     return row.answer == "found" and (row.error_deg is None or not row.error_deg <= FAILURE_DEG)
 
 
@@ -92,6 +93,7 @@ class Tally:
             "elapsed": [row.elapsed_s for row in rows if row.elapsed_s is not None],
         }
         for mark in self._marks:
+            # A search that a device ended has no answers at the marks.
             values[mark] = [
                 abs(row.marks_deg[mark] - row.truth_deg) for row in rows if row.truth_deg is not None and row.marks_deg
             ]

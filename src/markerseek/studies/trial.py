@@ -135,6 +135,7 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> _Course:
         for event in run(policy, rig.scanner, dark_frames=dark_frames, stay=study.stay):
             if isinstance(event, Refused):
                 course.refused += 1
+            # When acquisition n is asked for, the estimate holds n − 1 samples.
             elif isinstance(event, Asked) and event.role == "search" and event.index - 1 in study.marks:
                 course.marks_deg.append(policy.estimate().mean_deg)
             elif isinstance(event, Finished):

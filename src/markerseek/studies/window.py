@@ -89,6 +89,7 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     reading = imaging.read(frame)
     farthest_deg = max(abs(travel.low_deg - marker.angle_deg), abs(travel.high_deg - marker.angle_deg))
     # The path grows with the angle off the marker: the first arrival is at 0, the last at the farthest angle.
+    # Beyond 90° the marker is behind the face and gives no signal.
     arrivals = [_arrival_s(unknowns, off_deg) for off_deg in (0.0, min(farthest_deg, 90.0))]
     rate = preset.sampling_hz
     metres = preset.sound_speed_m_s

@@ -104,13 +104,14 @@ class WindowWorld:
         sigma = window.peak / 10 ** (peak_snr_db / 20)
         # Peak SNR is defined in the image; the noise is added to the channels.
         white_sigma = sigma / beamformed_sigma(1.0, preset=window.reader.preset)
+        # Noise and marker alike, so that the SNR stays: strong noise would not fit into 16 bits.
         gain = min(1.0, NOISE_COUNTS / white_sigma)
         self._sigma = gain * sigma
         self._noise = Noise(white_sigma=gain * white_sigma)
         self._marker = replace(window.marker, strength=gain * window.marker.strength)
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Let light fall on the tissue: the mean energy of so many pulses, each with its jitter."""
+        """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> PrecomputedFrame:
@@ -131,6 +132,7 @@ class WindowWorld:
             reading = self._noise_peak(self._sigma * largest_noise(rng, cells=window.cells))
         else:
             reading = self._in_window(flash)
+            # The cells of the window are in its own reading; `largest_noise` needs at least 10.
             cells = max(10, round((1 - window.share) * window.cells))
             # The reading is the largest peak of the image: that of the window, or of the independent rest.
             elsewhere = self._noise_peak(self._sigma * largest_noise(rng, cells=cells))

@@ -27,6 +27,7 @@ Done = TypeVar("Done")
 
 def default_workers() -> int:
     """Cores that this process may use."""
+    # `os.cpu_count` also counts cores that a container or a batch system withholds.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -69,10 +70,8 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
-    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that.
-
-    A Ctrl-C goes to all processes of a terminal. One that is still importing would print a traceback.
-    """
+    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that."""
+    # A Ctrl-C goes to all processes of a terminal, and one that is still importing would print a traceback.
     if not hasattr(signal, "pthread_sigmask"):
         return pool.submit(function, job)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -100,6 +99,7 @@ def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahea
         ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
         for future in ready:
             done = under_way.pop(future)
+            # Submitted before the result is used: no worker waits for the caller.
             under_way.update((submit(job), number) for number, job in islice(waiting, 1))
             yield done, future.result()
 

@@ -155,6 +155,7 @@ def _with_gain(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Ab
     )
 
 
+# The policies of a trial follow one another in one process: few windows are in use at a time.
 @lru_cache(maxsize=4)
 def marker_window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
     """What of a drawn rig and its marker is the same for all policies of a trial.

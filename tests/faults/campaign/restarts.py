@@ -318,7 +318,7 @@ def restarts(
 ) -> Restarts:
     """So many restarts under one data acquisition and one kind of death.
 
-    ``bare`` leaves out what decision 20 brought: the settled folder, the watermark, the look at dark frames, the
+    ``bare`` leaves out what decision 16 brought: the settled folder, the watermark, the look at dark frames, the
     confirmation that counts.
     """
     counts = Restarts()

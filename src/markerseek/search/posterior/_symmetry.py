@@ -12,7 +12,7 @@ from markerseek.core import Float64, Int64
 
 @compiled
 def log_level(log_curve: Float64[np.ndarray, " distances"], steps: float) -> float:
-    """Ln S at so many steps from the marker, linear between the tabulated ones."""
+    """Ln S at this number of steps from the marker, linear between the tabulated ones."""
     near = min(int(steps), log_curve.size - 2)
     part = min(steps - near, 1.0)
     return float((1 - part) * log_curve[near] + part * log_curve[near + 1])

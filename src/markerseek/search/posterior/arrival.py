@@ -79,7 +79,8 @@ class Moments:
     def log_likelihood(
         self, angles_deg: Float64[np.ndarray, " angles"], *, knots: int
     ) -> Float64[np.ndarray, " angles"]:
-        """Return `log_likelihood` at even angles, interpolated between so many knots: it bends little over a degree."""
+        """Return `log_likelihood` at evenly spaced angles, interpolated between ``knots`` of them."""
+        # It bends little over a degree, and costs more than the interpolation.
         at_deg = np.linspace(angles_deg[0], angles_deg[-1], knots)
         log = log_likelihood(at_deg, self.measured_deg, self.moments_s, self.snr)
         return np.asarray(np.interp(angles_deg, at_deg, log))

@@ -72,7 +72,7 @@ def asymmetry_probability(lit: Sequence[Sample], *, sigma: float, marker_m: floa
         if reading.lateral_m is not None and abs(reading.lateral_m - marker_m) < SAME_PLACE_M:
             places.append((reading.lateral_m, math.hypot(_LATERAL_M, _LATERAL_NOISE_M / snr)))
             if reading.coherence is not None:
-                # Noise takes its share of the channels' energy: so many channels are in the sum.
+                # Noise has a share of the channels' energy that grows with the number of channels in the sum.
                 noise = 2 * _CHANNELS / snr**2
                 coherences.append((reading.coherence * (1 + noise), _COHERENCE + noise / 2))
     # Bayes' rule in log-odds: the prior, and the Bayes factors of position, coherence and its level.

@@ -31,7 +31,7 @@ from markerseek.search.posterior.symmetry import (
 )
 
 BEYOND_STEPS = 12
-"""Coarse steps that the grid goes on beyond each end of the range."""
+"""Coarse steps by which the grid extends beyond each end of the range."""
 
 BEYOND_SHARE = 0.05
 """Prior density there over that inside."""

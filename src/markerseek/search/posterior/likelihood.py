@@ -33,7 +33,7 @@ TABLE_SIZE = _MU.size
 """Entries of the table."""
 
 OUTLIER_SHARE = 0.01
-"""Prior probability that a frame is an outlier: it says nothing of the marker."""
+"""Prior probability that a frame is an outlier, which contains no information on the marker."""
 
 OUTLIER_RANGE = 7.0
 """Range of ln y over which the intensity of an outlier is uniform."""
@@ -125,7 +125,7 @@ class Scale:
 def scale_of(lit: Sequence[Sample], noise: Noise) -> Scale:
     """Return what the samples with the laser on are measured by.
 
-    Where no reading states the noise, the smallest intensity is taken for noise: σ is a quarter of it. Where none
+    Where no reading states the noise, the smallest intensity is assumed to be noise: σ is a quarter of it. Where none
     states the cells, they are as many as the smallest intensity y allows: the largest of M is about σ·sqrt(2·ln M).
     """
     strongest = max(lit, key=lambda sample: sample.reading.intensity)

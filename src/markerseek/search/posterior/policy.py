@@ -85,7 +85,7 @@ class Posterior(SearchPolicy):
         The search ends once the centre of the curve is known to this standard deviation, in degrees, and the marker is
         found; 0: only with the last acquisition.
     start_deg
-        Angle at which the probe stands, in degrees; the search begins at the nearer end. None: at the low end.
+        Present angle of the probe, in degrees; the search begins at the nearer end. None: at the low end.
     cues
         Which of `CUES` are used: "intensity", "arrival", "lateral" (position of the peak along the array).
 
@@ -276,10 +276,8 @@ def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
 
 @lru_cache(maxsize=1)
 def _load_kernels() -> None:
-    """Decide once on three made-up samples, so that no decision of a search waits for machine code.
-
-    From disk the kernels take a quarter of a second.
-    """
+    """Decide once on three made-up samples, so that no decision of a search waits for the compiled kernels."""
+    # From disk they take a quarter of a second.
     lit = [
         Sample(
             angle_deg=angle_deg,

@@ -45,7 +45,7 @@ WIDTHS_DEG = np.exp(np.linspace(math.log(2.0), math.log(35.0), 30))
 """Full widths at half maximum, in degrees, evenly spaced in their logarithm."""
 
 MODEL_ERROR: tuple[tuple[float, float], ...] = ((0.6, 0.035), (0.3, 0.1), (0.0, 0.2))
-"""Relative error of a member (laser jitter in it) where it is above so much of its peak, downwards."""
+"""Relative error of a member (laser jitter in it) where it is above this share of its peak, downwards."""
 
 STEP_DEG = 0.05
 """Step of the tabulated curves, in degrees."""

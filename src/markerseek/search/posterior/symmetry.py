@@ -111,6 +111,7 @@ def symmetric_log_likelihood(
         Angles of the marker that are considered, in degrees.
     """
     strong = strong_observations(observations)
+    # By identity: two observations of one angle may be equal.
     weak = [each for each in observations if not any(each is other for other in strong)]
     errors = tuple(ERRORS.tolist())
     tables = np.empty((len(weak), ERRORS.size, TABLE_SIZE))

@@ -126,6 +126,7 @@ def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
     step_deg = STEP_DEG if options.share >= 0.5 else 5 * STEP_DEG
     scans = []
     for number, (material, tissue) in enumerate(TISSUES.items()):
+        # Seeded by the material: its positions do not depend on the other materials.
         markers = grid(np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, number]))))
         count = 1 if material == ONE_BANK else max(2, round(len(markers) * options.share))
         for position, marker in enumerate(markers[:count], start=1):
@@ -152,6 +153,7 @@ def _scan(scan: _Scan) -> None:
         receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
     )
     search = settings.limits.search
+    # Upwards from the lower end: the stage then needs no second approach from below.
     settings = replace(settings, start_deg=search.low_deg)
     noises = [NoiseSettings(peak_snr_db=bank.peak_snr_db or 0.0) for bank in scan.banks]
     scanners = [rigs.simulated(seed=scan.seed, settings=replace(settings, noise=noise)).scanner for noise in noises]
@@ -191,6 +193,7 @@ def as_intensities(bank: OfflineBank, folder: Path, options: RunOptions) -> Offl
     frames = read_bank(bank.path)
     if not isinstance(frames, FrameBank):
         return bank
+    # Measured by the scanner, whose guard refuses frames that a search would not get either.
     rig = rigs.replayed(bank.path, probe=bank.probe)
     intensities = []
     for number, angle_deg in enumerate(frames.angles_deg):

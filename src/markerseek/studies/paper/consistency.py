@@ -128,6 +128,7 @@ class _Radius:
 def _sweep(options: RunOptions) -> list[Combination]:
     """All combinations, width by width."""
     whole = options.share > 0.2
+    # A job for each width, whose curve is computed once and cached in the process for all noises.
     jobs = [
         _Radius(
             source_radius_m=radius_m,
@@ -180,7 +181,7 @@ def _combination(
 def is_consistent(
     paper: float, errors: Float64[np.ndarray, " searches"], *, searches: int, rng: np.random.Generator
 ) -> bool:
-    """Whether the paper's mean of so many searches, rounded to two decimal places, is consistent with these errors.
+    """Whether the paper's mean of n searches, rounded to two decimal places, is consistent with these errors.
 
     Parameters
     ----------
@@ -195,6 +196,7 @@ def is_consistent(
     """
     # Both means have a sampling error. Resamples of 1/(1/n + 1/m) searches have the variance of their difference.
     count = max(1, round(1 / (1 / searches + 1 / errors.size)))
+    # Resampled, because the errors are far from normal: a few large ones make up most of the mean.
     means = rng.choice(errors, (RESAMPLES, count)).mean(axis=1)
     low, high = np.quantile(means, [0.025, 0.975])
     # 0.005 deg is half of the last printed digit.

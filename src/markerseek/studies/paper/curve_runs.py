@@ -204,12 +204,9 @@ def _is_full_scan(settings: PolicySettings) -> bool:
 
 
 def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerErrors:
-    """Errors of full scans of WA without the search loop; equal to those of the loop to rounding.
-
-    The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of each
-    marker would otherwise take most of the time. The probe only moves upwards, so that there is no play, and stands at
-    the encoder count. All policies of a trial have the same noise, also scans of different lengths.
-    """
+    """Errors of full scans of WA without the search loop; equal to those of the loop to rounding."""
+    # The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of
+    # each marker would otherwise take most of the time.
     settings = cell.world.rig
     limits, counts_per_deg = settings.limits.search, settings.stage.counts_per_deg
     curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
@@ -220,6 +217,7 @@ def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> 
         cells=images_cells,
         rng=np.random.Generator(np.random.PCG64(draw.noise_seed)),
     )
+    # The probe only moves upwards, so that there is no play, and is at the encoder count.
     reached = [np.round(equal_steps(limits, acquisitions=count) * counts_per_deg) / counts_per_deg for count in counts]
     scans = world.scans([np.maximum(at, settings.start_deg) for at in reached], pulses=settings.laser.pulses)
     errors: MarkerErrors = {}

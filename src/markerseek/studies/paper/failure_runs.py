@@ -154,6 +154,7 @@ class ChangingCurve:
         """Heights of the peaks now; see `markerseek.sim.IntensityCurve`."""
         moved_deg = self.shift_deg if self.acquisitions >= MOVED_AFTER else 0.0
         strength = self.fading**self.acquisitions
+        # A world asks once in each acquisition with light, so dark frames do not count.
         self.acquisitions += 1
         return [strength * height for height in self.inner.peaks(off_plane_deg - moved_deg)]
 

@@ -39,6 +39,7 @@ def failures(options: RunOptions) -> Section:
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 9])))
     runs = []
     for name, case in CASES.items():
+        # Fewer from frames: such a search takes some fifty times as long as one from curves.
         count = max(1, round((FRAMED_RUNS if case.frames else RUNS) * options.markers / PAPER_MARKERS))
         runs += draw_runs(name, count, rng)
     outcomes = outcomes_of(runs, options)
@@ -123,6 +124,7 @@ def share_off(outcomes: Sequence[Outcome], *, limit_deg: float = SENSITIVE_DEG) 
 def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
     remarks = []
     for rules, methods in METHODS.items():
+        # Of the worst method: a mean over the methods would hide one that fails.
         worst = {
             case: max(
                 (share_off([o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, m)]) for m in methods),

@@ -166,12 +166,14 @@ def _noise_free_errors(name: PaperMethod, markers_deg: Float64[np.ndarray, " mar
 
 def _noise_free_table(noise_free: _NoiseFree) -> Table:
     """Errors without noise, beside the mean error of a marker that is equally likely anywhere in the last bracket."""
+    # Part of the bracket that one iteration (two acquisitions) keeps.
     ratios = {"TS": 2 / 3, "GSS": (math.sqrt(5) - 1) / 2}
     return Table(
         name="fig5_without_noise",
         caption="Without noise, on any symmetric unimodal curve",
         columns=("method", "acquisitions", "mean_error_deg", "spread_deg", "quarter_of_the_last_bracket_deg"),
         rows=tuple(
+            # The middle of a bracket of width w is on average w/4 from a marker that is uniform in it.
             (name, count, errors.mean_deg, errors.sd_deg, 70 * ratios[name] ** (count // 2) / 4)
             for name, by_count in noise_free.items()
             for count, errors in by_count.items()

@@ -75,6 +75,7 @@ class OnEncoderCounts:
         if asked_deg is None:
             return None
         nearest_deg = round(asked_deg * self._counts_per_deg) / self._counts_per_deg
+        # At an end rounding may leave the bank, where there is nothing to interpolate.
         return nearest_deg if nearest_deg in self._limits else asked_deg
 
     def tell(self, sample: Sample) -> None:
@@ -107,6 +108,7 @@ def searched(
     """
     samples: list[Sample] = []
     for event in run(policy, scanner, stay=stay, dark_frames=dark_frames):
+        # Without the confirmation at the end, which is not one of the paper's acquisitions.
         if isinstance(event, Measured) and event.role == "search":
             samples.append(event.sample)
         elif isinstance(event, Finished):

@@ -118,6 +118,7 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
         policy = published(name, acquisitions=max(BRACKET_ACQUISITIONS), limits=limits)
         samples, _ = searched(OnEncoderCounts(policy, limits=limits), rig.scanner)
         answers += [(name, count, angle_deg) for count, angle_deg in shorter(name, samples, limits=limits)]
+    # The steps of WA depend on N, so that each N is a search of its own.
     for count in AVERAGE_ACQUISITIONS:
         policy = published("WA", acquisitions=count, limits=limits)
         _, finished = searched(OnEncoderCounts(policy, limits=limits), rig.scanner)
@@ -187,6 +188,7 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
     for group, found in groups.items():
         from_maximum = errors_of(abs(each.angle_deg - each.maximum_deg) for each in found)
         rows.append((*group, *errors[group].cells, from_maximum.mean_deg, from_maximum.sd_deg))
+    # A user's own bank is of another material, to which none of the paper's numbers belongs.
     comparisons = [
         compared(f"table1/{name}/{material}", errors[material, level_db, name, 16], condition=f"{level_db:g} dB")
         for material in MATERIALS
@@ -259,6 +261,7 @@ def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:
 
 def _draw(errors: dict[_Group, Errors]) -> Figure:
     places = list(dict.fromkeys((level_db, material) for material, level_db, _, _ in errors))
+    # By noise first: each noise has a row of panels, one for each material.
     places.sort(key=lambda place: place[0] or 0.0)
     is_simulated = places[0][0] is not None
     figure, panels = panel_grid(

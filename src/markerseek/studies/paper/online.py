@@ -93,7 +93,7 @@ class OnlineSearch:
         return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
 
     def error_deg(self, acquisitions: int) -> float:
-        """Absolute error of the answer after so many acquisitions, in degrees."""
+        """Absolute error of the answer after this number of acquisitions, in degrees."""
         return abs(self.answers_deg[acquisitions] - self.truth_deg)
 
 
@@ -143,6 +143,7 @@ def _search(job: _Job) -> OnlineSearch:
     if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so that there is no error")
     bracket = job.method in BRACKETS
+    # TS and GSS with the largest N only: it contains the shorter searches.
     policy = published(
         job.method, acquisitions=max(BRACKET_ACQUISITIONS) if bracket else ONLINE_STEPS, early_end=not bracket
     )

@@ -94,6 +94,7 @@ def fig8(searches: Sequence[OnlineSearch]) -> Section:
     searches
         Of `online_searches`.
     """
+    # The lowest noise: the tracks then show the rule of the method, not chance.
     level_db = max(levels_of(searches))
     first = [each for each in searches if each.repeat == 0 and each.method in BRACKETS and each.peak_snr_db == level_db]
     return Section(

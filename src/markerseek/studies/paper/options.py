@@ -67,6 +67,7 @@ class RunOptions:
         stage
             What is done, in words.
         """
+        # Results come as they are ready, and are sorted: tables must not depend on the number of processes.
         results: dict[int, Done] = {}
         self.progress(stage, 0, len(jobs))
         for number, result in on_processes(function, jobs, workers=min(self.workers, max(1, len(jobs)))):

@@ -74,7 +74,7 @@ def paper_number(key: str) -> PaperNumber:
         If there is none.
     """
     if key not in PAPER_NUMBERS:
-        raise ConfigError(f"printed: {key!r} is no number of the paper; the keys are: {', '.join(PAPER_NUMBERS)}")
+        raise ConfigError(f"printed: {key!r} is not a number of the paper; the keys are: {', '.join(PAPER_NUMBERS)}")
     return PAPER_NUMBERS[key]
 
 

@@ -109,6 +109,7 @@ def shown(cell: Cell) -> str:
     if cell is None:
         return ""
     if isinstance(cell, float):
+        # Three digits of 1234.5 would be "1.23e+03".
         return f"{cell:.0f}" if abs(cell) >= 100 else f"{cell:.3g}"
     return str(cell)
 
@@ -126,6 +127,7 @@ def _write_csv(table: Table, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+            # The default of the csv module is CRLF, on every system.
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(table.columns)
             writer.writerows(table.rows)

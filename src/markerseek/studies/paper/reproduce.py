@@ -82,4 +82,5 @@ class Reproduction:
                 raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(makers)}, all")
             if self._own_bank is not None and name not in OFFLINE:
                 raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
+        # Not `yield`: the names are checked at the call, before the first section takes its minutes.
         return (makers[name]() for name in names)

@@ -114,7 +114,7 @@ def errors_of(errors_deg: Iterable[float]) -> Errors:
     """Summary of the absolute errors of one search or more, in degrees."""
     errors = np.array(list(errors_deg))
     if errors.size == 0:
-        raise ConfigError("errors: there is no search to summarise; run one at least")
+        raise ConfigError("errors: there is no search to summarise; run at least one")
     moments = Moments.of(errors.tolist())
     interval = moments.interval
     return Errors(

@@ -73,4 +73,5 @@ def _drawn_half(errors: Errors) -> float:
     """Half the interval. A logarithmic scale ends above 0; the interval of fewer than five searches means nothing."""
     if errors.half_deg is None or errors.count < 5:
         return 0.0
+    # Errors are positive: below 0.05 of the mean a logarithmic axis would show the bar and little else.
     return min(errors.half_deg, 0.95 * errors.mean_deg)

@@ -91,7 +91,7 @@ class _Mean:
         sd = float(np.std(values, ddof=1))
         return cls(value=float(np.mean(values)), sd=sd, half=1.96 * sd / float(np.sqrt(len(values))))
 
-    def beside(self, key: str, condition: str) -> Comparison:
+    def compared_with(self, key: str, condition: str) -> Comparison:
         return Comparison(paper=paper_number(key), ours=self.value, sd=self.sd, half=self.half, condition=condition)
 
 
@@ -154,6 +154,7 @@ def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
     low_deg = PAPER_RANGE.low_deg
     orders: dict[str, Callable[[list[float]], list[float]]] = {"as printed": lambda track: track}
     if name in BRACKETS:
+        # WA has no pairs: its sweep is the shortest way already.
         orders["shortest order"] = partial(shortest_order, start_deg=low_deg)
     ways = []
     for order, ordered in orders.items():
@@ -174,13 +175,15 @@ def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
 
 def _comparisons(ways: Sequence[_Way]) -> tuple[Comparison, ...]:
     bracket = [way for way in ways if way.name in BRACKETS]
-    comparisons = [way.travel.beside(f"travel/{way.name}", f"{way.name}, {way.order}, {way.start}") for way in bracket]
+    comparisons = [
+        way.travel.compared_with(f"travel/{way.name}", f"{way.name}, {way.order}, {way.start}") for way in bracket
+    ]
     for way in bracket:
         if (way.order, way.start) == ("as printed", "from the first angle"):
             # The shorter of the paper's two times is that of its shorter travel.
             key = "travel/high" if way.name == "TS" else "travel/low"
-            comparisons.append(way.rotation.beside(key, f"{way.name}, 10°/s"))
-            comparisons.append(way.fastest.beside(key, f"{way.name}, 25°/s"))
+            comparisons.append(way.rotation.compared_with(key, f"{way.name}, 10°/s"))
+            comparisons.append(way.fastest.compared_with(key, f"{way.name}, 25°/s"))
     return tuple(comparisons)
 
 

@@ -77,9 +77,11 @@ def _average(acquire: Callable[[float], float]) -> float:
     angles = equal_steps(PAPER_RANGE, acquisitions=ONLINE_STEPS)
     for angle_deg in angles:
         measured.append(acquire(float(angle_deg)))
+        # The early end of the online analysis: two samples in a row are below the threshold.
         if len(measured) > 2 and max(measured[-2:]) < THRESHOLD * max(measured):
             break
     intensity = np.array(measured)
     weight = np.where(intensity < THRESHOLD * np.max(intensity), 0.0, intensity)
+    # NaN is not equal to 0, and makes the average NaN: no angle.
     total = float(weight.sum())
     return float(weight @ angles[: len(measured)]) / total if total != 0 else math.nan
