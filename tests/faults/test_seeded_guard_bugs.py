@@ -178,8 +178,8 @@ GUARD_BUGS = {
     ),
     "a permit that holds anywhere": Bug(
         where="guard.machine:Guard.redeem",
-        old="- permit.angle_deg",
-        new="- angle_deg",
+        old="self._require_at(permit.angle_deg, ",
+        new="self._require_at(angle_deg, ",
         check=a_permit_holds_at_its_angle,
     ),
     "FAULT alone forbids, MOVING does not": Bug(
@@ -199,8 +199,8 @@ GUARD_BUGS = {
     ),
     "arming leaves FAULT": Bug(
         where="guard.machine:Guard.arm",
-        old="State.DISARMED, State.ARMED)",
-        new="State.DISARMED, State.ARMED, State.FAULT)",
+        old="State.DISARMED, State.ARMED, ",
+        new="State.DISARMED, State.ARMED, State.FAULT, ",
         check=only_a_person_leaves_fault,
     ),
     "a device's error swallowed by the state": Bug(

@@ -19,7 +19,7 @@ BAUD: Final = 115200
 PARITY: Final = "E"
 """Its parity bit: even."""
 
-FAREWELL = b"laseroff\r"
+SAFE_COMMAND = b"laseroff\r"
 """What switches it off."""
 
 _ANSWER_S = 1.0
@@ -89,7 +89,7 @@ class PicolasLaser:
         except BaseException:
             # Where even this cannot be sent, the supervisor says it; what went wrong first is what matters.
             with suppress(NotConnectedError):
-                self._port.write(FAREWELL)
+                self._port.write(SAFE_COMMAND)
             raise
         return permit.pulses
 
