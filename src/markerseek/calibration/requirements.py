@@ -12,7 +12,7 @@ LEAST_ANGLES = 8
 """Fewest angles that receive the source well."""
 
 BESIDE = 2
-"""Of these, angles on each side of the strongest."""
+"""Fewest of these angles on each side of the strongest."""
 
 RECEIVED_RATIO = 8.0
 """Intensity over the noise from which a source is received well."""
@@ -21,19 +21,19 @@ _CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of
 
 
 def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
-    """Refuse a scan whose intensities alone show that it calibrates nothing.
+    """Refuse a scan whose intensities alone show that it cannot be used for calibration.
 
     Parameters
     ----------
     samples
         One for each angle, in the order of the angles.
     saturated_limit
-        Largest share of saturated channels at the strongest angle.
+        Largest share of saturated channels at the strongest angle; clipping changes the shape of the wave.
 
     Raises
     ------
     SearchError
-        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message says the cure.
+        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message names the cure.
     """
     if len(samples) < LEAST_ANGLES:
         raise SearchError(

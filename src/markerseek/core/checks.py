@@ -16,17 +16,17 @@ def require_range(
     Parameters
     ----------
     name
-        What it is, with what it belongs to: "stage: zero_deg".
+        Name of the argument with its owner: "stage: zero_deg".
     value
         The number.
     low, high
         The limits, both included; infinity for none.
     unit
-        Unit of the three.
+        Unit of the value and the limits.
     open_low
         Whether the lower limit itself is outside.
     cure
-        What to do about it, where the limits do not say so.
+        What to do about it, where that is not clear from the limits.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a receiver hands over: one acquisition, of one of two kinds, under one header."""
+"""Frames: the data of one acquisition, as channel data or as one intensity, with a header."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING or CHECKED:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameHeader:
-    """When, where and by whose leave a frame was taken.
+    """Time, angle and permit of a frame.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ChannelFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingFrame:
-    """A frame that somebody else has already reduced to one intensity (a row of a CSV).
+    """A frame that another program has already reduced to one intensity (a row of a CSV).
 
     Attributes
     ----------

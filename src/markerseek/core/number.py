@@ -1,4 +1,4 @@
-"""Which values are numbers: limits are checked against these, so that text, NaN or a complex number never passes."""
+"""Checks of what counts as a number, so that text, NaN or a complex number never passes a limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Questions to a Thorlabs controller and their answers, with a deadline."""
+"""Requests to a Thorlabs controller and their answers, with a deadline."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _READ_BYTES = 4096
 class AptLine:
     """A line to one controller.
 
-    APT numbers neither questions nor answers. What has arrived before a question is dropped, so an answer is only as
-    old as it was long on its way; and where none comes within the age allowed, even a late one is not waited for.
+    APT numbers neither requests nor answers. What arrived before a request is dropped, so that an answer is no older
+    than its request; where none comes within the age allowed, a late one is not waited for.
 
     Parameters
     ----------
@@ -26,14 +26,14 @@ class AptLine:
     clock
         Time; all waiting is done on it.
     answer_s
-        How long an answer may take before the question is asked again, in seconds.
+        How long an answer may take before the request is repeated, in seconds.
     age_s
         How old an answer may be, in seconds: after that, silence is an error.
 
     Attributes
     ----------
     answer_s
-        As above.
+        The parameter.
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
@@ -44,20 +44,20 @@ class AptLine:
         self._framer = AptFramer()
 
     def send(self, message: bytes) -> None:
-        """Say something that has no answer."""
+        """Send a message that has no answer."""
         self._port.write(message)
 
     def ask(self, question: bytes, ident: int, kind: type[_AnswerT]) -> _AnswerT:
-        """Answer to a question.
+        """Send a request and return its answer.
 
         Parameters
         ----------
         question
-            The message that asks.
+            The request.
         ident
             Identity of the message that answers.
         kind
-            What that says.
+            Type of its content.
 
         Raises
         ------
@@ -76,14 +76,14 @@ class AptLine:
                 if not self._clock.now_s() < again_s:
                     break
                 self._clock.wait(_POLL_S)
-            # What has begun to arrive and did not end is garbled: its end would swallow the next answer.
+            # A message that began and did not end is garbled: its missing bytes would be taken from the next answer.
             self._framer.forget()
         raise DeviceTimeoutError(
             f"the stage's controller gave no answer in {self._age_s:g} s; check its cable and its power"
         )
 
     def close(self) -> None:
-        """Let go of the line; allowed twice."""
+        """Close the line; allowed twice."""
         self._port.close()
 
     def _take(self, ident: int) -> apt.Answer | None:
@@ -94,5 +94,6 @@ class AptLine:
                 try:
                     taken = apt.decode(message)
                 except DeviceError:
+                    # APT has no checksum: a damaged answer is dropped, and the request is repeated.
                     continue
         return taken

@@ -27,7 +27,7 @@ from markerseek.sim import SimulatedSettings, VirtualClock, World
 _TICK_S = 2e-3
 
 _HELD_UP_S = 0.02
-"""Longest time between two ticks that counts, in seconds: more is a pause of the computer, not of the devices."""
+"""Longest time between two ticks that counts, in seconds: the rest is a pause of the computer, not of the devices."""
 
 
 class EmulatedBench:
@@ -67,7 +67,7 @@ class EmulatedBench:
             start_deg=settings.start_deg,
             rng=rng,
         )
-        # Children of the generator: what differs from pulse to pulse must not change the next draws of the world.
+        # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise = rng.spawn(2)
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise

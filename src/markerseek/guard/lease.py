@@ -28,7 +28,7 @@ class Lease:
         return self._ends_s
 
     def hold(self, *, now_s: float) -> None:
-        """Require steps from now on; a lease held already is not renewed. One held at a time that is no number has lapsed."""
+        """Require steps from now on; renews no lease held already. One held at a time that is no number has lapsed."""
         if self._ends_s is None:
             self._ends_s = (now_s if is_finite(now_s) else -math.inf) + self._period_s
 

@@ -24,7 +24,7 @@ from markerseek.guard.permits import FiringLimits, Permits
 
 
 class State(Enum):
-    """State of a rig: DISARMED may do nothing, ARMED may begin a step, MOVING and FIRING are steps, FAULT needs a person."""
+    """State of a rig: DISARMED does nothing, ARMED begins steps, MOVING and FIRING are steps, FAULT needs a reset."""
 
     DISARMED = "disarmed"
     ARMED = "armed"
