@@ -164,6 +164,7 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     fit = min(fits, key=lambda each: float(each.cost))
     sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
     value = {name: Value(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
+    # The interval of the face radius is widened: its error does not fall with the number of frames.
     face = value["face_mm"]
     left = _residual(fit.x, waves, plane, height, weighted=False)
     return Geometry(

@@ -41,6 +41,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
             f"{_CURE}"
         )
     intensity = np.array([sample.reading.intensity for sample in samples])
+    # Exactly equal: noise alone makes any two real intensities differ.
     if np.ptp(intensity) == 0:
         raise SearchError(
             f"the intensity is {intensity[0]:.4g} at every one of {len(samples)} angles, so that nothing turned or "
@@ -59,6 +60,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
             f"the source is strongest at {strongest.angle_deg:g} deg, at an end of the scan from "
             f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
         )
+    # Only the strongest: it is the first to clip, and its wave is the template of the fit.
     clipped = strongest.reading.saturated_fraction
     if clipped is not None and not clipped <= saturated_limit:
         raise SearchError(

@@ -36,6 +36,7 @@ def require_range(
     # True would pass as 1, and text would end in a TypeError without the name of the argument.
     if is_real(value) and (low < value if open_low else low <= value) and value <= high:
         return
+    # {:g} for the limits, which are round; the value in full, or 1.0000001 would read as 1.
     after = f" {unit}" if unit else ""
     allowed = f"{'(' if open_low else '['}{low:g}, {high:g}{')' if math.isinf(high) else ']'}{after}"
     raise ConfigError(f"{name} is {value}{after}, it must lie in {allowed}" + (f"; {cure}" if cure else ""))

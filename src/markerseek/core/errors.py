@@ -31,6 +31,7 @@ class MarkerseekError(Exception):
     exit_code: ClassVar[int] = 1
 
 
+# Also a ValueError: callers of the library expect that for a wrong argument.
 class ConfigError(MarkerseekError, ValueError):
     """An argument, an option or a rig file holds something that cannot be used."""
 
@@ -85,5 +86,6 @@ class AcquisitionError(DeviceError):
     """A frame was refused, or none came."""
 
 
+# A class of its own: `run` repeats a refused acquisition, and repeating this one cannot help.
 class SaturationError(AcquisitionError):
     """A frame is at full scale: the same acquisition would give the same."""

@@ -91,4 +91,5 @@ class Unsure:
     floor: Floor | None = None
 
 
+# A union and no base class: a match statement over it is checked for missing cases by mypy.
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure

@@ -113,4 +113,5 @@ class Failed:
     error: Exception
 
 
+# A union and no base class, as for `Estimate`.
 Event: TypeAlias = Started | Asked | Measured | Refused | Finished | Failed

@@ -43,6 +43,7 @@ class FrameHeader:
     angle_after_deg: float | None = None
 
 
+# eq=False: comparing arrays gives an array, so that == of two frames would raise.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChannelFrame:
     """Channel data of one acquisition, before beamforming.
@@ -62,6 +63,7 @@ class ChannelFrame:
     sampling_hz: float
 
     def __post_init__(self) -> None:
+        # At run time too: the samples come from drivers and files that other people write.
         if self.samples.ndim != 2 or self.samples.dtype != "int16":
             raise ConfigError(
                 f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, "

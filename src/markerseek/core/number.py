@@ -23,4 +23,5 @@ def is_finite(value: object) -> TypeGuard[float]:
 
 def is_whole(value: object) -> TypeGuard[int]:
     """Whether a value is a whole number, of Python or NumPy; 16.0 and a truth value are not."""
+    # Integral and not int: counts that come from NumPy arrays are np.int64.
     return isinstance(value, Integral) and not isinstance(value, bool)

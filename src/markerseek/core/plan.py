@@ -54,6 +54,7 @@ class SearchPlan:
     closing_dark: bool = False
 
     def __post_init__(self) -> None:
+        # Checked before any device is opened: a plan comes from a command line or a page.
         number = self.acquisitions
         if number is not None and not (is_whole(number) and 0 <= number <= MOST_ACQUISITIONS):
             raise ConfigError(

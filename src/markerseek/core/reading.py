@@ -73,4 +73,5 @@ class Sample:
     angle_deg: float
     reading: Reading
     dark: bool = False
+    # Left out of repr and ==: channel data are large, and samples of a replay must equal those of the run.
     frame: Frame | None = field(default=None, repr=False, compare=False)

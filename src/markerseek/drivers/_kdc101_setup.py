@@ -114,6 +114,7 @@ def _require_ready(status: apt.Status) -> None:
         raise MoveError(f"the stage reports: {', '.join(status.faults)}; switch it off and on, and home it")
     if status.moving or status.homing:
         raise MoveError("the stage is moving; wait until it stands, and end other programs that use it")
+    # Never homed from here: homing ignores the soft limits.
     if not status.homed:
         raise MoveError(
             "the stage has not been homed since it was switched on and does not know its angle; homing turns it up to "
@@ -125,6 +126,7 @@ def _require_ready(status: apt.Status) -> None:
 def _write(line: AptLine, name: str, value: _ValueT, messages: bytes, ident: int) -> None:
     """Write a parameter and read it back, more than once if bytes get lost."""
     for _ in range(_TRIES):
+        # Written and requested together: whichever is lost, both are sent again.
         read = line.ask(messages, ident, type(value))
         if read == value:
             return

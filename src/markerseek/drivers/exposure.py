@@ -25,6 +25,7 @@ def correction_c_a(wavelength_nm: float) -> float:
 def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
     """Most radiant exposure of skin in J/m² by a pulse, or by a train as a whole; `ConfigError` below 1 ns."""
     c_a = correction_c_a(wavelength_nm)
+    # Below 1 ns the limits are those of peak irradiance, which are not computed here.
     if not 1e-9 <= duration_s < math.inf:
         raise ConfigError(f"exposure: a duration of {duration_s} s, the limits hold from 1 ns on")
     # Skin limits of ICNIRP 2013 by duration: 200 C_A J/m², 1.1e4 C_A t^0.25 J/m², 2e3 C_A W/m².

@@ -117,6 +117,7 @@ class LaserBox:
         left_s = permit.expires_s - self._clock.now_s()
         triggers = permit.pulses or self._dark_triggers
         needed_s = triggers / self._rate_hz
+        # Refused here: the box would cut the train at the expiry, after pulses on the skin that no frame uses.
         if not left_s >= needed_s:
             raise LaserError(
                 f"laser box: the permit {permit.token!r} is good for {left_s:.2f} s more and its pulses take "
@@ -150,6 +151,7 @@ class LaserBox:
         DeviceTimeoutError
             If the box does not confirm it.
         """
+        # Beats end first, also if the line fails now: without a permit there is no lease to renew.
         self._holds_permit = False
         self._port.write(wire.encode(wire.Disarm()))
         self._skip_to(_answers_disarm, after="DISARM")
@@ -207,6 +209,7 @@ class LaserBox:
             token=self._token,
             pulses=pulses,
             rate_hz=self._rate_hz,
+            # Rounded down: the box's expiry must not be later than the permit's.
             expiry_ms=math.floor(min(1e3 * expiry_s, wire.MOST_EXPIRY_MS)),
             triggers=triggers,
         )

@@ -79,6 +79,7 @@ class PicolasLaser:
         if not permit.expires_s - self._clock.now_s() >= needed_s:
             raise LaserError(f"picolas: the permit {permit.token!r} ends before its pulses do; nothing was fired")
         self._used.add(permit.token)
+        # Not sent: whether this device takes 0 shots as none or as without end is not known.
         if permit.pulses == 0:
             return 0
         try:

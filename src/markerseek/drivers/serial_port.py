@@ -104,6 +104,7 @@ class SerialPort:
         self.close()
 
     def _shake_hands(self) -> None:
+        # Set after opening: a port without these lines refuses them, and would otherwise not open at all.
         try:
             self._line.rts = True
             self._line.rtscts = True

@@ -207,6 +207,7 @@ class BenchSettings:
                 f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
                 "limits.travel, or shorten stage.approach_deg"
             )
+        # Nothing else would switch that laser off when the search is killed.
         if self.laser.driver == "picolas" and not self.supervisor.enabled:
             raise ConfigError(
                 "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; keep it enabled"
@@ -221,4 +222,5 @@ class BenchSettings:
         usual = self.laser.pulses
         if self.receiver.frames == "fixed":
             return (usual,)
+        # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)

@@ -11,6 +11,7 @@ from markerseek.emulators._prm1z8 import Prm1z8
 from markerseek.sim import Fault
 from markerseek.wire import apt
 
+# MGMSG_MOT_MOVE_COMPLETED, _MOVE_STOPPED and _MOVE_HOMED of the APT protocol.
 COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444
 """Messages at the end of a move, after a stop, and at home."""
 
@@ -33,6 +34,7 @@ POWER_UP: Mapping[int, bytes] = {
 }
 """Parameters after a loss of power: twice the usual speed, no limits, and a backlash correction of 1 deg."""
 
+# Status bits of MGMSG_MOT_GET_STATUSBITS in the APT protocol.
 _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
     *(0x10, 0x20, 0x100, 0x200, 0x400, 0x4000),
     0x80000000,
@@ -55,6 +57,7 @@ class Parameters:
         _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
         _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
         return cls(
+            # Never 0: a driver may set speed 0, and the motor's equations divide by speed and acceleration.
             speed_deg_s=max(speed / apt.SPEED_WORD, 1e-6),
             acceleration_deg_s2=max(acceleration / apt.ACCELERATION_WORD, 1e-3),
             home_speed_deg_s=max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6),
@@ -172,6 +175,7 @@ class MotionControl:
     def go_home(self) -> None:
         """Turn down to the home switch; as in the device, soft limits do not apply."""
         self.moves += 1
+        # Not homed until it reaches the switch, as the device reports it: a homing that was stopped must show.
         self._homing, self._homed = True, False
         self._pending = self._then_deg = None
         self._motor.target_deg = 360.0 * math.floor(self._motor.angle_deg / 360.0)

@@ -57,6 +57,7 @@ class Motor:
             self.angle_deg += self.speed_deg_s * step_s + acceleration * step_s**2 / 2
             self.speed_deg_s += acceleration * step_s
             left_s -= step_s
+            # Checked at the end of a phase only: within one the speed keeps its sign, so its end is the farthest point.
             if not self.low_deg <= self.angle_deg <= self.high_deg:
                 self.angle_deg = min(max(self.angle_deg, self.low_deg), self.high_deg)
                 self.halt()

@@ -103,6 +103,7 @@ class BenchClock(VirtualClock):
         ends_s = self.now_s() + duration_s
         while (left_s := ends_s - self.now_s()) > 0:
             super().wait(min(self._tick_s, left_s))
+            # The order is kept: the laser box lights the world before the data acquisition reads it.
             for follower in self._followers:
                 follower(self.now_s())
 
@@ -124,6 +125,7 @@ class ServingClock:
     def now_s(self) -> float:
         """Seconds since the clock was made, pauses left out."""
         now_s = self._clock.now_s()
+        # A pause of this process would look like a stage that jumps and a lease that lapses.
         self._now_s += min(now_s - self._last_s, _HELD_UP_S)
         self._last_s = now_s
         return self._now_s

@@ -123,6 +123,7 @@ class Kdc101Emulator:
 
     def advance(self, now_s: float) -> bytes:
         """Advance to that time, and return what the controller sends by itself."""
+        # Most calls come twice at one time (a poll before each write); without faults nothing can have changed.
         if now_s == self._now_s and not self._faults and not self._updates:
             return self._out()
         if self._fault("power cycle") and not self._power_cycled:
@@ -138,6 +139,7 @@ class Kdc101Emulator:
     def feed(self, data: bytes) -> bytes:
         """Receive bytes, and return the immediate answer."""
         for message in self._framer.feed(self._line.to_device(data, now_s=self._now_s)):
+            # The device ignores messages that it does not know, without an answer.
             handler = self._handlers.get(message.ident)
             if handler is not None:
                 handler(message)

@@ -133,10 +133,12 @@ class EmulatedLaserBox:
 
     def advance(self, now_s: float) -> bytes:
         """Advance to that time in seconds, and return the bytes sent; an earlier time changes nothing."""
+        # Whole microseconds, as the firmware counts: sums of float seconds would depend on the size of the steps.
         until_us = max(self._now_us, round(now_s * 1e6))
         while (turn_us := self._next_turn_us()) <= until_us:
             self._now_us = turn_us
             self._turn()
+        # One more turn at the end, so that light due since the last whole turn is counted now.
         self._now_us = until_us
         self._turn()
         return self._take()

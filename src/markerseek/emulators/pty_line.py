@@ -75,6 +75,7 @@ class PtyLine:
         self._outbox += self._device.advance(self._clock.now_s())
         if arrived:
             self._outbox += self._device.feed(os.read(self._ours, 4096))
+        # A full pty would block the loop that serves the other devices too.
         del self._outbox[_UNREAD_LIMIT:]
         if self._outbox:
             try:

@@ -24,6 +24,7 @@ from markerseek.wire import sonixdaq as wire
 _SPREAD_COUNTS = 8
 """Most counts by which a single pulse differs from the average."""
 
+# 12-bit converter, signed.
 _FULL_SCALE = 2047
 
 
@@ -168,6 +169,7 @@ class EmulatedSonixDaq:
 
         It may be called from another thread than `trigger`.
         """
+        # Never backwards: the files run in a thread of their own, at a time that they read themselves.
         self._now_s = max(self._now_s, now_s)
         while self._triggered:
             self._take_up(self._triggered.popleft())

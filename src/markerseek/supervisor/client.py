@@ -170,6 +170,7 @@ class Supervisor:
         try:
             self._process.wait(_ANSWER_S)
         except subprocess.TimeoutExpired:
+            # The closed socket ends a healthy supervisor; one that hangs holds the lines against the next search.
             self._process.kill()
             self._process.wait()
         self._starter.shutdown()
@@ -227,6 +228,7 @@ class Supervisor:
                 if ended or not select.select([self._socket], [], [], timeout_s)[0]:
                     break
                 data = self._socket.recv(_CHUNK)
+                # Messages that came before the end are read first: they say why the supervisor ended.
                 ended = not data
                 self._received += data
                 timeout_s = 0.0

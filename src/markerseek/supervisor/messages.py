@@ -19,6 +19,7 @@ from enum import IntEnum
 
 from markerseek.core import DeviceError
 
+# Kind, line and length, big-endian. The two ends are the same program, so that no version is sent.
 _HEAD = struct.Struct(">BBH")
 _STEP = struct.Struct(">Q")
 
@@ -29,6 +30,7 @@ MOST_BYTES = 4096
 class Kind(IntEnum):
     """Kind of a message."""
 
+    # ASCII initials, for reading a trace: W, A, H, B, R; D, O(pen), L, F.
     WRITE = 0x57
     ARM = 0x41
     HOLD = 0x48
@@ -94,6 +96,7 @@ def unpacked(buffer: bytearray) -> Iterator[tuple[Kind, int, bytes]]:
     while len(buffer) >= _HEAD.size:
         number, line, size = _HEAD.unpack_from(buffer)
         kind = _KINDS.get(number)
+        # A stream that is out of step cannot be trusted again: either end gives up.
         if kind is None or size > MOST_BYTES:
             raise DeviceError(f"supervisor: {bytes(buffer[: _HEAD.size]).hex(' ')} is no message")
         if len(buffer) < _HEAD.size + size:

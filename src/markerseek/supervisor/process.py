@@ -64,6 +64,7 @@ class _HeldLine:
         while self._unsent and not self.gone:
             message = self._unsent[0]
             try:
+                # May send a part; its rest must follow before any other message.
                 sent = os.write(self.fd, message)
             except BlockingIOError:
                 return
@@ -219,15 +220,18 @@ class SupervisorProcess:
             return
         line.flush()
         data = line.read() if reading else b""
+        # Dropped when the control process does not read: relaying must never wait for it.
         if data and len(self._unread) < _MOST_UNREAD:
             self._send(packed(Kind.DATA, data, line=self._lines.index(line)))
         if line.gone:
+            # One dead line releases all lines: a search without its stage or its laser must end.
             self._release_lines(f"the line {line.name!r} is gone")
 
     def _release_lines(self, reason: str) -> None:
         """Send every safe command, and refuse writes until a person arms again."""
         for line in self._lines:
             line.release()
+        # Latched until ARM: a loop that wakes up late must not go on firing as if nothing had happened.
         self._lease.release()
         self._lapsed = True
         self._send(packed(Kind.LAPSED, reason.encode()))

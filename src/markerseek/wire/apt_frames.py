@@ -126,6 +126,7 @@ class AptFramer:
 
     def forget(self) -> None:
         """Drop the beginning of a message whose rest did not come."""
+        # Counted, since bytes that fit no message show a bad cable or another program.
         self.discarded += len(self._held)
         self._held.clear()
 

@@ -121,6 +121,7 @@ def encode_file(samples: Int16[np.ndarray, "frames samples"], *, number: int | N
 
 def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames samples"]:
     """Samples of a channel file, one row per pulse, from the bytes after the header."""
+    # astype without a copy where the computer is little-endian, as nearly all are.
     return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
 
 
