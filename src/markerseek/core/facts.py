@@ -71,5 +71,5 @@ class RigFacts:
 
     @property
     def known_deg(self) -> float | None:
-        """Angle of the marker in degrees, from the simulation or else from elsewhere; None where nobody knows it."""
+        """Angle of the marker in degrees, true in a simulation, else the reference; None if neither is known."""
         return self.reference_deg if self.truth_deg is None else self.truth_deg

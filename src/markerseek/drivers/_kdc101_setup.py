@@ -84,7 +84,7 @@ def set_up(
     _require_ready(status)
     if not abs(status.position) <= _MOST_COUNTS:
         raise MoveError(
-            f"the stage says that it stands at {status.position} counts, more than a thousand turns from home; switch "
+            f"the stage reads {status.position} counts, more than a thousand turns from home; switch "
             "it off and on, and home it with the probe outside the patient"
         )
     # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
@@ -96,9 +96,9 @@ def set_up(
     low, high = math.ceil(low_deg * apt.COUNTS_PER_DEG), math.floor(high_deg * apt.COUNTS_PER_DEG)
     limits = apt.SoftLimits(low=zero + low, high=zero + high)
     if not limits.low <= status.position <= limits.high:
-        stands_deg = sense * apt.degrees_of(status.position - zero)
+        angle_deg = sense * apt.degrees_of(status.position - zero)
         raise LimitError(
-            f"the stage stands at {stands_deg:.2f} deg, outside its travel {travel}; with the probe outside the "
+            f"the stage is at {angle_deg:.2f} deg, outside its travel {travel}; with the probe outside the "
             "patient, turn it back by the controller's wheel, or correct zero_deg or direction"
         )
     # The driver approaches from one side itself: the controller's own overshoot could leave the travel range.
@@ -113,7 +113,7 @@ def _require_ready(status: apt.Status) -> None:
     if status.faults:
         raise MoveError(f"the stage reports: {', '.join(status.faults)}; switch it off and on, and home it")
     if status.moving or status.homing:
-        raise MoveError("the stage is moving; wait until it stands, and end other programs that use it")
+        raise MoveError("the stage is moving; wait until it is at rest, and end other programs that use it")
     # Never homed from here: homing ignores the soft limits.
     if not status.homed:
         raise MoveError(

@@ -82,7 +82,7 @@ class DaqFolder:
         Raises
         ------
         AcquisitionError
-            If the files are not one acquisition of so many pulses.
+            If the files are not one acquisition of that many pulses.
         """
         averaged: list[Int16[np.ndarray, " samples"]] = [np.empty(0, np.int16)] * wire.CHANNELS
         first: wire.DaqHeader | None = None
@@ -166,7 +166,7 @@ def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wir
         )
     if header.channel is not None and header.channel != number:
         raise AcquisitionError(
-            f"sonixdaq: {name} says that it is channel {header.channel}; the files are out of order: take it again"
+            f"sonixdaq: {name} has channel {header.channel} in its header; the files are out of order: take it again"
         )
     if header.frames != pulses:
         raise AcquisitionError(

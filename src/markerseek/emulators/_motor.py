@@ -49,7 +49,7 @@ class Motor:
         self.target_deg = self.angle_deg
 
     def advance(self, duration_s: float) -> bool:
-        """Turn for that long; return whether it hit a limit and stands there."""
+        """Turn for that long; return whether it stopped at a limit."""
         left_s = duration_s
         self._note()
         for phase_s, acceleration in self._phases():

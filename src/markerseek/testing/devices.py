@@ -153,13 +153,13 @@ class ReceiverContract:
             previous = header.sequence
 
     def test_without_arming_there_is_no_frame(self) -> None:
-        """A receiver that nobody armed gives nothing."""
+        """A receiver that is not armed returns no frame."""
         receiver, _laser = self.make()
         try:
             receiver.acquire(_permit("never armed"))
         except AcquisitionError:
             return
-        raise AssertionError("the receiver gave a frame that nobody had armed it for")
+        raise AssertionError("the receiver returned a frame without being armed")
 
     def test_a_frame_is_handed_over_once(self) -> None:
         """The same acquisition asked for again is refused: it would be a duplicate."""
