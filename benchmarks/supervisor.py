@@ -1,7 +1,7 @@
-"""How soon a line hears its farewell: ``python -m benchmarks.supervisor [REPETITIONS]``.
+"""How soon a line receives its safe command: ``python -m benchmarks.supervisor [REPETITIONS]``.
 
 A control process that does nothing but beat is killed, or stopped, again and again; the far end of the line notes when
-the farewell comes. Promised (P2) are 10 ms after death, and the lease and 10 ms after a hang.
+the safe command comes. Promised (P2) are 10 ms after death, and the lease and 10 ms after a hang.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import msgspec
 from markerseek.supervisor import Line
 
 LEASE_S = 0.1
-FAREWELL = b"DISARM\n"
+SAFE_COMMAND = b"DISARM\n"
 BEATER = """
 import socket, struct, sys, time
 control = socket.socket(fileno=int(sys.argv[1]))
@@ -38,16 +38,16 @@ FLOODER = BEATER.replace("    print(flush=True)\n    time.sleep(0.01)\n", "    s
 
 
 def release_s(number: signal.Signals, program: str) -> tuple[float, float]:
-    """Seconds from a signal to the control process until its line hears the farewell, and from its death on.
+    """Seconds from a signal to the control process until its line receives the safe command, and from its death on.
 
     A killed process dies when the system gives it a turn to; the socket closes just before it is dead for others.
     """
     far, near = os.openpty()
     tty.setraw(near)
     ours, theirs = socket.socketpair()
-    line = Line(name="laser", path=os.ttyname(near), farewell=FAREWELL)
+    line = Line(name="laser", path=os.ttyname(near), safe_command=SAFE_COMMAND)
     orders = msgspec.json.encode({"lines": [line], "period_s": LEASE_S}).decode()
-    keeper = subprocess.Popen(
+    supervisor = subprocess.Popen(
         [sys.executable, "-m", "markerseek.supervisor", str(theirs.fileno()), orders], pass_fds=[theirs.fileno()]
     )
     _heard(far)
@@ -68,13 +68,13 @@ def release_s(number: signal.Signals, program: str) -> tuple[float, float]:
         for fd in select.select([far, death][: 2 if death not in happened_s else 1], [], [], 60)[0]:
             if fd == far:
                 data += os.read(far, 4096)
-            if fd == death or FAREWELL in data:
+            if fd == death or SAFE_COMMAND in data:
                 happened_s.setdefault(fd, time.monotonic())
     os.close(death)
     control.kill()
     control.wait()
     control.stdout.close()
-    keeper.wait()
+    supervisor.wait()
     os.close(far)
     os.close(near)
     return happened_s[far] - began_s, happened_s[far] - happened_s.get(death, began_s)
@@ -82,9 +82,9 @@ def release_s(number: signal.Signals, program: str) -> tuple[float, float]:
 
 def _heard(far: int) -> None:
     data = b""
-    while FAREWELL not in data:
+    while SAFE_COMMAND not in data:
         if not select.select([far], [], [], 60)[0]:
-            raise TimeoutError("no farewell within a minute")
+            raise TimeoutError("no safe command within a minute")
         data += os.read(far, 4096)
 
 
@@ -94,7 +94,7 @@ def main() -> None:
     with contextlib.suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(2))
     repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 50
-    print(f"milliseconds from the signal to the farewell, {repetitions} times each, lease {LEASE_S * 1e3:.0f} ms")
+    print(f"milliseconds from the signal to the safe command, {repetitions} times each, lease {LEASE_S * 1e3:.0f} ms")
     for what, number, program in (
         ("SIGKILL, beating", signal.SIGKILL, BEATER),
         ("SIGKILL, flooding", signal.SIGKILL, FLOODER),

@@ -96,8 +96,8 @@ def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) 
         tell = lines.tell_permit
         lines.tell_permit = lambda permit: (tell(permit), hang(permit))[0]
         trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
-        assert lines.hears_farewell(within_s=5.0)
-    assert "let go of the devices" in str(trace.raised)
+        assert lines.receives_safe_command(within_s=5.0)
+    assert "released the devices" in str(trace.raised)
     assert trace.guard.state is State.FAULT
     assert len(trace.told_permits) <= 5
     assert check(trace).broken == []

@@ -24,7 +24,7 @@ SUPERVISOR = """
 import os
 from markerseek.supervisor import Line, Supervisor
 far, near = os.openpty()
-with Supervisor(lines=[Line(name="laser", path=os.ttyname(near), farewell=b"DISARM")]) as supervisor:
+with Supervisor(lines=[Line(name="laser", path=os.ttyname(near), safe_command=b"DISARM")]) as supervisor:
     assert supervisor.pid
 print("done")
 """

@@ -36,7 +36,7 @@ from markerseek.drivers.laserbox import LaserBox
 from markerseek.supervisor import Line, Supervisor
 from markerseek.wire import laserbox as wire
 
-with Supervisor(lines=[Line(name="laser", path=sys.argv[1], farewell=wire.encode(wire.Disarm()))]) as supervisor:
+with Supervisor(lines=[Line(name="laser", path=sys.argv[1], safe_command=wire.encode(wire.Disarm()))]) as supervisor:
     clock = SystemClock(beat=supervisor.beat)
     box = LaserBox(port=supervisor.port("laser"), clock=clock, rate_hz=float(sys.argv[3]))
     supervisor.arm()

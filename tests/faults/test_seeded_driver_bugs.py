@@ -287,7 +287,7 @@ DRIVER_BUGS = {
         check=no_target_is_far_ahead,
     ),
     "an error that leaves the motor running": Bug(
-        where="drivers.kdc101:Kdc101Stage._let_go",
+        where="drivers.kdc101:Kdc101Stage._stop_after_error",
         old="self.stop()",
         new="pass",
         check=an_interrupted_move_is_stopped,

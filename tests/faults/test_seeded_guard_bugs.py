@@ -178,8 +178,8 @@ GUARD_BUGS = {
     ),
     "a permit that holds anywhere": Bug(
         where="guard.machine:Guard.redeem",
-        old="- permit.angle_deg",
-        new="- angle_deg",
+        old="self._require_at(permit.angle_deg, ",
+        new="self._require_at(angle_deg, ",
         check=a_permit_holds_at_its_angle,
     ),
     "FAULT alone forbids, MOVING does not": Bug(
@@ -199,12 +199,12 @@ GUARD_BUGS = {
     ),
     "arming leaves FAULT": Bug(
         where="guard.machine:Guard.arm",
-        old="State.DISARMED, State.ARMED)",
-        new="State.DISARMED, State.ARMED, State.FAULT)",
+        old="State.DISARMED, State.ARMED, ",
+        new="State.DISARMED, State.ARMED, State.FAULT, ",
         check=only_a_person_leaves_fault,
     ),
     "a device's error swallowed by the state": Bug(
-        where="scan.scanner:_Trusted.__exit__",
+        where="scan.scanner:_FaultOnError.__exit__",
         old='self._guard.fail(f"{type(error).__name__}: {error}")',
         new="pass",
         check=a_device_that_raises_is_a_fault,
@@ -222,7 +222,7 @@ GUARD_BUGS = {
         check=the_record_comes_before_the_policy,
     ),
     "a move and a firing without the lease": Bug(
-        where="scan.scanner:_Held.__enter__",
+        where="scan.scanner:_Leased.__enter__",
         old="self._dead_man.hold()",
         new="pass",
         check=devices_act_under_the_lease_alone,

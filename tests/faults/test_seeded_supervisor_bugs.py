@@ -23,7 +23,7 @@ from seeding import Bug, caught, seeded
 
 pytestmark = pytest.mark.real_time
 
-FAREWELL = b"DISARM\n"
+SAFE_COMMAND = b"DISARM\n"
 LEASE_S = 0.5
 SOON_S = 3.0
 
@@ -34,17 +34,17 @@ class Far:
     def __enter__(self) -> Far:
         self.fd, self.near = os.openpty()
         tty.setraw(self.near)
-        self.line = Line(name="laser", path=os.ttyname(self.near), farewell=FAREWELL)
+        self.line = Line(name="laser", path=os.ttyname(self.near), safe_command=SAFE_COMMAND)
         return self
 
     def __exit__(self, *_: object) -> None:
         os.close(self.fd)
         os.close(self.near)
 
-    def hears_farewell(self, *, within_s: float = SOON_S) -> bool:
+    def receives_safe_command(self, *, within_s: float = SOON_S) -> bool:
         data = b""
         ends_s = time.monotonic() + within_s
-        while FAREWELL not in data:
+        while SAFE_COMMAND not in data:
             if not select.select([self.fd], [], [], max(ends_s - time.monotonic(), 0.0))[0]:
                 return False
             data += os.read(self.fd, 4096)
@@ -90,26 +90,26 @@ def kept(far: Far) -> Iterator[subprocess.Popen[bytes]]:
 
 def a_line_is_silenced_at_the_start() -> None:
     with Far() as far, kept(far):
-        assert far.hears_farewell()
+        assert far.receives_safe_command()
 
 
 def a_line_is_silenced_after_death() -> None:
     with Far() as far, kept(far) as control:
-        far.hears_farewell(within_s=0.1)
+        far.receives_safe_command(within_s=0.1)
         control.kill()
-        assert far.hears_farewell()
+        assert far.receives_safe_command()
 
 
 def a_line_is_silenced_after_a_stop() -> None:
     with Far() as far, kept(far) as control:
-        far.hears_farewell(within_s=0.1)
+        far.receives_safe_command(within_s=0.1)
         control.send_signal(signal.SIGSTOP)
-        assert far.hears_farewell()
+        assert far.receives_safe_command()
 
 
 def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
     with Far() as far, Supervisor(lines=[far.line], period_s=LEASE_S) as supervisor:
-        assert far.hears_farewell()
+        assert far.receives_safe_command()
         over = threading.Event()
 
         def timer() -> None:
@@ -120,7 +120,7 @@ def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
         thread = threading.Thread(target=timer)
         supervisor.hold()
         thread.start()
-        heard = far.hears_farewell(within_s=5 * LEASE_S)
+        heard = far.receives_safe_command(within_s=5 * LEASE_S)
         over.set()
         thread.join()
         assert heard
@@ -134,19 +134,19 @@ SUPERVISOR_BUGS = {
         check=a_timer_cannot_stand_in_for_a_loop_that_hangs,
     ),
     "lines left as they were found": Bug(
-        where="supervisor.keeper:Keeper.__init__",
-        old="line.let_go()",
+        where="supervisor.process:SupervisorProcess.__init__",
+        old="line.release()",
         new="pass",
         check=a_line_is_silenced_at_the_start,
     ),
     "cleanup left to the control process": Bug(
-        where="supervisor.keeper:Keeper.run",
-        old='self._let_go("the supervisor ends")',
+        where="supervisor.process:SupervisorProcess.run",
+        old='self._release_lines("the supervisor ends")',
         new="pass",
         check=a_line_is_silenced_after_death,
     ),
     "a lease that nobody looks at": Bug(
-        where="supervisor.keeper:Keeper._turn",
+        where="supervisor.process:SupervisorProcess._turn",
         old="if ends_s is not None and self._lease.lapsed(now_s=now_s):",
         new="if False:",
         check=a_line_is_silenced_after_a_stop,

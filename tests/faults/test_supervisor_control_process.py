@@ -1,4 +1,4 @@
-"""The supervisor in real processes: whatever becomes of the control process, the lines hear their farewell."""
+"""The supervisor in real processes: however the control process ends, each line receives its safe command."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ CONTROL = """
 import os, sys, time
 from markerseek.supervisor import Line, Supervisor
 laser, stage, phase = sys.argv[1:]
-lines = [Line(name="laser", path=laser, farewell=b"DISARM*1234\\n"),
-         Line(name="stage", path=stage, farewell=bytes.fromhex("65 04 01 02 50 01"))]
+lines = [Line(name="laser", path=laser, safe_command=b"DISARM*1234\\n"),
+         Line(name="stage", path=stage, safe_command=bytes.fromhex("65 04 01 02 50 01"))]
 with Supervisor(lines=lines, period_s=0.2) as supervisor:
     port = supervisor.port("laser")
     if phase not in ("idle", "forked"):
@@ -80,7 +80,7 @@ def control(request: pytest.FixtureRequest, laser: Device, stage: Device) -> Ite
 
 
 @pytest.mark.parametrize("control", ["idle", "moving", "firing", "flood"], indirect=True)
-def test_after_sigkill_of_the_control_process_every_line_hears_its_farewell(
+def test_after_sigkill_of_the_control_process_every_line_receives_its_safe_command(
     control: Control, laser: Device, stage: Device
 ) -> None:
     control.process.kill()
@@ -110,7 +110,7 @@ def test_after_sigstop_the_lease_ends_and_nothing_passes_when_the_process_goes_o
     laser.heard(b"DISARM*1234\n", within_s=0.2 + SOON_S)
     stage.heard(STOP)
     control.process.send_signal(signal.SIGCONT)
-    # What it tries to write next is refused, and ends it; the end is one more farewell.
+    # What it tries to write next is refused, and ends it; the end is one more safe command.
     rest = laser.heard(b"DISARM*1234\n", within_s=5) if control.process.args[-1] == "firing" else b"DISARM*1234\n"  # type: ignore[index]
     assert rest == b"DISARM*1234\n"
 
@@ -126,7 +126,7 @@ def test_a_control_loop_that_hangs_at_full_speed_lets_the_lease_end(
 
 @pytest.mark.parametrize("control", ["idle"], indirect=True)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_supervisor_that_is_told_to_end_says_farewell_first(
+def test_a_supervisor_that_is_told_to_end_says_safe_command_first(
     control: Control, laser: Device, stage: Device, number: signal.Signals
 ) -> None:
     os.kill(control.supervisor_pid, number)
@@ -143,7 +143,7 @@ def test_ctrl_c_does_not_reach_the_supervisor_before_the_control_process(control
 
 def test_a_supervisor_whose_parent_died_before_it_could_ask_for_its_signal_ends_at_once(laser: Device) -> None:
     ours, theirs = socket.socketpair()
-    lines = [{"name": "laser", "path": laser.path, "farewell": b64encode(b"DISARM*1234\n").decode()}]
+    lines = [{"name": "laser", "path": laser.path, "safe_command": b64encode(b"DISARM*1234\n").decode()}]
     orders = json.dumps({"lines": lines, "period_s": 0.2, "parent": os.getpid() + 1_000_000_000})
     with ours, theirs:
         command = [sys.executable, "-P", "-m", "markerseek.supervisor", str(theirs.fileno()), orders]
@@ -154,12 +154,12 @@ def test_a_supervisor_whose_parent_died_before_it_could_ask_for_its_signal_ends_
 
 def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
     made: list[Supervisor] = []
-    line = Line(name="laser", path=laser.path, farewell=b"DISARM*1234\n")
+    line = Line(name="laser", path=laser.path, safe_command=b"DISARM*1234\n")
     thread = threading.Thread(target=lambda: made.append(Supervisor(lines=[line])))
     thread.start()
     thread.join()
     with made[0] as supervisor:
-        laser.heard(line.farewell)
+        laser.heard(line.safe_command)
         supervisor.arm()
         supervisor.port("laser").write(b"still there")
         laser.heard(b"still there")

@@ -22,14 +22,14 @@ serial = pytest.importorskip("serial")
 
 def lines(laser: Device, stage: Device) -> list[Line]:
     return [
-        Line(name="laser", path=laser.path, farewell=b"DISARM*1234\n"),
-        Line(name="stage", path=stage.path, farewell=bytes.fromhex("65 04 01 02 50 01"), rtscts=True),
+        Line(name="laser", path=laser.path, safe_command=b"DISARM*1234\n"),
+        Line(name="stage", path=stage.path, safe_command=bytes.fromhex("65 04 01 02 50 01"), rtscts=True),
     ]
 
 
 @pytest.fixture
 def held(laser: Device, stage: Device) -> Iterator[Supervisor]:
-    """A supervisor of two lines, whose first farewells have come."""
+    """A supervisor of two lines, whose first safe commands have come."""
     with Supervisor(lines=lines(laser, stage), period_s=0.4) as supervisor:
         laser.heard(b"DISARM*1234\n")
         stage.heard(STOP)
@@ -107,7 +107,7 @@ def test_the_beat_of_another_thread_is_refused(held: Supervisor, laser: Device) 
     laser.heard(b"DISARM*1234\n")
 
 
-def test_a_flood_to_a_line_that_does_not_drain_ends_in_a_farewell(held: Supervisor, laser: Device) -> None:
+def test_a_flood_to_a_line_that_does_not_drain_ends_in_a_safe_command(held: Supervisor, laser: Device) -> None:
     port = held.port("laser")
 
     def flood() -> None:
@@ -130,7 +130,7 @@ def test_a_flood_to_a_line_that_does_not_drain_ends_in_a_farewell(held: Supervis
         b"\x57\x00\xff\xff",
     ],
 )
-def test_nonsense_from_the_control_process_ends_it_in_a_farewell(
+def test_nonsense_from_the_control_process_ends_it_in_a_safe_command(
     held: Supervisor, laser: Device, stage: Device, nonsense: bytes
 ) -> None:
     held._socket.sendall(nonsense)
@@ -209,17 +209,17 @@ def test_a_line_that_is_pulled_out_silences_the_other_and_cannot_be_armed(
 
 def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: Device) -> None:
     with pytest.raises(NotConnectedError, match="cannot be opened"):
-        Supervisor(lines=[Line(name="laser", path=laser.path, farewell=b"x")])
+        Supervisor(lines=[Line(name="laser", path=laser.path, safe_command=b"x")])
     with pytest.raises(NotConnectedError, match="/dev/nowhere cannot be opened"):
-        Supervisor(lines=[Line(name="laser", path="/dev/nowhere", farewell=b"x")])
+        Supervisor(lines=[Line(name="laser", path="/dev/nowhere", safe_command=b"x")])
 
 
 def test_lines_and_leases_that_protect_nothing_are_refused() -> None:
-    with pytest.raises(ConfigError, match="farewell is empty"):
-        Line(name="laser", path="/dev/null", farewell=b"")
+    with pytest.raises(ConfigError, match="safe_command is empty"):
+        Line(name="laser", path="/dev/null", safe_command=b"")
     with pytest.raises(ConfigError, match="baud is 0"):
-        Line(name="laser", path="/dev/null", farewell=b"x", baud=0)
-    line = Line(name="laser", path="/dev/null", farewell=b"x")
+        Line(name="laser", path="/dev/null", safe_command=b"x", baud=0)
+    line = Line(name="laser", path="/dev/null", safe_command=b"x")
     with pytest.raises(ConfigError, match="period_s is 0"):
         Supervisor(lines=[line], period_s=0)
     with pytest.raises(ConfigError, match="each name once"):

@@ -125,7 +125,7 @@ def test_values_out_of_range_are_refused(kind: type, change: dict[str, object]) 
 
 
 def test_a_picolas_driver_needs_the_supervisor() -> None:
-    with pytest.raises(ConfigError, match="a PicoLAS driver has no lease of its own; leave the supervisor on"):
+    with pytest.raises(ConfigError, match="a PicoLAS driver has no lease of its own; keep it enabled"):
         BenchSettings(
             stage=BenchStage(port="a", zero_deg=0.0),
             laser=BenchLaser(port="b", driver="picolas"),
@@ -147,5 +147,5 @@ def test_a_search_that_could_not_be_approached_from_one_side_is_refused(
         )
 
     settings(Limits(search=Interval(low_deg=-35.5, high_deg=35.5)))
-    with pytest.raises(ConfigError, match=f"from {side} it must begin at .*36.6 deg, outside the travel range"):
+    with pytest.raises(ConfigError, match=f"from {side} the stage must start at .*36.6 deg, outside the travel range"):
         settings(Limits(search=Interval(low_deg=low_deg, high_deg=high_deg)))

@@ -264,18 +264,18 @@ def test_the_factor_of_the_noise_can_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("noise_ratio", 1.0, "it must be a factor above 1"),
-        ("noise_ratio", 0.5, "it must be a factor above 1"),
-        ("noise_ratio", NAN, "it must be a factor above 1"),
+        ("noise_ratio", 1.0, "it must lie in (1, inf)"),
+        ("noise_ratio", 0.5, "it must lie in (1, inf)"),
+        ("noise_ratio", NAN, "it must lie in (1, inf)"),
         ("settled_deg", 0.0, "it must lie between 0 and 1 deg"),
         ("settled_deg", 1.0, "it must lie between 0 and 1 deg"),
         ("settled_deg", NAN, "it must lie between 0 and 1 deg"),
         ("age_s", 0.0, "it must lie in (0, 60] s"),
         ("age_s", 60.5, "it must lie in (0, 60] s"),
         ("age_s", NAN, "it must lie in (0, 60] s"),
-        ("saturated_limit", 1.5, "it is a share between 0 and 1"),
-        ("saturated_limit", -0.5, "it is a share between 0 and 1"),
-        ("dead_limit", NAN, "it is a share between 0 and 1"),
+        ("saturated_limit", 1.5, "it must lie in [0, 1]"),
+        ("saturated_limit", -0.5, "it must lie in [0, 1]"),
+        ("dead_limit", NAN, "it must lie in [0, 1]"),
     ],
 )
 def test_rules_that_refuse_nothing_are_refused(name: str, value: float, message: str) -> None:

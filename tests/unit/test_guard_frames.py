@@ -154,7 +154,7 @@ def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> N
 
 def test_a_run_that_goes_on_is_recalled_before_the_rig_is_armed() -> None:
     made = guard()
-    with pytest.raises(LimitError, match="guard: armed, no leave to recall"):
+    with pytest.raises(LimitError, match="guard: armed, not allowed to recall"):
         made.recall(recorded(sequence=1, intensity=1.0, pulses=16), Reading(intensity=1.0))
 
 

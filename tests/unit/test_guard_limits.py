@@ -41,8 +41,7 @@ def test_a_readback_outside_the_travel_is_refused_with_its_cure() -> None:
     with pytest.raises(LimitError) as refusal:
         Limits().require_travel(36.6)
     assert str(refusal.value) == (
-        "the stage says that it stands at 36.6 deg, outside its travel range [-36.5, 36.5] deg; "
-        "check the probe and the stage's zero"
+        "the stage reads 36.6 deg, outside its travel range [-36.5, 36.5] deg; check the probe and the stage's zero"
     )
 
 

@@ -66,7 +66,7 @@ def test_numbers_of_every_kind_are_angles(value: Any) -> None:
 def test_a_move_that_ends_at_no_number_is_a_fault(value: Any) -> None:
     made = armed()
     made.begin_move(3.0)
-    with pytest.raises(LimitError, match="stands at"):
+    with pytest.raises(LimitError, match="the stage reads"):
         made.end_move(value)
     assert made.state is State.FAULT
 
@@ -75,7 +75,7 @@ def test_a_readback_that_is_no_number_is_named_by_its_type() -> None:
     with pytest.raises(LimitError) as refusal:
         armed().readback("3")  # type: ignore[arg-type]
     assert str(refusal.value) == (
-        "the stage says that it stands at a str (no angle), outside its travel range [-36.5, 36.5] deg; "
+        "the stage reads a str (no angle), outside its travel range [-36.5, 36.5] deg; "
         "check the probe and the stage's zero"
     )
 
@@ -83,10 +83,10 @@ def test_a_readback_that_is_no_number_is_named_by_its_type() -> None:
 def test_the_distance_of_a_fraction_is_given_in_degrees() -> None:
     made = armed()
     made.begin_move(Fraction(3))  # type: ignore[arg-type]
-    with pytest.raises(MoveError, match=r"sent to 3.000 deg and stands at 5.000 deg"):
+    with pytest.raises(MoveError, match=r"sent to 3.000 deg and the probe is at 5.000 deg"):
         made.end_move(Fraction(5))  # type: ignore[arg-type]
     made = armed()
-    with pytest.raises(MoveError, match=r"holds at 3.000 deg and the probe stands at 5.000 deg"):
+    with pytest.raises(MoveError, match=r"holds at 3.000 deg and the probe is at 5.000 deg"):
         made.redeem(made.issue(angle_deg=3.0, pulses=1, now_s=0.0), angle_deg=Fraction(5), now_s=0.0)  # type: ignore[arg-type]
 
 
@@ -94,7 +94,7 @@ def test_the_distance_of_a_fraction_is_given_in_degrees() -> None:
 def test_a_readback_before_firing_that_is_no_number_is_a_fault(value: Any) -> None:
     made = armed()
     permit = made.issue(angle_deg=3.0, pulses=1, now_s=0.0)
-    with pytest.raises(LimitError, match="stands at"):
+    with pytest.raises(LimitError, match="the stage reads"):
         made.redeem(permit, angle_deg=value, now_s=0.0)
     assert made.state is State.FAULT
 

@@ -59,7 +59,7 @@ def test_a_step_out_of_its_state_is_refused_and_changes_nothing(name: str, state
         if state is State.FAULT
         else "arm it, and end each step first"
     )
-    assert str(refusal.value) == f"guard: {state.value}, no leave to {words}; {cure}"
+    assert str(refusal.value) == f"guard: {state.value}, not allowed to {words}; {cure}"
     assert made.state is state
     assert made.fault == ("the stage is on fire" if state is State.FAULT else None)
     assert made.pulses_permitted == (16 if state is State.FIRING else 0)
@@ -172,7 +172,7 @@ def test_a_probe_that_did_not_arrive_is_a_fault(reached_deg: float) -> None:
     with pytest.raises(MoveError) as refusal:
         made.end_move(reached_deg)
     assert str(refusal.value) == (
-        f"the stage was sent to 5.000 deg and stands at {reached_deg:.3f} deg, more than 0.1 deg away; "
+        f"the stage was sent to 5.000 deg and the probe is at {reached_deg:.3f} deg, more than 0.1 deg away; "
         "check for an obstacle"
     )
     assert made.state is State.FAULT
@@ -191,7 +191,7 @@ def test_a_permit_is_good_at_its_angle_only(angle_deg: float, allowed: bool) -> 
     with pytest.raises(MoveError) as refusal:
         made.redeem(permit, angle_deg=angle_deg, now_s=0.0)
     assert str(refusal.value) == (
-        f"the permit holds at 3.000 deg and the probe stands at {angle_deg:.3f} deg, more than 0.125 deg away; "
+        f"the permit holds at 3.000 deg and the probe is at {angle_deg:.3f} deg, more than 0.125 deg away; "
         "nothing was fired; check what moved it"
     )
     assert made.state is State.FAULT

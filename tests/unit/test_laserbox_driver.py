@@ -90,7 +90,7 @@ def test_no_box_at_all_is_not_connected() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "speaks version 2 of its protocol, 1 is needed"),
+        ({"version": 2}, "has version 2 of the protocol, 1 is needed"),
         ({"lease_ms": 40}, "its lease is 40 ms, it must lie between 50 and 100 ms"),
         ({"lease_ms": 5000}, "its lease is 5000 ms"),
     ],
@@ -213,7 +213,7 @@ def test_after_a_cut_train_the_same_driver_waits_too() -> None:
 def test_a_box_that_never_ends_its_triggers_is_given_up() -> None:
     bench = Bench()
     bench.box.feed = lambda _data: wire.encode(wire.Refusal(reason="BUSY"))  # type: ignore[method-assign]
-    with pytest.raises(NotConnectedError, match="still gives the triggers of an earlier firing after 61 s"):
+    with pytest.raises(NotConnectedError, match="still sends the triggers of an earlier firing after 61 s"):
         bench.driver()
     assert 61 <= bench.clock.now_s() < 62
 

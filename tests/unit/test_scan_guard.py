@@ -77,7 +77,7 @@ def test_a_guard_that_nobody_armed_moves_and_fires_nothing() -> None:
     bench = Bench()
     made = scanner(bench, arms_itself=False)
     drain(run(Tour(0.0), made), LimitError)
-    with pytest.raises(LimitError, match="no leave to permit pulses"):
+    with pytest.raises(LimitError, match="not allowed to permit pulses"):
         made.measure_dark()
     assert bench.log == ["disarm", "stop"]
     made.guard.arm(by="a test")

@@ -45,7 +45,7 @@ def test_late_files_of_a_search_that_died_are_named_waited_out_and_not_used(benc
     bench.daq.trigger(4)
     bench.clock.wait(0.1)
     receiver = settling(bench)
-    with pytest.raises(AcquisitionError, match=r"stale files: 128 channel files, CH000\.daq to CH127\.daq, landed"):
+    with pytest.raises(AcquisitionError, match=r"stale files: 128 channel files, CH000\.daq to CH127\.daq, arrived"):
         receiver.settle()
     settled_s = bench.clock.now_s()
     assert settled_s == pytest.approx(1.5 + 1.0 + 2.0, abs=0.2)
@@ -71,7 +71,7 @@ def test_a_folder_that_never_comes_to_rest_ends_in_time(bench: Bench) -> None:
     bench.clock.lead(lambda now_s: (bench.folder / "CH003.daq").write_bytes(b"x" * (1 + int(now_s) % 7)))
     receiver = settling(bench)
     began_s = bench.clock.now_s()
-    with pytest.raises(DeviceTimeoutError, match="files keep landing"):
+    with pytest.raises(DeviceTimeoutError, match="files keep arriving"):
         receiver.settle()
     assert bench.clock.now_s() - began_s == pytest.approx(5.0 + 2.0, abs=0.1)
 

@@ -20,6 +20,7 @@ from markerseek.calibration.moveout import Moveout
 from markerseek.calibration.requirements import BESIDE, LEAST_ANGLES
 from markerseek.core import Float64, SearchError
 
+# Gauss-Legendre over the height of an element: the delay is smooth there, so that few nodes suffice.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 _MODEL_SHARE = 0.03
@@ -32,7 +33,7 @@ Oblique waves are smeared differently from straight ones; measured on simulated 
 """
 
 _LEAST_FACE_MM = 0.1
-"""The same of the face radius, in mm: the wave in the plane is itself smeared, and holds the noise of one frame."""
+"""The same for the face radius, in mm: the wave in the plane is itself smeared, and holds the noise of one frame."""
 
 _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fine"]]
 """Times in µs and values of a finely sampled wave."""
@@ -42,7 +43,7 @@ _SIGNIFICANT = 0.02
 """Power over the largest below which the wave in the plane counts as noise in finding its middle."""
 
 _FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
-"""Where the fit begins; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
+"""Start of the fit; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
 
 _LOW = (-90.0, 15.0, 3.0, -3.0, 1.0, -20.0, 1.3)
 _HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
@@ -57,7 +58,7 @@ class Value:
 
     @property
     def interval95(self) -> tuple[float, float]:
-        """From 1.96 standard deviations below to as many above."""
+        """Interval of ±1.96 standard deviations."""
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
 
 
@@ -118,7 +119,7 @@ class Waves:
 
 
 def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
-    """Geometry under which one wave explains all.
+    """Fit the geometry under which one wave, delayed and smeared, explains all waves.
 
     Parameters
     ----------
@@ -146,6 +147,7 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
             "beyond it on both sides"
         )
     plane, middle_us = _in_plane(waves, best, height)
+    # Millimetres and microseconds inside the fit: in metres and seconds the Jacobian would span many decades.
     speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m
     late = 1e6 * waves.arrival_s[best] + middle_us - distance / speed
     fits = [
@@ -158,9 +160,11 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
         )
         for tall in _HEIGHTS_MM
     ]
+    # The residual has a minimum for every cycle of the carrier; only the lowest is the right one.
     fit = min(fits, key=lambda each: float(each.cost))
     sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
     value = {name: Value(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
+    # The interval of the face radius is widened: its error does not fall with the number of frames.
     face = value["face_mm"]
     left = _residual(fit.x, waves, plane, height, weighted=False)
     return Geometry(
@@ -179,7 +183,7 @@ def _scaled(value: Value, unit: float) -> Value:
 
 
 def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
-    """The wave in the plane over the time after its middle in µs, finely sampled; and that middle in its window."""
+    """Wave in the image plane, finely sampled over the time after its middle, and that middle in its window; in µs."""
     window = waves.wave.shape[1]
     time_us = (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
     wave = waves.wave[best] / height[best]
@@ -192,12 +196,11 @@ def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -
 
 
 def _covariance(fit: OptimizeResult, *, frames: int) -> Float64[np.ndarray, "n n"]:
-    """Covariance of the parameters: from the noise, and from the pull of each wave where that is more.
-
-    The samples of a wave err together, by its arrival and by what the model leaves out; the sandwich estimate counts
-    the waves, and not their samples. The last two residuals are the wave front's.
-    """
-    weight = (1 + np.asarray(fit.fun) ** 2) ** -0.25  # of soft_l1, as its root stands in the Jacobian
+    """Covariance of the parameters: inverse information plus a sandwich estimate clustered by wave."""
+    # The samples of a wave have correlated errors, by its arrival and by what the model leaves out. Counted one by one
+    # they would give a sigma many times too small, so the cluster is the wave (Liang & Zeger 1986). The last two
+    # residuals are the wave front's, and each is a cluster of its own.
+    weight = (1 + np.asarray(fit.fun) ** 2) ** -0.25  # root of soft_l1's weight; SciPy scales the Jacobian by it too
     jacobian = np.asarray(fit.jac)
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     product = jacobian * (weight * fit.fun)[:, None]
@@ -238,7 +241,7 @@ def _residual(
     *,
     weighted: bool,
 ) -> Float64[np.ndarray, "frames window"]:
-    """What the model leaves of each wave of height 1, its own amplitude fitted."""
+    """Residual of each wave, scaled to height 1, with its amplitude fitted."""
     source_deg, radius, face, late, tall, bend, speed = parameters
     turn = np.radians(waves.angle_deg - source_deg)
     elevation, axial = radius * np.sin(turn), radius * np.cos(turn) - face
@@ -250,9 +253,10 @@ def _residual(
     delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + late
     window = waves.wave.shape[1]
     time_us = waves.arrival_s[:, None] * 1e6 + (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
+    # np.interp and no spline: it is called in every step of the fit, and the wave is finely sampled already.
     shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
     wave = waves.wave / height[:, None]
-    # The amplitude of each wave is fitted in closed form: its directivity is no part of this model.
+    # The amplitude of each wave is fitted in closed form: the directivity is no part of this model.
     gain = np.einsum("fw,fw->f", shape, wave) / np.maximum(np.einsum("fw,fw->f", shape, shape), 1e-12)
     left = wave - gain[:, None] * shape
     if not weighted:

@@ -20,7 +20,7 @@ _OUTLIER_S = 5e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moveout:
-    """Result of the wave fronts of some frames.
+    """Speed of sound and range from the wave fronts of some frames.
 
     Attributes
     ----------
@@ -29,9 +29,9 @@ class Moveout:
     range_m
         Distance of the point from the array in metres.
     covariance
-        Of these two, from the scatter between the frames, shape (2, 2).
+        Covariance of these two, from the scatter between the frames, shape (2, 2).
     lateral_m
-        Where the point lies along the array, in metres.
+        Position of the point along the array, in metres.
     """
 
     sound_speed_m_s: float
@@ -52,7 +52,7 @@ def fit_moveout(
     arrivals_s
         Arrival at each channel, one array a frame, NaN where there is none; at least 3 frames.
     element_m
-        Places of the elements along the array, in metres.
+        Positions of the elements along the array, in metres.
 
     Raises
     ------
@@ -64,13 +64,14 @@ def fit_moveout(
             f"{len(arrivals_s)} angles near the strongest show one clear wave front, at least 3 are needed; step finer "
             "there, average more pulses, and check that the source is one point and --probe is right"
         )
-    alone = [_alone(arrival, element_m) for arrival in arrivals_s]
-    information = np.array([each.information for each in alone])
+    single = [_fit_frame(arrival, element_m) for arrival in arrivals_s]
+    information = np.array([each.information for each in single])
+    # Mean of the frames weighted by their information: speed and range of one frame are strongly correlated.
     total = np.linalg.inv(information.sum(axis=0))
-    mean = total @ np.einsum("fij,fj->i", information, np.array([each.value for each in alone]))
+    mean = total @ np.einsum("fij,fj->i", information, np.array([each.value for each in single]))
     # Errors of the channels of one frame are correlated: the scatter is that between frames, not channels.
-    pull = np.einsum("ij,fjk,fk->fi", total, information, np.array([each.value for each in alone]) - mean)
-    frames = len(alone)
+    pull = np.einsum("ij,fjk,fk->fi", total, information, np.array([each.value for each in single]) - mean)
+    frames = len(single)
     covariance = pull.T @ pull * frames / (frames - 1)
     speed = float(mean[0])
     if not 1.3 <= speed <= 1.8:
@@ -83,7 +84,7 @@ def fit_moveout(
         sound_speed_m_s=1e3 * speed,
         range_m=1e-3 * float(mean[1]),
         covariance=covariance * np.outer(unit, unit),
-        lateral_m=float(np.median([each.lateral_m for each in alone])),
+        lateral_m=float(np.median([each.lateral_m for each in single])),
     )
 
 
@@ -103,10 +104,12 @@ def apex_s(
     moveout
         Result of the frames near the plane.
     plane_s
-        The same time of a frame in the plane, for a frame off it: a delay is a longer range. None: this frame is in it.
+        The same time of a frame in the plane, for a frame off it, where a delay means a longer range. None: this frame
+        is in the plane.
     """
     used = np.isfinite(arrival_s)
     offset_m = element_m[used] - moveout.lateral_m
+    # Fixed-point iteration off the plane: the curvature depends on the range, and the range on the apex.
     range_m, apex = moveout.range_m, 0.0
     for _ in range(1 if plane_s is None else 4):
         bend_s = (np.hypot(offset_m, range_m) - range_m) / moveout.sound_speed_m_s
@@ -117,15 +120,15 @@ def apex_s(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Alone:
-    """Result of one frame: speed in mm/µs and range in mm, their information matrix, and the point's position."""
+class _FrameFit:
+    """Fit of one frame: speed in mm/µs and range in mm, their information matrix, and the point's position."""
 
     value: Float64[np.ndarray, " 2"]
     information: Float64[np.ndarray, "2 2"]
     lateral_m: float
 
 
-def _alone(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"]) -> _Alone:
+def _fit_frame(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"]) -> _FrameFit:
     used = np.isfinite(arrival_s)
     element_mm, arrival_us = 1e3 * element_m[used], 1e6 * arrival_s[used]
     first = int(np.argmin(arrival_us))
@@ -138,6 +141,7 @@ def _alone(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.nd
     # Millimetres and microseconds: all four parameters are of the order of 1 to 100.
     start = np.array([1.54, 1.54 * arrival_us[first], element_mm[first], arrival_us[first]])
     fit = least_squares(residual, start, loss="soft_l1", x_scale=np.maximum(np.abs(start), 1.0))
+    # Pseudo-inverse: far from the array a front is nearly flat, and the speed hardly determined.
     jacobian = np.asarray(fit.jac)
     spread = np.linalg.pinv(jacobian.T @ jacobian)[:2, :2]
-    return _Alone(value=fit.x[:2], information=np.linalg.pinv(spread), lateral_m=1e-3 * float(fit.x[2]))
+    return _FrameFit(value=fit.x[:2], information=np.linalg.pinv(spread), lateral_m=1e-3 * float(fit.x[2]))

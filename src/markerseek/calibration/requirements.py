@@ -12,7 +12,7 @@ LEAST_ANGLES = 8
 """Fewest angles that receive the source well."""
 
 BESIDE = 2
-"""Of these, angles on each side of the strongest."""
+"""Fewest of these angles on each side of the strongest."""
 
 RECEIVED_RATIO = 8.0
 """Intensity over the noise from which a source is received well."""
@@ -21,19 +21,19 @@ _CURE = "scan one small source from 12 deg below it to 12 deg above, in steps of
 
 
 def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
-    """Refuse a scan whose intensities alone show that it calibrates nothing.
+    """Refuse a scan whose intensities alone show that it cannot be used for calibration.
 
     Parameters
     ----------
     samples
         One for each angle, in the order of the angles.
     saturated_limit
-        Largest share of saturated channels at the strongest angle.
+        Largest share of saturated channels at the strongest angle; clipping changes the shape of the wave.
 
     Raises
     ------
     SearchError
-        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message says the cure.
+        If there are too few angles, no source, no peak inside the scan, or clipped waves; the message names the cure.
     """
     if len(samples) < LEAST_ANGLES:
         raise SearchError(
@@ -41,6 +41,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
             f"{_CURE}"
         )
     intensity = np.array([sample.reading.intensity for sample in samples])
+    # Exactly equal: noise alone makes any two real intensities differ.
     if np.ptp(intensity) == 0:
         raise SearchError(
             f"the intensity is {intensity[0]:.4g} at every one of {len(samples)} angles, so that nothing turned or "
@@ -59,6 +60,7 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
             f"the source is strongest at {strongest.angle_deg:g} deg, at an end of the scan from "
             f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
         )
+    # Only the strongest: it is the first to clip, and its wave is the template of the fit.
     clipped = strongest.reading.saturated_fraction
     if clipped is not None and not clipped <= saturated_limit:
         raise SearchError(

@@ -1,4 +1,4 @@
-"""The vocabulary of markerseek: values, protocols, events and errors. Pure, and on the floor of the house."""
+"""Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.array import LinearArray
 from markerseek.core.checks import require_range

@@ -1,4 +1,4 @@
-"""The row of elements, as far as the forward model and the imaging chain must agree on it."""
+"""Geometry of a linear array: the part that the forward model and the imaging chain share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING or CHECKED:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearArray:
-    """Elements in a row, evenly spaced, centred on the image's middle.
+    """Elements in a row, evenly spaced, centred on the middle of the image.
 
     Attributes
     ----------
@@ -36,6 +36,7 @@ class LinearArray:
     @property
     def lateral_m(self) -> Float64[np.ndarray, " elements"]:
         """Centre of each element along the array, in metres."""
+        # Imported here: NumPy takes a tenth of a second to import, and ``markerseek --help`` needs none of it.
         import numpy as np
 
         from_middle: Float64[np.ndarray, " elements"] = np.arange(self.elements) - (self.elements - 1) / 2

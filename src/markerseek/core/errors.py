@@ -14,7 +14,7 @@
         ├── MoveError          the stage did not arrive
         ├── LaserError         the laser did not do what was permitted
         └── AcquisitionError   a frame was refused, or none came
-            └── SaturationError it is at full scale: taken again, it would be so again
+            └── SaturationError it is at full scale, and would be again
 
 A message names the argument, its value with the unit, the limit, and what to do about it.
 Programs tell the classes apart; the command line maps them to exit codes by ``exit_code``.
@@ -26,11 +26,12 @@ from typing import ClassVar
 
 
 class MarkerseekError(Exception):
-    """Whatever markerseek raises on purpose."""
+    """Base of all errors that markerseek raises on purpose."""
 
     exit_code: ClassVar[int] = 1
 
 
+# Also a ValueError: callers of the library expect that for a wrong argument.
 class ConfigError(MarkerseekError, ValueError):
     """An argument, an option or a rig file holds something that cannot be used."""
 
@@ -54,7 +55,7 @@ class RecordError(MarkerseekError):
 
 
 class SearchError(MarkerseekError):
-    """A policy was asked or told something against its rules."""
+    """A policy was used against its rules, or a scan holds no usable answer."""
 
 
 class DeviceError(MarkerseekError):
@@ -85,5 +86,6 @@ class AcquisitionError(DeviceError):
     """A frame was refused, or none came."""
 
 
+# A class of its own: `run` repeats a refused acquisition, and repeating this one cannot help.
 class SaturationError(AcquisitionError):
     """A frame is at full scale: the same acquisition would give the same."""

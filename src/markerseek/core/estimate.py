@@ -1,4 +1,4 @@
-"""What a search can answer. Each kind has ``mean_deg``; only `Found` claims a marker."""
+"""The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ IntervalKind: TypeAlias = Literal["posterior", "bracket", "propagated"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floor:
-    """What noise alone can reach: an intensity that is not above ``level`` is no evidence of a marker.
+    """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.
 
     Attributes
     ----------
     level
         Threshold, in the unit of the intensities; None where the floor is unknown.
     source
-        What it was made from.
+        Data from which it was computed.
     """
 
     level: float | None
@@ -29,7 +29,7 @@ class Floor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """There is a marker, and this is its angle.
+    """A marker was found at this angle.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotFound:
-    """Nothing was seen that could not be noise; ``mean_deg`` is where the rule would have pointed."""
+    """No intensity is above the noise; ``mean_deg`` is the angle that the method would have given."""
 
     mean_deg: float
     reason: str
@@ -63,7 +63,7 @@ class NotFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ambiguous:
-    """More than one marker explains what was seen; ``modes_deg`` lists them, ``mean_deg`` is the likeliest."""
+    """More than one angle explains the intensities; ``modes_deg`` lists them, ``mean_deg`` is the likeliest."""
 
     mean_deg: float
     modes_deg: tuple[float, ...]
@@ -81,7 +81,7 @@ class AtBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unsure:
-    """There is a marker, and its angle is not known well enough to call it found."""
+    """There is a marker, but its angle is not known well enough."""
 
     mean_deg: float
     sigma_deg: float
@@ -91,4 +91,5 @@ class Unsure:
     floor: Floor | None = None
 
 
+# A union and no base class: a match statement over it is checked for missing cases by mypy.
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure

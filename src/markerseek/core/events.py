@@ -1,6 +1,6 @@
-"""What a run reports while it goes: Started, then Asked with Measured or Refused, then Finished or Failed.
+"""Events of a run, in order: Started, then Asked with Measured or Refused, then Finished or Failed.
 
-`Measured` is handed out before the policy is told: whoever keeps a record commits it first.
+`Measured` is yielded before the policy receives the sample, so that a journal can commit it first.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from markerseek.core.reading import Sample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Started:
-    """The search begins: where the probe stands, and the angles that may be searched."""
+    """The search begins: angle of the probe, and the angles that may be searched."""
 
     start_deg: float
     limits: Interval
 
 
 Role: TypeAlias = Literal["dark", "search", "confirmation"]
-"""What an acquisition is for: a dark frame before the search, one that the policy asked for, one after it."""
+"""Purpose of an acquisition: a dark frame, one that the policy asked for, or the confirmation after the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """One acquisition is about to be made: the stage is sent to an angle, and leave to fire is asked for there.
+    """One acquisition is about to be made: a move to an angle, then a permit to fire there.
 
     Attributes
     ----------
     role, index
         As in `Measured`.
     angle_deg
-        Where the stage is sent, in degrees; a dark frame is taken where it stands.
+        Angle that the stage is sent to, in degrees; for a dark frame, the present one.
     """
 
     role: Role
@@ -92,9 +92,9 @@ class Finished:
     confirmation
         One acquisition at the angle found, after the last move; None if the policy did not find a marker.
     acquisitions
-        Number of acquisitions that the policy was told, dark ones and the confirmation apart.
+        Number of acquisitions with light that the policy received; the confirmation does not count.
     travel_deg
-        Rotation from the first place to the last by the stage's readback, in degrees.
+        Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
         Time on the rig's clock from `Started`, in seconds.
     """
@@ -113,4 +113,5 @@ class Failed:
     error: Exception
 
 
+# A union and no base class, as for `Estimate`.
 Event: TypeAlias = Started | Asked | Measured | Refused | Finished | Failed

@@ -1,4 +1,4 @@
-"""What is known of a rig, or of the recording that it plays back, apart from its devices."""
+"""Facts about a rig, or about the recording that it plays back; its devices are elsewhere."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFacts:
-    """What is known of a rig; journals, banks and results take it from here.
+    """Facts about a rig, which journals, banks and results store.
 
     Attributes
     ----------
     kind
         See `RigKind`.
     description
-        What it is, in words.
+        Description for people.
     fingerprint
-        Of its settings, or of the recording: the same for equal rigs.
+        Hash of its settings, or of the recording: equal for equal rigs.
     search
         Angles that may be searched.
     face_radius_m
         Distance of the array's face from the axis of rotation in metres; None where it is not known.
     truth_deg
-        Angle of the marker in degrees in a simulation; None where nobody knows it.
+        True angle of the marker in a simulation, in degrees; None where it is not known.
     reference_deg
-        Angle of the marker that was found otherwise, in degrees, to be compared with; None without one.
+        Angle of the marker from another measurement, in degrees, for comparison; None without one.
     seed
         Seed of a simulation; None of any other rig.
     probe
@@ -71,5 +71,5 @@ class RigFacts:
 
     @property
     def known_deg(self) -> float | None:
-        """Angle of the marker in degrees, from the simulation or else from elsewhere; None where nobody knows it."""
+        """Angle of the marker in degrees, true in a simulation, else the reference; None if neither is known."""
         return self.reference_deg if self.truth_deg is None else self.truth_deg

@@ -1,4 +1,4 @@
-"""What a receiver hands over: one acquisition, of one of two kinds, under one header."""
+"""Frames: the data of one acquisition, as channel data or as one intensity, with a header."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING or CHECKED:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameHeader:
-    """When, where and by whose leave a frame was taken.
+    """Time, angle and permit of a frame.
 
     Attributes
     ----------
@@ -43,6 +43,7 @@ class FrameHeader:
     angle_after_deg: float | None = None
 
 
+# eq=False: comparing arrays gives an array, so that == of two frames would raise.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChannelFrame:
     """Channel data of one acquisition, before beamforming.
@@ -62,6 +63,7 @@ class ChannelFrame:
     sampling_hz: float
 
     def __post_init__(self) -> None:
+        # At run time too: the samples come from drivers and files that other people write.
         if self.samples.ndim != 2 or self.samples.dtype != "int16":
             raise ConfigError(
                 f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, "
@@ -73,7 +75,7 @@ class ChannelFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingFrame:
-    """A frame that somebody else has already reduced to one intensity (a row of a CSV).
+    """A frame that another program has already reduced to one intensity (a row of a CSV).
 
     Attributes
     ----------

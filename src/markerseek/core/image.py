@@ -1,4 +1,4 @@
-"""A photoacoustic image: what the imaging chain makes of channel data, and pictures and exports take."""
+"""A photoacoustic image: output of the imaging chain, input of pictures and exports."""
 
 from __future__ import annotations
 

@@ -48,6 +48,7 @@ class Interval:
 
     def __contains__(self, angle_deg: object) -> bool:
         """Whether the angle lies inside or on an end; NaN, and what is no real number, never does."""
+        # is_finite first: comparing text or an array would raise, and every limit of the rig is checked here.
         return is_finite(angle_deg) and bool(self.low_deg <= angle_deg <= self.high_deg)
 
     def __str__(self) -> str:
@@ -71,6 +72,7 @@ def as_interval(ends_deg: Interval | Sequence[SupportsFloat], *, name: str) -> I
     """
     if isinstance(ends_deg, Interval):
         return ends_deg
+    # Unpacking refuses one and three values; float() refuses text that is no number.
     try:
         low_deg, high_deg = map(float, ends_deg)
     except (TypeError, ValueError) as problem:

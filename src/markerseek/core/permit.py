@@ -1,4 +1,4 @@
-"""Leave to fire, for one acquisition."""
+"""Permit to fire, for one acquisition."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Permit:
-    """Leave for at most so many pulses, at one angle, until one moment, once.
+    """Permits a number of pulses at one angle, until a moment, once.
 
     Attributes
     ----------

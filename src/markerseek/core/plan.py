@@ -1,4 +1,4 @@
-"""What is asked of a search, apart from the rig: method, number of acquisitions, beginning and end."""
+"""Plan of a search: method, number of acquisitions, start and end. It does not depend on the rig."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_DARK_FRAMES = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchPlan:
-    """What is asked of a search; where it may look is known of the rig (`RigFacts.search`).
+    """Plan of a search; the range of angles belongs to the rig (`RigFacts.search`).
 
     Attributes
     ----------
@@ -25,8 +25,8 @@ class SearchPlan:
     as_published
         Whether the paper's form of the method is wanted, which always answers.
     start_deg
-        Where the probe stands, in degrees: guarded sweeps and the manual search begin at the nearer end. None: they
-        begin at the low end.
+        Angle of the probe, in degrees: guarded sweeps and the manual search begin at the nearer end. None: they begin
+        at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough.
@@ -54,6 +54,7 @@ class SearchPlan:
     closing_dark: bool = False
 
     def __post_init__(self) -> None:
+        # Checked before any device is opened: a plan comes from a command line or a page.
         number = self.acquisitions
         if number is not None and not (is_whole(number) and 0 <= number <= MOST_ACQUISITIONS):
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""What the parts of a rig must be able to do: protocols of one to four verbs.
+"""Protocols of the parts of a rig: one to four methods each.
 
 Angles are in degrees, times in seconds. A part that cannot do what it is asked raises a
 `DeviceError`; it never returns something else instead.
@@ -17,16 +17,16 @@ from markerseek.core.reading import Reading, Sample
 
 @runtime_checkable
 class Policy(Protocol):
-    """Decides where to look next. The caller owns the loop."""
+    """Chooses the next angle. The caller owns the loop."""
 
     def ask(self) -> float | None:
         """Next angle in degrees, or None when the search is over; asking twice changes nothing."""
 
     def tell(self, sample: Sample) -> None:
-        """Take in one sample; its angle is the one reached."""
+        """Receive one sample; its angle is the one reached."""
 
     def estimate(self) -> Estimate:
-        """What is known now; at any time, also before the first sample."""
+        """Present answer; allowed at any time, also before the first sample."""
 
 
 @runtime_checkable
@@ -61,10 +61,10 @@ class Stage(Protocol):
 
 @runtime_checkable
 class Laser(Protocol):
-    """Makes sound. There is no "on"."""
+    """Fires pulses of light. There is no "on"."""
 
     def fire(self, permit: Permit) -> int:
-        """Fire at most the permitted pulses and return how many were."""
+        """Fire at most the permitted pulses and return how many were fired."""
 
     def disarm(self) -> None:
         """Give up any permit still held; allowed at any time, also twice."""
@@ -72,7 +72,7 @@ class Laser(Protocol):
 
 @runtime_checkable
 class Receiver(Protocol):
-    """Hears sound."""
+    """Records the sound that the laser's pulses make."""
 
     def settle(self) -> None:
         """Wait until nothing of an earlier acquisition can arrive; `AcquisitionError` names what arrived meanwhile."""
@@ -86,7 +86,7 @@ class Receiver(Protocol):
 
 @runtime_checkable
 class Reader(Protocol):
-    """Turns a frame into what it says."""
+    """Computes the reading of a frame."""
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame."""

@@ -1,4 +1,4 @@
-"""What a frame says (`Reading`), and where it said it (`Sample`)."""
+"""Features of a frame (`Reading`), and these at the angle of the probe (`Sample`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MOST_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
 
 LEAST_INTENSITY, MOST_INTENSITY = 1e-60, 1e60
-"""Intensities outside are none, or damaged: squares and ratios of those inside neither vanish nor overflow."""
+"""Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +56,16 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
-    """One acquisition as a policy hears of it.
+    """One acquisition as a policy receives it.
 
     Attributes
     ----------
     angle_deg
         Angle that the stage reached, in degrees: not the one it was sent to.
     reading
-        What the frame said.
+        Features of the frame.
     dark
-        Whether the laser was kept off: such a sample tells the noise floor and nothing of a marker.
+        Whether the laser was off: such a sample gives the noise floor only.
     frame
         What the receiver sent, with its header; None for samples that no rig took.
     """
@@ -73,4 +73,5 @@ class Sample:
     angle_deg: float
     reading: Reading
     dark: bool = False
+    # Left out of repr and ==: channel data are large, and samples of a replay must equal those of the run.
     frame: Frame | None = field(default=None, repr=False, compare=False)

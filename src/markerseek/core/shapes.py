@@ -1,6 +1,6 @@
 """Types of arrays with their shapes, for annotations.
 
-jaxtyping takes a tenth of a second to import, and no annotation is looked at while a program runs. So the names here
+jaxtyping takes a tenth of a second to import, and no annotation is evaluated while a program runs. So the names here
 are jaxtyping's for type checkers and wherever jaxtyping was imported before, as in the tests, which check every call;
 for all others they stand for any array.
 """
@@ -11,14 +11,14 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 CHECKED = "jaxtyping" in sys.modules
-"""Whether somebody checks annotations while the program runs, who must be able to resolve all names in them."""
+"""Whether annotations are checked while the program runs: then all names in them must exist."""
 
 if TYPE_CHECKING or CHECKED:
     from jaxtyping import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8, UInt32
 else:
 
     class _AnyArray:
-        """Array of any type and shape, whatever stands in the brackets."""
+        """Array of any type and shape; the brackets are ignored."""
 
         def __class_getitem__(cls, _shape: object) -> Any:
             return Any

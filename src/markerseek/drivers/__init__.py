@@ -1,4 +1,4 @@
-"""The real devices, one vendor one file. Each is imported when its name is first used."""
+"""Drivers of real devices, one file per vendor. Each is imported when its name is first used."""
 
 import lazy_loader
 

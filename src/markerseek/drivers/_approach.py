@@ -1,4 +1,4 @@
-"""The way to an angle that leaves the play of the gears on the same side always. Pure."""
+"""Approach of a target always from the same side, so that the backlash of the gears does not matter. Pure."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ UP, DOWN = 1, -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approach:
-    """Where to go one after the other, and how the last place is arrived at.
+    """Angles to go to in turn, and the direction of the last move.
 
     Attributes
     ----------
     stops_deg
-        Places to go to, in degrees; none if the stage stands there, pushed from the right side.
+        Angles to go to, in degrees; none if the stage is there already, approached from the right side.
     direction
-        `UP` if the last is arrived at from below, `DOWN` if from above.
+        `UP` if the last is approached from below, `DOWN` if from above.
     reversed
-        Whether that is not the usual side, for want of room.
+        Whether that is not the usual side, because the travel range ends too soon.
     """
 
     stops_deg: tuple[float, ...]
@@ -38,24 +38,25 @@ def plan_approach(
     travel: Interval,
     same_deg: float,
 ) -> Approach:
-    """Way to a target.
+    """Plan the approach of a target.
 
     Parameters
     ----------
     target_deg, here_deg
-        Where to go, and where the stage stands, in degrees.
+        Target, and present angle of the stage, in degrees.
     pushed
-        Direction in which the gears were last pushed, `UP` or `DOWN`; None if unknown.
+        Direction of the last move, `UP` or `DOWN`; None if unknown.
     usual
-        Direction in which targets are arrived at.
+        Direction of the last move towards any target.
     room_deg
-        Length of the way that takes up the play, in degrees.
+        Length of a move that takes up the backlash, in degrees.
     travel
         Angles at which the stage may be.
     same_deg
-        Two angles no further apart than this are one, in degrees.
+        Angles no further apart than this count as equal, in degrees.
     """
     direction = usual if target_deg - usual * room_deg in travel else -usual
+    # From a shorter distance, or from the other side, the gears would not yet be pushed when the target is reached.
     way_deg = direction * (target_deg - here_deg)
     if pushed == direction and abs(way_deg) <= same_deg:
         stops: tuple[float, ...] = ()

@@ -1,4 +1,4 @@
-"""Questions to a Thorlabs controller and their answers, with a deadline."""
+"""Requests to a Thorlabs controller and their answers, with a deadline."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _LOST_AGES = 2
 class AptLine:
     """A line to one controller.
 
-    APT numbers neither questions nor answers. What has arrived before a question is dropped; but an answer that comes
-    later may still be to an earlier question, which was asked again because this computer or the line was slow. Answers
-    keep the order of their questions, so each is at most as old as the first question that was open when it came. Where
-    none comes within the age allowed, even a late one is not waited for.
+    APT numbers neither requests nor answers. What arrived before a request is dropped; but a later answer may still be to
+    an earlier request, which was repeated because this computer or the line was slow. Answers keep the order of their
+    requests, so each is at most as old as the first request that was open when it came. Where none comes within the age
+    allowed, a late one is not waited for.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ class AptLine:
     clock
         Time; all waiting is done on it.
     answer_s
-        How long an answer may take before the question is asked again, in seconds.
+        How long an answer may take before the request is repeated, in seconds.
     age_s
         How old an answer may be, in seconds: after that, silence is an error.
 
     Attributes
     ----------
     since_s
-        Earliest time at which the question to the last answer can have been asked, in seconds.
+        Earliest time at which the request of the last answer can have been sent, in seconds.
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
@@ -52,20 +52,20 @@ class AptLine:
         self._garbled = False
 
     def send(self, message: bytes) -> None:
-        """Say something that has no answer."""
+        """Send a message that has no answer."""
         self._port.write(message)
 
     def ask(self, question: bytes, ident: int, kind: type[_AnswerT]) -> _AnswerT:
-        """Answer to a question.
+        """Send a request and return its answer.
 
         Parameters
         ----------
         question
-            The message that asks.
+            The request.
         ident
             Identity of the message that answers.
         kind
-            What that says.
+            Type of its content.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class AptLine:
                 if not self._clock.now_s() < again_s:
                     break
                 self._clock.wait(_POLL_S)
-            # What has begun to arrive and did not end is a garbled answer: its end would swallow the next one.
+            # A message that began and did not end is garbled: its missing bytes would be taken from the next answer.
             self._framer.forget()
             if self._garbled and self._open[ident]:
                 self._open[ident].popleft()
@@ -95,7 +95,7 @@ class AptLine:
         )
 
     def close(self) -> None:
-        """Let go of the line; allowed twice."""
+        """Close the line; allowed twice."""
         self._port.close()
 
     def _take(self, ident: int) -> apt.Answer | None:
@@ -111,6 +111,7 @@ class AptLine:
                 try:
                     taken = apt.decode(message)
                 except DeviceError:
+                    # APT has no checksum: a damaged answer is dropped, and the request is repeated.
                     continue
                 self.since_s = asked_s
         # A question this old was lost on the line.

@@ -1,4 +1,4 @@
-"""How a rotation stage is used: what a rig file says of it, and what only the driver's own moves need."""
+"""Settings of a rotation stage: the keys of a rig file, and those that only the driver uses."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class StageKeys:
         The stage's own reading at which the probe points at 0, in degrees.
     direction
         How the probe is mounted: "forward" if its angle grows with the stage's own reading, "reverse" if it falls. The
-        default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` proves it.
+        default is an assumption: ``markerseek doctor --rig RIG.toml --source-deg ANGLE`` tests it.
     serial_number
-        Which controller it must be; None takes any.
+        Serial number that the controller must have; None accepts any.
     speed_deg_s, acceleration_deg_s2
-        How it moves, in degrees per second and per second squared; at most 25.
+        Speed and acceleration of its moves, in degrees per second and per second squared; at most 25.
     approach_from, approach_deg
         Side, by the probe's angle, from which every target is approached, and over what distance, in degrees: longer
         than the gears' play.
     begin_s
-        How long it may stand still before it is taken to be stuck, in seconds.
+        Time without motion after which it counts as stuck, in seconds.
     age_s
-        How old the controller's answer may be, in seconds.
+        Greatest age of the controller's answer, in seconds.
     """
 
     zero_deg: float = 0.0
@@ -65,15 +65,15 @@ class StageSettings(StageKeys):
     Attributes
     ----------
     travel
-        Angles of the probe at which it may be, in degrees; written to the controller as its soft limits.
+        Angles at which the probe may be, in degrees; written to the controller as its soft limits.
     lead_deg, renew_s
         How far ahead a target may be, in degrees, and how often it is renewed, in seconds.
     arrival_deg
-        How near to its target the stage must come, in degrees.
+        Largest distance from its target at which the stage counts as arrived, in degrees.
     unexpected_deg
-        How far it may be from where it should be on its way, and at rest, in degrees.
+        Largest distance from where it should be on its way, and at rest, in degrees.
     answer_s
-        How long the controller may take to answer before it is asked again, in seconds.
+        Time for an answer before the request is repeated, in seconds.
     """
 
     travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))

@@ -1,4 +1,4 @@
-"""What is done with a stage's controller before it is trusted: ask who it is, write its parameters, read them back."""
+"""Setup of a stage's controller: check its identity and state, write its parameters, read them back."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _MOST_COUNTS = 2**30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connected:
-    """A controller that was found to be what it should be.
+    """A controller whose identity and state were checked.
 
     Attributes
     ----------
     info
-        Who it is.
+        Model, serial number and firmware.
     zero
-        Reading at which the probe points at 0, in counts: of all turns that of the one in which the stage stands.
+        Reading at which the probe points at 0, in counts, within the turn in which the stage is.
     limits
         Travel range as it was written, in counts.
     position
-        Where it stands, in counts.
+        Present position, in counts.
     """
 
     info: apt.Info
@@ -51,7 +51,7 @@ def set_up(
     line
         To the controller.
     travel
-        Angles of the probe at which it may be.
+        Angles at which the probe may be.
     zero_deg
         The stage's own reading at which the probe points at 0, in degrees.
     sense
@@ -59,7 +59,7 @@ def set_up(
     velocity
         Speed and acceleration.
     serial_number
-        Which controller it must be; None takes any.
+        Serial number that the controller must have; None accepts any.
 
     Raises
     ------
@@ -70,6 +70,7 @@ def set_up(
     LimitError
         If the probe is outside the travel range.
     """
+    # Another program may have left the controller sending its status unasked, which would pass for answers.
     line.send(apt.stop_updates())
     info = line.ask(apt.ask_info(), apt.INFO, apt.Info)
     if info.model not in _MODELS:
@@ -83,23 +84,24 @@ def set_up(
     _require_ready(status)
     if not abs(status.position) <= _MOST_COUNTS:
         raise MoveError(
-            f"the stage says that it stands at {status.position} counts, more than a thousand turns from home; switch "
+            f"the stage reads {status.position} counts, more than a thousand turns from home; switch "
             "it off and on, and home it with the probe outside the patient"
         )
     # A rotary stage may have been turned any number of times: the probe's zero is the one in this turn.
     turns = round((apt.degrees_of(status.position) - zero_deg - sense * travel.centre_deg) / 360)
     zero = apt.counts_of(zero_deg + 360 * turns)
-    # Of a stage that turns the probe the other way, the lowest reading belongs to the probe's highest angle.
+    # With a reversed probe, the lowest reading of the stage belongs to the highest angle of the probe.
     low_deg, high_deg = sorted((sense * travel.low_deg, sense * travel.high_deg))
-    # The outermost counts that are inside: half a count outside would be outside.
+    # Rounded inwards: half a count too far would be outside the travel range.
     low, high = math.ceil(low_deg * apt.COUNTS_PER_DEG), math.floor(high_deg * apt.COUNTS_PER_DEG)
     limits = apt.SoftLimits(low=zero + low, high=zero + high)
     if not limits.low <= status.position <= limits.high:
-        stands_deg = sense * apt.degrees_of(status.position - zero)
+        angle_deg = sense * apt.degrees_of(status.position - zero)
         raise LimitError(
-            f"the stage stands at {stands_deg:.2f} deg, outside its travel {travel}; with the probe outside the "
+            f"the stage is at {angle_deg:.2f} deg, outside its travel {travel}; with the probe outside the "
             "patient, turn it back by the controller's wheel, or correct zero_deg or direction"
         )
+    # The driver approaches from one side itself: the controller's own overshoot could leave the travel range.
     no_backlash = apt.Counts(counts=0)
     _write(line, "speed and acceleration", velocity, apt.set_velocity(velocity) + apt.ask_velocity(), apt.VELOCITY)
     _write(line, "backlash", no_backlash, apt.set_backlash(no_backlash.counts) + apt.ask_backlash(), apt.BACKLASH)
@@ -111,7 +113,8 @@ def _require_ready(status: apt.Status) -> None:
     if status.faults:
         raise MoveError(f"the stage reports: {', '.join(status.faults)}; switch it off and on, and home it")
     if status.moving or status.homing:
-        raise MoveError("the stage is moving; wait until it stands, and end other programs that use it")
+        raise MoveError("the stage is moving; wait until it is at rest, and end other programs that use it")
+    # Never homed from here: homing ignores the soft limits.
     if not status.homed:
         raise MoveError(
             "the stage has not been homed since it was switched on and does not know its angle; homing turns it up to "
@@ -123,6 +126,7 @@ def _require_ready(status: apt.Status) -> None:
 def _write(line: AptLine, name: str, value: _ValueT, messages: bytes, ident: int) -> None:
     """Write a parameter and read it back, more than once if bytes get lost."""
     for _ in range(_TRIES):
+        # Written and requested together: whichever is lost, both are sent again.
         read = line.ask(messages, ident, type(value))
         if read == value:
             return

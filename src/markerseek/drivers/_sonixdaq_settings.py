@@ -1,4 +1,4 @@
-"""How a SonixDAQ is used: what a rig file says of it, and what its driver needs besides."""
+"""Settings of a SonixDAQ: the keys of a rig file, and those that only the driver uses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from markerseek.core import ConfigError, require_range
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonixDaqKeys:
-    """Keys of a SonixDAQ in a rig file, but for the folder.
+    """Keys of a SonixDAQ in a rig file, without the folder.
 
     Attributes
     ----------
@@ -19,14 +19,14 @@ class SonixDaqKeys:
     timeout_s
         Longest time from the trigger to the complete files, in seconds; they take about 10 s (paper, section 4).
     stable_s
-        Time for which complete files must be left alone to be believed, in seconds.
+        Time for which complete files must stay unchanged before they are read, in seconds.
     readout_s
-        Longest time from a trigger to the last file, in seconds: a folder that was left alone for so long is settled.
+        Longest time from a trigger to the last file, in seconds: a folder unchanged for that long is settled.
     start_command
-        Program and arguments that get the device ready for a trigger; no shell reads them, and ``{frames}`` in them
-        becomes the number of pulses to come. None: it is always ready.
+        Program and arguments that prepare the device for a trigger; no shell is involved, and ``{frames}`` in them is
+        replaced by the number of pulses to come. None: it is always ready.
     start_timeout_s
-        Longest time that the command may take, in seconds.
+        Longest duration of that command, in seconds.
     """
 
     sampling_hz: float = 40e6
@@ -59,7 +59,7 @@ class SonixDaqSettings(SonixDaqKeys):
     folder
         Where its software writes the channel files, over those of the acquisition before.
     dark_triggers
-        Pulses that a dark acquisition averages: how often the laser box triggers it.
+        Triggers of a dark acquisition, and so the pulses that it averages.
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""Real time."""
+"""The clock of a real rig."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ SLICE_S = 0.02
 
 
 class SystemClock:
-    """The computer's steady clock, which no change of the date moves.
+    """The computer's monotonic clock, which does not follow changes of the date.
 
     Parameters
     ----------
     beat
-        Called at least every `SLICE_S` seconds of a wait, in the caller's own thread: whoever holds a lease renews it
-        here, so that a control loop that hangs renews nothing.
+        Called at least every `SLICE_S` seconds of a wait, in the caller's own thread: a lease is renewed here, so that
+        a control loop that hangs renews nothing.
     """
 
     def __init__(self, *, beat: Callable[[], None] | None = None) -> None:
@@ -36,6 +36,7 @@ class SystemClock:
         if self._beat is None:
             time.sleep(duration_s)  # noqa: TID251  the one clock that is real
             return
+        # A wait has an end and so is a step of the loop; the beat must never move into a timer thread.
         ends_s = self.now_s() + duration_s
         self._beat()
         while (left_s := ends_s - self.now_s()) > 0:

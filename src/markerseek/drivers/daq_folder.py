@@ -1,4 +1,4 @@
-"""A folder of channel files, as it is and as it changes."""
+"""The folder of channel files: its state, and reading one acquisition from it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LARGEST_BYTES = 1 << 26
 """Largest channel file that is read: 800 pulses of 40,000 samples."""
 
 _MOST_SAMPLES = 1 << 16
-"""Most samples of one pulse: sound has come 2.5 m by then, and all channels take 16 MiB."""
+"""Most samples of one pulse: sound travels 2.5 m meanwhile, and all channels take 16 MiB."""
 
 FolderState: TypeAlias = dict[str, tuple[int, int, int]]
 """Channel files by name: time of the last change in ns, size in bytes, inode."""
@@ -50,7 +50,7 @@ class DaqFolder:
                         continue
                     try:
                         status = entry.stat()
-                    except FileNotFoundError:  # replaced in this very moment
+                    except FileNotFoundError:  # replaced between listing and stat
                         continue
                     if entry.is_file():
                         state[entry.name] = (status.st_mtime_ns, status.st_size, status.st_ino)
@@ -59,7 +59,7 @@ class DaqFolder:
         return state
 
     def is_complete(self, name: str) -> bool:
-        """Whether a file has the size that its header says."""
+        """Whether a file has the size given by its header."""
         try:
             with _opened(self._path / name) as file:
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=os.fstat(file.fileno()).st_size, name=name)
@@ -82,7 +82,7 @@ class DaqFolder:
         Raises
         ------
         AcquisitionError
-            If the files are not one acquisition of so many pulses.
+            If the files are not one acquisition of that many pulses.
         """
         averaged: list[Int16[np.ndarray, " samples"]] = [np.empty(0, np.int16)] * wire.CHANNELS
         first: wire.DaqHeader | None = None
@@ -91,6 +91,7 @@ class DaqFolder:
             first = first or header
             _require_sound(name, header, number=number, first=first, pulses=pulses)
             every_pulse = wire.decode_samples(body, header)
+            # Averaged in float64 and rounded: int16 sums would overflow after 16 pulses of 12 bits.
             averaged[wire.element_of_file(number)] = np.rint(every_pulse.mean(axis=0, dtype=np.float64)).astype(
                 np.int16
             )
@@ -101,7 +102,7 @@ class DaqFolder:
             with _opened(self._path / name) as file:
                 data = file.read(_LARGEST_BYTES + 1)
         except FileNotFoundError:
-            raise AcquisitionError(f"sonixdaq: {name} was taken away while it was read; take the frame again") from None
+            raise AcquisitionError(f"sonixdaq: {name} was deleted while it was read; take the frame again") from None
         except OSError as error:
             raise self._unreadable(error) from error
         if len(data) > _LARGEST_BYTES:
@@ -120,13 +121,8 @@ class DaqFolder:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """An ordinary file, open for reading; a pipe that was put in its place is not waited for.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none, or not an ordinary one.
-    """
+    """Open an ordinary file for reading; `FileNotFoundError` if there is none, or a pipe or device in its place."""
+    # O_NONBLOCK: opening a pipe without a writer would wait for ever. O_BINARY: Windows would translate line ends.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
@@ -157,7 +153,7 @@ def numbered(names: list[str]) -> dict[int, str]:
 
 
 def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wire.DaqHeader, pulses: int) -> None:
-    """Refuse a file that does not belong to one acquisition of so many pulses."""
+    """Refuse a file that is not of one acquisition of that many pulses."""
     if not header.samples <= _MOST_SAMPLES:
         raise AcquisitionError(
             f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {_MOST_SAMPLES} are read; record "
@@ -170,10 +166,10 @@ def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wir
         )
     if header.channel is not None and header.channel != number:
         raise AcquisitionError(
-            f"sonixdaq: {name} says that it is channel {header.channel}; the files are out of order: take it again"
+            f"sonixdaq: {name} has channel {header.channel} in its header; the files are out of order: take it again"
         )
     if header.frames != pulses:
         raise AcquisitionError(
             f"sonixdaq: {name} holds {header.frames} pulses, {pulses} were triggered; it answers another trigger, or "
-            'the device is set to another number: set it to as many, and receiver.frames to "fixed" if it cannot vary'
+            'the device is set to another number: set it to this one, and receiver.frames to "fixed" if it cannot vary'
         )

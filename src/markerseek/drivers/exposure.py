@@ -1,4 +1,4 @@
-"""Skin exposure by a pulsed laser (ICNIRP 2013, IEC 60825-1), 400-1400 nm: an aid in planning, never the interlock.
+"""Skin exposure by a pulsed laser (ICNIRP 2013, IEC 60825-1), 400-1400 nm: for planning, never an interlock.
 
 It is shown when a rig of devices is armed, from the settings of its laser.
 """
@@ -18,14 +18,17 @@ def correction_c_a(wavelength_nm: float) -> float:
     """Factor C_A of a wavelength in nm: 1 up to 700 nm, 5 from 1050 nm; `ConfigError` outside 400-1400 nm."""
     if not 400 <= wavelength_nm <= 1400:
         raise ConfigError(f"exposure: wavelength_nm is {wavelength_nm} nm, the limits hold in [400, 1400] nm")
+    # Table of C_A in ICNIRP 2013: 1 to 700 nm, 10^(0.002(λ-700)) to 1050 nm, 5 above; min and max join the pieces.
     return min(max(1.0, math.pow(10, 0.002 * (wavelength_nm - 700))), 5.0)
 
 
 def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
     """Most radiant exposure of skin in J/m² by a pulse, or by a train as a whole; `ConfigError` below 1 ns."""
     c_a = correction_c_a(wavelength_nm)
+    # Below 1 ns the limits are those of peak irradiance, which are not computed here.
     if not 1e-9 <= duration_s < math.inf:
         raise ConfigError(f"exposure: a duration of {duration_s} s, the limits hold from 1 ns on")
+    # Skin limits of ICNIRP 2013 by duration: 200 C_A J/m², 1.1e4 C_A t^0.25 J/m², 2e3 C_A W/m².
     if duration_s <= 1e-7:
         return 200 * c_a
     if duration_s <= 10:
@@ -35,12 +38,12 @@ def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkinExposure:
-    """What skin would get from a train of equal pulses on one spot, beside the limits.
+    """Exposure of skin to a train of equal pulses on one spot, as shares of the limits.
 
     Attributes
     ----------
     wavelength_nm, pulse_s, energy_j, spot_m2
-        Wavelength in nm; duration of a pulse in seconds, its energy in joules, the area that it meets in m².
+        Wavelength in nm; duration of a pulse in seconds, its energy in joules, the lit area in m².
     rate_hz, train_s
         Pulses per second, and duration of the train in seconds.
     """
@@ -71,7 +74,7 @@ class SkinExposure:
 
 _KEYS = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
 _LONG_S = 10.0
-"""From here on the limit is a constant irradiance, so that the share of a longer train is the same, in seconds."""
+"""Duration in seconds from which the limit is a constant irradiance: longer trains have the same share."""
 
 
 def exposure_line(laser: BenchLaser) -> str:

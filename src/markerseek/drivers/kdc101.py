@@ -32,15 +32,15 @@ class Kdc101Stage:
     port
         The line to the controller, for instance a `markerseek.drivers.serial_port.SerialPort`.
     clock
-        Time; all waiting is done on it, so that a lease that is renewed by waiting shows that this loop lives.
+        Time; all waiting is done on it, so that each wait renews a lease.
     settings
-        How it is used.
+        Settings of the stage.
 
     Attributes
     ----------
     approach_reversed
-        Whether the last target was arrived at from the other side, for want of room inside the travel range: its angle
-        is off by the play of the gears.
+        Whether the last target was approached from the other side, because the travel range ends too soon: its angle is
+        off by the backlash of the gears.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class Kdc101Stage:
     MoveError
         If it moves, is not homed, or does not keep what is written to it.
     LimitError
-        If it stands outside its travel range.
+        If it is outside its travel range.
     DeviceTimeoutError
         If it does not answer in time.
     """
@@ -80,10 +80,10 @@ class Kdc101Stage:
         self._rules = MoveRules(
             low=connected.limits.low,
             high=connected.limits.high,
-            # Not what was asked for: an acceleration is rounded to a word, small ones by a third.
+            # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
             speed=velocity.speed / apt.SPEED_WORD * apt.COUNTS_PER_DEG,
             acceleration=velocity.acceleration / apt.ACCELERATION_WORD * apt.COUNTS_PER_DEG,
-            # One count less, since the motor may stand anywhere in the count that is read.
+            # One count less, since the motor may be anywhere within the count that is read.
             lead=math.floor(settings.lead_deg * apt.COUNTS_PER_DEG) - 1,
             renew_s=settings.renew_s,
             arrival=round(settings.arrival_deg * apt.COUNTS_PER_DEG),
@@ -110,11 +110,11 @@ class Kdc101Stage:
         try:
             return self._angle_of(self._readback())
         except DeviceError:
-            self._let_go()
+            self._stop_after_error()
             raise
 
     def move_to(self, angle_deg: float) -> float:
-        """Go there, arrive from the usual side, come to rest, and return the angle read back in degrees.
+        """Move to an angle, approach it from the usual side, come to rest, and return the readback in degrees.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class Kdc101Stage:
         MoveError
             If it does not arrive.
         DeviceTimeoutError
-            If it falls silent.
+            If it stops answering.
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
@@ -144,44 +144,46 @@ class Kdc101Stage:
                 here = Move(line=self._line, clock=self._clock, rules=self._rules).go(self._counts_of(stop_deg), here)
             arrived = True
         finally:
-            # Also where the search is interrupted by a person or by its own error.
+            # In `finally`, so that Ctrl-C stops the stage too.
             if not arrived:
-                self._let_go()
+                self._stop_after_error()
+        # From here on the stage must read this position: any other means that something turned it.
         self._rest, self._pushed = here, approach.direction
         self.approach_reversed = approach.reversed
         return self._angle_of(here)
 
     def stop(self) -> None:
-        """Stop at once, and see that it stands; allowed at any time, also twice.
+        """Stop at once, and check that it is at rest; allowed at any time, also twice.
 
         Raises
         ------
         MoveError
-            If it goes on.
+            If it keeps moving.
         DeviceTimeoutError
-            If it does not say whether it stands.
+            If it does not report whether it moves.
         """
         ends_s = self._clock.now_s() + _STOP_S
         before: int | None = None
         while True:
+            # Sent again each time: without a checksum, a damaged stop is ignored and nobody reports it.
             self._line.send(apt.stop())
             status = self._line.ask(apt.ask_status(), apt.STATUS, apt.Status)
             at_rest = not (status.moving or status.homing)
             if at_rest and before is not None and abs(status.position - before) <= _SAME_COUNTS:
                 break
             if not self._clock.now_s() < ends_s:
-                raise MoveError("the stage was told to stop and goes on; cut its power")
+                raise MoveError("the stage was told to stop and keeps moving; cut its power")
             before = status.position if at_rest else None
             self._clock.wait(_STOP_AGAIN_S)
         if self._rest is None or abs(status.position - self._rest) > _SAME_COUNTS:
             self._rest = self._pushed = None
 
     def close(self) -> None:
-        """Let go of the line; the stage stays where it is. Allowed twice."""
+        """Close the line; the stage stays where it is. Allowed twice."""
         self._line.close()
 
-    def _let_go(self) -> None:
-        """Stop, and leave it to the error that is under way to say why."""
+    def _stop_after_error(self) -> None:
+        """Stop after an error; a second error here must not hide the first."""
         self._rest = self._pushed = None
         try:
             self.stop()
@@ -189,18 +191,18 @@ class Kdc101Stage:
             return
 
     def _readback(self) -> int:
-        """Position that was read twice in a row, in counts."""
+        """Position in counts, read twice in a row: a garbled answer does not come twice."""
         last: int | None = None
         for _ in range(_READS):
             status = Move(line=self._line, clock=self._clock, rules=self._rules, rest=self._rest).look()
             if last is not None and abs(status.position - last) <= _SAME_COUNTS:
                 return status.position
             last = status.position
-        raise MoveError("the stage turns although nobody told it to; keep hands off its wheel, and end other programs")
+        raise MoveError("the stage turns without a command; keep hands off its wheel, and end other programs")
 
     def _angle_of(self, counts: int) -> float:
         return self._settings.sense * apt.degrees_of(counts - self._zero)
 
     def _counts_of(self, angle_deg: float) -> int:
-        """Counts of an angle inside the travel range, to the nearest that are inside, too."""
+        """Nearest counts of an angle that are inside the travel range."""
         return min(max(self._zero + apt.counts_of(self._settings.sense * angle_deg), self._rules.low), self._rules.high)

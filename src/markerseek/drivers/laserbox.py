@@ -1,4 +1,4 @@
-"""The laser box (`markerseek.wire.laserbox`): pulls the trigger of laser and acquisition under a lease.
+"""Driver of the laser box (`markerseek.wire.laserbox`), which triggers laser and acquisition under a lease.
 
 While a permit is held, `beat` renews the lease; it counts the control loop's own steps and must be called from there,
 never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`).
@@ -16,15 +16,15 @@ from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
 _BEAT_S = 0.02
-"""Time between two beats, in seconds: five in the longest lease."""
+"""Time between two beats, in seconds: five of them in the longest lease."""
 
 _POLL_S = 0.002
 
 _LEAST_LEASE_MS = 50
-"""Shortest lease that beats of this period keep alive with one of them lost, in milliseconds."""
+"""Shortest lease in milliseconds that survives one lost beat."""
 
 _SPARE_S = 0.5
-"""Time for which a permit outlives its last pulse, in seconds."""
+"""Time from the last pulse to the end of its permit, in seconds."""
 
 _BUSY_POLL_S = 0.05
 
@@ -32,7 +32,7 @@ _LONGEST_TRAIN_S = wire.MOST_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
 _MOST_TOKENS = wire.MOST_COUNT - 1_000_000
-"""Tokens that a box may have used at the start: more are left than a session can use."""
+"""Highest token that a box may have used before: enough are left for a session."""
 
 _Kind = TypeVar("_Kind", bound=wire.Reply)
 
@@ -40,15 +40,15 @@ _CURES = {
     "CRC": "a line was damaged on its way: check cable and earthing",
     "FORM": "it does not know the command: check its firmware's version",
     "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
-    "STEP": "a beat came twice: does another program speak to it?",
+    "STEP": "a beat came twice: does another program use it?",
     "INTERLOCK": "the interlock is open: close it, then arm again",
-    "BUSY": "it still gives the triggers of another firing: does another program speak to it?",
+    "BUSY": "it still sends the triggers of another firing: does another program use it?",
     "BUDGET": f"it sends at most {wire.MOST_PULSES_PER_MINUTE} pulses a minute: wait a minute, or average fewer",
 }
 
 
 class LaserBox:
-    """A laser behind a laser box.
+    """A laser that a laser box triggers.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class LaserBox:
     ConfigError
         If a number is out of the box's range.
     NotConnectedError
-        If no box of this protocol answers, or it gives triggers for longer than any firing takes.
+        If no box of this protocol answers, or it keeps triggering for longer than any firing takes.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class LaserBox:
         self._dark_triggers = dark_triggers
         self._answer_s = answer_s
         self._lines = wire.Lines()
-        self._heard: list[bytes] = []
+        self._replies: list[bytes] = []
         self._used: set[str] = set()
         self._step = 0
         self._beaten_s = -math.inf
@@ -117,17 +117,19 @@ class LaserBox:
         left_s = permit.expires_s - self._clock.now_s()
         triggers = permit.pulses or self._dark_triggers
         needed_s = triggers / self._rate_hz
+        # Refused here: the box would cut the train at the expiry, after pulses on the skin that no frame uses.
         if not left_s >= needed_s:
             raise LaserError(
                 f"laser box: the permit {permit.token!r} is good for {left_s:.2f} s more and its pulses take "
                 f"{needed_s:.2f} s; nothing was fired"
             )
+        # Used up before the first byte is sent: a permit whose firing failed half-way must never be tried again.
         self._used.add(permit.token)
         try:
             return self._fire(permit.pulses, triggers, expiry_s=min(left_s, needed_s + _SPARE_S))
         except BaseException:
             self._settled = False
-            # Where even this cannot be sent, the lease ends by itself; what went wrong first is what matters.
+            # If even this cannot be sent, the lease ends by itself; the first error is the one to report.
             with suppress(NotConnectedError):
                 self._port.write(wire.encode(wire.Disarm()))
             raise
@@ -149,6 +151,7 @@ class LaserBox:
         DeviceTimeoutError
             If the box does not confirm it.
         """
+        # Beats end first, also if the line fails now: without a permit there is no lease to renew.
         self._holds_permit = False
         self._port.write(wire.encode(wire.Disarm()))
         self._skip_to(_answers_disarm, after="DISARM")
@@ -163,18 +166,18 @@ class LaserBox:
         self._settled = True
 
     def _greet(self) -> wire.Greeting:
-        """The box's answer to HELLO, once it is not busy any more."""
+        """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
         ends_s = self._clock.now_s() + _LONGEST_TRAIN_S
         while isinstance(greeting := self._hello(), wire.Refusal):
             if not self._clock.now_s() <= ends_s:
                 raise NotConnectedError(
-                    f"laser box: it still gives the triggers of an earlier firing after {_LONGEST_TRAIN_S:g} s; "
+                    f"laser box: it still sends the triggers of an earlier firing after {_LONGEST_TRAIN_S:g} s; "
                     "switch it off and on, or check its firmware"
                 )
             self._clock.wait(_BUSY_POLL_S)
         if greeting.version != wire.VERSION:
             raise NotConnectedError(
-                f"laser box: it speaks version {greeting.version} of its protocol, {wire.VERSION} is needed; "
+                f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} is needed; "
                 "load the firmware that came with this program"
             )
         if not _LEAST_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
@@ -190,7 +193,8 @@ class LaserBox:
         return greeting
 
     def _hello(self) -> wire.Greeting | wire.Refusal:
-        """The answer to HELLO, or BUSY; the empty line before it ends whatever half line another program left."""
+        """Answer to HELLO, or BUSY."""
+        # The line end first: it completes a half line that another program left, which would garble HELLO.
         self._port.write(b"\n" + wire.encode(wire.Hello()))
         try:
             return self._skip_to(_answers_hello, after="HELLO")
@@ -205,11 +209,13 @@ class LaserBox:
             token=self._token,
             pulses=pulses,
             rate_hz=self._rate_hz,
+            # Rounded down: the box's expiry must not be later than the permit's.
             expiry_ms=math.floor(min(1e3 * expiry_s, wire.MOST_EXPIRY_MS)),
             triggers=triggers,
         )
-        self._listen()
-        self._heard.clear()
+        # Replies of an earlier command must not be taken for the answer to this permit.
+        self._receive()
+        self._replies.clear()
         self._port.write(wire.encode(ask))
         answer = self._next(within_s=self._answer_s, after="PERMIT")
         if not (isinstance(answer, wire.Permitted) and answer.token == self._token):
@@ -217,15 +223,17 @@ class LaserBox:
         if answer.seen != self._seen:
             raise LaserError(
                 f"laser box: its photodiode counts {answer.seen} pulses of light since power-up, {self._seen} up to "
-                "the last firing: there was light that nobody permitted, or the box was switched off and on; nothing "
+                "the last firing: there was light without a permit, or the box was switched off and on; nothing "
                 "was fired; check the laser and its trigger line"
             )
+        # A beat before FIRE: PERMIT began the lease, and the answer may have taken most of it.
         self._holds_permit = True
         self.beat()
         self._port.write(wire.encode(wire.Fire(token=self._token)))
         done = self._next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
         if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {_cure(done)}")
+        # The photodiode's count has 31 bits and wraps around.
         self._seen = (self._seen + done.photodiode) & wire.MOST_COUNT
         if not done.sent == done.photodiode == pulses:
             raise LaserError(
@@ -235,7 +243,7 @@ class LaserBox:
         return done.photodiode
 
     def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str) -> _Kind:
-        """The next reply that is wanted; others, and damaged lines, are left over from before and passed by."""
+        """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
         ends_s = self._clock.now_s() + self._answer_s
         while True:
             try:
@@ -246,18 +254,18 @@ class LaserBox:
                 return reply
 
     def _next(self, *, within_s: float, after: str) -> wire.Reply:
-        """The next reply; the lease is renewed meanwhile."""
+        """Next reply; the lease is renewed meanwhile."""
         ends_s = self._clock.now_s() + within_s
-        while not self._heard:
+        while not self._replies:
             if not self._clock.now_s() <= ends_s:
                 raise DeviceTimeoutError(f"laser box: no answer to {after} in time; check its cable and its power")
             self.beat()
             self._clock.wait(_POLL_S)
-            self._listen()
-        return wire.decode_reply(self._heard.pop(0))
+            self._receive()
+        return wire.decode_reply(self._replies.pop(0))
 
-    def _listen(self) -> None:
-        self._heard += self._lines.feed(self._port.read(256, timeout_s=0.0))
+    def _receive(self) -> None:
+        self._replies += self._lines.feed(self._port.read(256, timeout_s=0.0))
 
 
 def _answers_hello(reply: wire.Reply) -> TypeGuard[wire.Greeting | wire.Refusal]:

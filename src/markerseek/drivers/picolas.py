@@ -1,8 +1,8 @@
-"""A PicoLAS laser diode driver on its serial line. NEVER TESTED ON HARDWARE, and no data sheet was at hand.
+"""Driver of a PicoLAS laser diode driver. NEVER TESTED ON HARDWARE, and written without a data sheet.
 
-It speaks ASCII, 115200 baud, 8E1: a command ends with CR; an answer ends with LF LF, and its last line is ``0`` where
-all is well. It has no lease and no counter of its own: pulses that it reports are those that it was told to fire, and
-only the supervisor switches it off when the search dies. Where there is a choice, build the laser box.
+It speaks ASCII, 115200 baud, 8E1: a command ends with CR; an answer ends with LF LF, and its last line is ``0`` if
+the command succeeded. It has no lease and no counter: the pulses reported are those commanded, and only the supervisor
+switches it off when the search dies. Prefer the laser box.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ BAUD: Final = 115200
 PARITY: Final = "E"
 """Its parity bit: even."""
 
-FAREWELL = b"laseroff\r"
-"""What switches it off."""
+SAFE_COMMAND = b"laseroff\r"
+"""Command that switches it off; the supervisor sends it."""
 
 _ANSWER_S = 1.0
 _POLL_S = 0.005
@@ -29,7 +29,7 @@ _LONGEST = 256
 
 
 class PicolasLaser:
-    """A laser behind a PicoLAS driver.
+    """A laser on a PicoLAS driver.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class PicolasLaser:
     Raises
     ------
     ConfigError
-        If the rate is none that can be set.
+        If the rate cannot be set.
     NotConnectedError
         If nothing answers.
     """
@@ -56,13 +56,13 @@ class PicolasLaser:
         self._rate_hz = round(rate_hz)
         self._used: set[str] = set()
         try:
-            self._tell("laseroff")
-            self._tell(f"sreprate {self._rate_hz}")
+            self._send("laseroff")
+            self._send(f"sreprate {self._rate_hz}")
         except DeviceTimeoutError as error:
             raise NotConnectedError("picolas: nothing answers; is the port right, and is it powered?") from error
 
     def fire(self, permit: Permit) -> int:
-        """Fire the permitted pulses, switch off, and return how many it was told to fire.
+        """Fire the permitted pulses, switch off, and return how many were commanded.
 
         A permit of 0 pulses does nothing: it cannot trigger the acquisition alone, which must then run freely.
 
@@ -79,17 +79,18 @@ class PicolasLaser:
         if not permit.expires_s - self._clock.now_s() >= needed_s:
             raise LaserError(f"picolas: the permit {permit.token!r} ends before its pulses do; nothing was fired")
         self._used.add(permit.token)
+        # Not sent: whether this device takes 0 shots as none or as without end is not known.
         if permit.pulses == 0:
             return 0
         try:
-            self._tell(f"sshots {permit.pulses}")
-            self._tell("laseron")
+            self._send(f"sshots {permit.pulses}")
+            self._send("laseron")
             self._clock.wait(needed_s + _SPARE_S)
-            self._tell("laseroff")
+            self._send("laseroff")
         except BaseException:
-            # Where even this cannot be sent, the supervisor says it; what went wrong first is what matters.
+            # If even this cannot be sent, the supervisor sends it; the first error is the one to report.
             with suppress(NotConnectedError):
-                self._port.write(FAREWELL)
+                self._port.write(SAFE_COMMAND)
             raise
         return permit.pulses
 
@@ -103,11 +104,11 @@ class PicolasLaser:
         LaserError
             If it refuses.
         """
-        self._tell("laseroff")
+        self._send("laseroff")
 
-    def _tell(self, command: str) -> None:
-        """Send a command, and see that its answer ends with 0."""
-        self._port.read(_LONGEST, timeout_s=0.0)  # what was left over
+    def _send(self, command: str) -> None:
+        """Send a command and check that the last line of its answer is 0."""
+        self._port.read(_LONGEST, timeout_s=0.0)  # drop an answer to an earlier command
         self._port.write(command.encode("ascii") + b"\r")
         ends_s = self._clock.now_s() + _ANSWER_S
         answer = b""

@@ -1,4 +1,4 @@
-"""A program that the rig file names, run to its end beside the control loop."""
+"""Running the start command of a rig file without blocking the control loop."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, wh
     clock
         The rig's time.
     what
-        The device that it is for, for the messages.
+        Name of its device, for the messages.
 
     Raises
     ------
     NotConnectedError
-        If it cannot be run, or ends with another code than 0; the last line that it said is in the message.
+        If it cannot be run, or ends with another code than 0; its last line of output is in the message.
     DeviceTimeoutError
         If it takes too long.
     """
-    with tempfile.TemporaryFile() as said:
+    # A file and no pipe: a program that prints more than a pipe holds would block for ever.
+    with tempfile.TemporaryFile() as output:
         try:
-            # the owner of the rig file names the program
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said)  # noqa: S603
+            # S603: the program is named by the owner of the rig file, who may run any program anyway.
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)  # noqa: S603
         except (OSError, ValueError) as error:
             raise NotConnectedError(
                 f"{what}: the start command {command[0]!r} cannot be run ({error}); check start_command in the rig file"
@@ -47,8 +48,8 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, wh
             process.kill()
             process.wait()
         if process.returncode != 0:
-            said.seek(max(0, said.seek(0, os.SEEK_END) - 500))
-            last = said.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
+            output.seek(max(0, output.seek(0, os.SEEK_END) - 500))
+            last = output.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise NotConnectedError(
                 f"{what}: the start command {command[0]!r} ended with code {process.returncode}"
                 f"{': ' + last if last else ''}; try it by hand"
@@ -56,6 +57,7 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock, wh
 
 
 def _await_exit(process: subprocess.Popen[bytes], program: str, *, timeout_s: float, clock: Clock, what: str) -> None:
+    # Polled, since `Popen.wait` would block this thread, whose waits on the clock renew the lease.
     ends_s = clock.now_s() + timeout_s
     while process.poll() is None:
         if not clock.now_s() <= ends_s:

@@ -1,4 +1,4 @@
-"""A serial port as a line of bytes, held by one program at a time."""
+"""A serial port as a stream of bytes, locked against other programs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from markerseek.core import ConfigError, NotConnectedError, require_range
 from markerseek.files import SERIAL_ERRORS, Parity, open_serial
 
 _WRITE_TIMEOUT_S = 0.5
-"""A line that takes no bytes for so long is gone."""
+"""A line that accepts no bytes for that long counts as gone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SerialSettings:
-    """How a serial line is set.
+    """Settings of a serial port.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class SerialSettings:
     parity
         Parity bit: none, even or odd.
     handshake
-        Whether RTS and CTS say who may send; left out where the port has no such lines, as a pseudo-terminal has none.
+        Whether RTS and CTS control the flow; ignored where the port has no such lines, as a pseudo-terminal.
     """
 
     path: str
@@ -45,12 +45,12 @@ class SerialPort:
     Parameters
     ----------
     settings
-        Which port, and how it is set.
+        Its settings.
 
     Raises
     ------
     NotConnectedError
-        If the port cannot be opened, or another program holds it.
+        If the port cannot be opened, or another program has it open.
     MissingExtraError
         If pyserial is not installed.
     """
@@ -69,17 +69,18 @@ class SerialPort:
         Raises
         ------
         NotConnectedError
-            If the line is gone, or takes no bytes.
+            If the line is gone, or accepts no bytes.
         """
         try:
             sent = self._line.write(data)
         except SERIAL_ERRORS as error:
             raise self._gone() from error
+        # A device that got half a command would take the next one for its other half.
         if sent != len(data):
             raise self._gone()
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes; fewer, perhaps none, once the time has gone by.
+        """Up to that many bytes; fewer, perhaps none, after the timeout.
 
         Raises
         ------
@@ -103,6 +104,7 @@ class SerialPort:
         self.close()
 
     def _shake_hands(self) -> None:
+        # Set after opening: a port without these lines refuses them, and would otherwise not open at all.
         try:
             self._line.rts = True
             self._line.rtscts = True

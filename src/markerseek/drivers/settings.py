@@ -1,4 +1,4 @@
-"""Everything that must be said about a rig of real devices: a rig file of kind "bench", one value a name.
+"""Settings of a rig of real devices: the keys of a rig file of kind "bench".
 
 What has no default cannot be guessed: a port, a folder, and the stage's reading at which the probe points at 0.
 """
@@ -31,19 +31,19 @@ _LIGHT = {
     "pulse_width_s": (1e-9, 1e-3, "s"),
     "spot_diameter_m": (1e-5, 1, "m"),
 }
-"""Where the limits of skin exposure hold (wavelength, pulse width), and what a laser for this use can have."""
+"""Ranges in which the limits of skin exposure hold (wavelength, pulse width), or which a suitable laser can have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchStage(StageKeys):
-    """The rotation stage: its port beside the keys of `StageKeys`, of which ``zero_deg`` cannot be left out.
+    """The rotation stage: its port and the keys of `StageKeys`; ``zero_deg`` is required.
 
     Attributes
     ----------
     port
         Serial port of its controller.
     driver
-        Which stage it is.
+        Driver of the stage.
     """
 
     port: str
@@ -53,23 +53,23 @@ class BenchStage(StageKeys):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchLaser:
-    """The light.
+    """The laser.
 
     Attributes
     ----------
     port
         Serial port of the laser box, or of the PicoLAS driver.
     driver
-        Which of them it is; the second was never tested on hardware, counts no pulses and has no lease of its own.
+        Which of them it is; ``picolas`` was never tested on hardware, counts no pulses and has no lease of its own.
     pulses
         Pulses averaged in one acquisition.
     rate_hz
         Pulses per second.
     answer_s
-        Longest time for the laser box's answer, in seconds; a PicoLAS driver has its own.
+        Longest time for the laser box's answer, in seconds; the PicoLAS driver's is fixed.
     wavelength_nm, pulse_energy_j, pulse_width_s, spot_diameter_m
         The light on the skin: wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot
-        in metres. They only serve to show the exposure of skin when the rig is armed; None where they are not known.
+        in metres. They only serve to show the exposure of skin when the rig is armed; None if not known.
     """
 
     port: str
@@ -93,17 +93,17 @@ class BenchLaser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchReceiver(SonixDaqKeys):
-    """The data acquisition: its folder beside the keys of `SonixDaqKeys`.
+    """The data acquisition: its folder and the keys of `SonixDaqKeys`.
 
     Attributes
     ----------
     folder
         Where the SonixDAQ's software writes its channel files, of either SDK.
     driver
-        Which data acquisition it is.
+        Driver of the data acquisition.
     frames
-        How many pulses it records: as many as it is triggered, or always a fixed number. The first allows that their
-        number varies from acquisition to acquisition, so that a file shows which trigger it answers.
+        How many pulses it records: as many as it is triggered, or a fixed number. With ``triggered`` their number
+        varies from acquisition to acquisition, so that a file shows which trigger it answers.
     noise_ratio
         Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`.
     """
@@ -121,7 +121,7 @@ class BenchReceiver(SonixDaqKeys):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchProbe:
-    """The probe, as the imaging must know it.
+    """Properties of the probe that the imaging needs.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class BenchProbe:
     trigger_offset_s
         Time from the trigger to the middle of the laser's pulse, in seconds.
     face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None where it is not known, and the marker is
-        then given by its angle alone.
+        Distance of the array's face from the axis of rotation in metres; None if not known, and the result is then the
+        marker's angle alone.
     """
 
     preset: str = "BPL9-5/55"
@@ -156,10 +156,10 @@ class BenchSupervisor:
     Attributes
     ----------
     enabled
-        Whether there is one. Without it a search that is killed leaves the laser to the laser box's own lease, and
-        the stage to the few degrees that its target is ahead.
+        Whether it is started. Without it, when a search is killed, only the laser box's own lease stops the laser, and
+        the stage moves on by the few degrees that its target is ahead.
     lease_s
-        Longest silence of the control loop while it moves or fires, in seconds.
+        Longest time between two beats of the control loop while it moves or fires, in seconds.
     """
 
     enabled: bool = True
@@ -176,11 +176,11 @@ class BenchSettings:
     Attributes
     ----------
     stage, laser, receiver, probe, supervisor
-        See the classes.
+        See their classes.
     limits
-        Where the probe may look, and be.
+        Angles that may be searched, and at which the probe may be.
     firing
-        What may be fired.
+        Limits of the laser's pulses.
     """
 
     stage: BenchStage
@@ -197,28 +197,30 @@ class BenchSettings:
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        # Arrived at from the other side, an angle would be off by the gears' play and the marker with it.
+        # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
         from_below = self.stage.approach_from == "below"
         farthest_deg = self.limits.search.low_deg if from_below else self.limits.search.high_deg
         start_deg = farthest_deg - self.stage.approach_deg if from_below else farthest_deg + self.stage.approach_deg
         if start_deg not in self.limits.travel:
             raise ConfigError(
-                f"stage: to arrive at {farthest_deg:g} deg from {self.stage.approach_from} it must begin at "
+                f"stage: to arrive at {farthest_deg:g} deg from {self.stage.approach_from} the stage must start at "
                 f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
                 "limits.travel, or shorten stage.approach_deg"
             )
+        # Nothing else would switch that laser off when the search is killed.
         if self.laser.driver == "picolas" and not self.supervisor.enabled:
             raise ConfigError(
-                "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; leave the supervisor on"
+                "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; keep it enabled"
             )
 
     @property
     def pulses(self) -> tuple[int, ...]:
-        """Laser pulses of one acquisition, and of the next ones in turn where the receiver records what it is given.
+        """Laser pulses of one acquisition, or of successive ones in turn where the receiver records every trigger.
 
-        None but the last is the number of a dark frame's triggers, so that neighbours always differ.
+        Only the last equals the number of a dark frame's triggers, so that neighbours always differ.
         """
         usual = self.laser.pulses
         if self.receiver.frames == "fixed":
             return (usual,)
+        # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)

@@ -1,12 +1,12 @@
-"""A SonixDAQ as a folder that is watched: its software writes one file per channel, and nothing else tells of a frame.
+"""Driver of a SonixDAQ: it watches the folder into which the device's software writes one file per channel.
 
-An acquisition counts when all 128 files are new since `arm`, have the size that their headers say, and are left alone
-for a while. Who overwrites them is not known: a file is new when its time, size or inode has changed, by which no two
-computers' clocks are compared.
+An acquisition is complete when all 128 files are new since `arm`, have the size given by their headers, and stay
+unchanged for a while. A file is new when its time, size or inode has changed; the clocks of the two computers are never
+compared.
 
-Nothing in a file says which trigger it answers. Whenever files of an earlier trigger may still come, `settle` waits for
+No file contains which trigger it answers. Whenever files of an earlier trigger may still come, `settle` waits for
 longer than a readout takes before anything is triggered again. The number of pulses in the files must be that
-of the permit, which the scanner varies where the device allows (decision 16).
+of the permit; the scanner varies it where the device allows (decision 16).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _POLL_S = 0.05
 
 
 class SonixDaqReceiver:
-    """Hears what a SonixDAQ writes.
+    """Reads the channel files that a SonixDAQ writes.
 
     Parameters
     ----------
     settings
-        Which folder, and how it is watched.
+        The folder, and how it is watched.
     clock
         The rig's time.
 
@@ -54,14 +54,14 @@ class SonixDaqReceiver:
         self._untouched: tuple[FolderState, float] | None = (self._folder.state(), clock.now_s())
 
     def settle(self) -> None:
-        """Wait until the folder has been left alone for a readout's time, so that no earlier trigger can still answer.
+        """Wait until the folder is unchanged for a readout's time, so that no file of an earlier trigger can follow.
 
         Raises
         ------
         AcquisitionError
-            If files landed meanwhile: they are stale and not used, and the folder has been left alone since.
+            If files arrived meanwhile: they are stale and not used, and the folder is unchanged since.
         DeviceTimeoutError
-            If files keep landing.
+            If files keep arriving.
         NotConnectedError
             If the folder cannot be read.
         """
@@ -76,21 +76,21 @@ class SonixDaqReceiver:
                 break
             if not now_s <= ends_s:
                 raise DeviceTimeoutError(
-                    f"sonixdaq: files keep landing in {self._settings.folder} although nothing is triggered; end the "
+                    f"sonixdaq: files keep arriving in {self._settings.folder} although nothing is triggered; end the "
                     "other program that writes or triggers there"
                 )
             self._clock.wait(_POLL_S)
         self._untouched = seen, since_s
-        landed = sorted(name for name, file in seen.items() if before.get(name) != file)
-        if landed:
+        arrived = sorted(name for name, file in seen.items() if before.get(name) != file)
+        if arrived:
             raise AcquisitionError(
-                f"sonixdaq: stale files: {len(landed)} channel files, {landed[0]} to {landed[-1]}, landed in "
+                f"sonixdaq: stale files: {len(arrived)} channel files, {arrived[0]} to {arrived[-1]}, arrived in "
                 f"{self._settings.folder} although nothing was triggered; they belong to an earlier acquisition and "
                 "are not used"
             )
 
     def arm(self, permit: Permit) -> None:
-        """Get ready for a trigger: see that nobody writes, run the start command, and remember the files as they are.
+        """Prepare for a trigger: check that no program writes, run the start command, and note the state of the files.
 
         Raises
         ------
@@ -106,8 +106,8 @@ class SonixDaqReceiver:
         self._clock.wait(self._settings.stable_s)
         if self._folder.state() != before:
             raise AcquisitionError(
-                f"sonixdaq: files in {self._settings.folder} change although nothing was triggered; is a frame of "
-                "before still being written, or does another program write there?"
+                f"sonixdaq: files in {self._settings.folder} change although nothing was triggered; is an earlier "
+                "frame still being written, or does another program write there?"
             )
         if self._settings.start_command is not None:
             run_to_its_end(
@@ -116,6 +116,7 @@ class SonixDaqReceiver:
                 clock=self._clock,
                 what="sonixdaq",
             )
+        # Noted after the start command, which may itself write or delete files.
         self._armed = (permit, self._folder.state(), self._clock.now_s())
 
     def acquire(self, permit: Permit) -> ChannelFrame:
@@ -133,6 +134,7 @@ class SonixDaqReceiver:
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"sonixdaq: it was not armed for the permit {permit.token!r}; arm it before firing")
         _, before, started_s = self._armed
+        # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         names, state = self._await_files(before)
         samples = self._folder.read(names, pulses=self._triggers(permit))
@@ -150,14 +152,15 @@ class SonixDaqReceiver:
         return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
     def _triggers(self, permit: Permit) -> int:
-        """Triggers that the laser box gives under a permit."""
+        """Number of triggers that the laser box sends under a permit."""
         return permit.pulses or self._settings.dark_triggers
 
     def _await_files(self, before: FolderState) -> tuple[dict[int, str], FolderState]:
-        """Names of the new files by number, once they are complete and left alone, and the folder's state then."""
+        """Names of the new files by number, once they are complete and unchanged, and the folder's state then."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         seen, since_s = before, self._clock.now_s()
         while True:
+            # Polled: change notices of the system (inotify) do not cross a network drive.
             state, now_s = self._folder.state(), self._clock.now_s()
             if state != seen:
                 seen, since_s = state, now_s

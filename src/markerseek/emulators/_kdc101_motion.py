@@ -1,4 +1,4 @@
-"""How an emulated KDC101 carries out moves, and everything that goes wrong with them."""
+"""Motion of an emulated KDC101: moves, homing, stops, status bits, and the faults of the mechanics."""
 
 from __future__ import annotations
 
@@ -11,28 +11,30 @@ from markerseek.emulators._prm1z8 import Prm1z8
 from markerseek.sim import Fault
 from markerseek.wire import apt
 
+# MGMSG_MOT_MOVE_COMPLETED, _MOVE_STOPPED and _MOVE_HOMED of the APT protocol.
 COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444
-"""What is said at the end of a move, after a stop, and at home."""
+"""Messages at the end of a move, after a stop, and at home."""
 
 VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 0x0440, 0x0450
-"""Messages that set a parameter; the next identity asks for it, the one after answers."""
+"""Messages that set a parameter; the next identity requests it, the one after answers."""
 
 _BEGINS_S = 5e-3
-"""A move that was asked for begins so much later; until then the moving bits are clear."""
+"""Delay from the command to the beginning of a move; until then the moving bits are clear."""
 _STEP_S = 0.01
 _TOP_SPEED_DEG_S = 25.0
-_GO_ON = 1
+_IGNORE_LIMIT = 1
 
 POWER_UP: Mapping[int, bytes] = {
     VELOCITY: struct.pack("<H3i", apt.CHANNEL, 0, apt.acceleration_word(20), apt.speed_word(20)),
     JOG: struct.pack("<HH4iH", apt.CHANNEL, 2, apt.counts_of(5), 0, 147, apt.speed_word(10), 2),
-    LIMITS: struct.pack("<3HIIH", apt.CHANNEL, 4, 4, 0, 0, _GO_ON),
+    LIMITS: struct.pack("<3HIIH", apt.CHANNEL, 4, 4, 0, 0, _IGNORE_LIMIT),
     BACKLASH: struct.pack("<Hi", apt.CHANNEL, apt.counts_of(1.0)),
     HOME: struct.pack("<3Hii", apt.CHANNEL, 2, 1, apt.speed_word(10), apt.counts_of(4.0)),
     TARGET: struct.pack("<Hi", apt.CHANNEL, 0),
 }
 """Parameters after a loss of power: twice the usual speed, no limits, and a backlash correction of 1 deg."""
 
+# Status bits of MGMSG_MOT_GET_STATUSBITS in the APT protocol.
 _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
     *(0x10, 0x20, 0x100, 0x200, 0x400, 0x4000),
     0x80000000,
@@ -41,7 +43,7 @@ _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameters:
-    """Those parameters that shape a move, in degrees, seconds and counts."""
+    """The parameters that determine a move, in degrees, seconds and counts."""
 
     speed_deg_s: float
     acceleration_deg_s2: float
@@ -55,11 +57,12 @@ class Parameters:
         _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
         _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
         return cls(
+            # Never 0: a driver may set speed 0, and the motor's equations divide by speed and acceleration.
             speed_deg_s=max(speed / apt.SPEED_WORD, 1e-6),
             acceleration_deg_s2=max(acceleration / apt.ACCELERATION_WORD, 1e-3),
             home_speed_deg_s=max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6),
             backlash_deg=struct.unpack("<Hi", stored[BACKLASH])[1] / apt.COUNTS_PER_DEG,
-            soft_range=None if mode == _GO_ON else (low, high),
+            soft_range=None if mode == _IGNORE_LIMIT else (low, high),
         )
 
 
@@ -71,14 +74,14 @@ class MotionControl:
     stage
         The mechanics.
     fault
-        Gives the fault of that name if it holds now.
+        Returns the fault of that name if it holds now.
 
     Attributes
     ----------
     moves, largest_lead_deg
-        Moves that began at rest; farthest that a target ever was ahead of the motor when it was given, in degrees.
+        Moves that began at rest; largest distance of a target from the motor when it was set, in degrees.
     events
-        What it has to say by itself, since somebody took it out.
+        Messages to send unasked; the caller clears them.
     """
 
     def __init__(self, *, stage: Prm1z8, fault: Callable[[str], Fault | None]) -> None:
@@ -93,14 +96,14 @@ class MotionControl:
 
     @property
     def position(self) -> int:
-        """What it says that its position counter holds."""
-        if self._told is not None and self._fault("says it is there"):
-            return self._told
+        """Position counter as it reports it."""
+        if self._commanded is not None and self._fault("says it is there"):
+            return self._commanded
         return self._stage.counts if self._frozen is None else self._frozen
 
     @property
     def bits(self) -> int:
-        """Its status bits."""
+        """Status bits as it reports them."""
         motor = self._motor
         bits = _CONNECTED | _ENABLED
         if not motor.at_rest and not self._fault("hides its moves"):
@@ -111,11 +114,11 @@ class MotionControl:
 
     @property
     def speed_deg_s(self) -> float:
-        """How fast the motor turns, in degrees per second."""
+        """Speed of the motor, in degrees per second."""
         return self._motor.speed_deg_s
 
     def wake_up(self, *, homed: bool) -> None:
-        """Forget all but the angle of the motor; without home, also what the counter held."""
+        """Restart: keep only the angle of the motor and, if it is homed, the position counter."""
         self._motor.halt()
         self._stage.offset = 0 if homed else self._stage.offset - self._stage.counts
         self._homed = homed
@@ -123,22 +126,22 @@ class MotionControl:
         self._then_deg: float | None = None
         self._pending: tuple[float, float] | None = None
         self._frozen: int | None = None
-        self._told: int | None = None
+        self._commanded: int | None = None
         self.learn(POWER_UP)
 
     def learn(self, stored: Mapping[int, bytes]) -> None:
-        """Take over parameters."""
+        """Set the parameters."""
         self._parameters = Parameters.of(stored)
 
     def advance(self, now_s: float) -> None:
-        """Let time go by until that moment."""
+        """Advance to that time."""
         self._fail()
         while now_s > self._now_s:
             until_s = now_s
             if self._pending is not None:
                 until_s = min(now_s, max(self._pending[0], self._now_s))
             if self._then_deg is not None:
-                # What follows an overshoot begins when it ends, and not at the end of a long step.
+                # The return from an overshoot begins when that ends, and not at the end of a long step.
                 until_s = min(until_s, self._now_s + _STEP_S)
             self._turn(until_s - self._now_s)
             self._now_s = until_s
@@ -148,10 +151,10 @@ class MotionControl:
                 self._begin(target_deg)
 
     def go(self, counts: int) -> None:
-        """Go to a place of the position counter: at once if it turns already, a moment later if it stands."""
+        """Move to a position in counts: at once if it turns already, after a delay if it is at rest."""
         motor = self._motor
         target_deg = self._stage.angle_of(counts)
-        self._told = counts
+        self._commanded = counts
         self.largest_lead_deg = max(self.largest_lead_deg, abs(target_deg - motor.angle_deg))
         if motor.at_rest and self._pending is None:
             self.moves += 1
@@ -170,8 +173,9 @@ class MotionControl:
             self._pending = (begins_s if self._pending is None else self._pending[0], target_deg)
 
     def go_home(self) -> None:
-        """Turn down to the home switch, whatever the limits say."""
+        """Turn down to the home switch; as in the device, soft limits do not apply."""
         self.moves += 1
+        # Not homed until it reaches the switch, as the device reports it: a homing that was stopped must show.
         self._homing, self._homed = True, False
         self._pending = self._then_deg = None
         self._motor.target_deg = 360.0 * math.floor(self._motor.angle_deg / 360.0)
@@ -179,7 +183,7 @@ class MotionControl:
             self._arrive()
 
     def stop(self) -> None:
-        """Stop dead."""
+        """Stop at once, without deceleration."""
         if self._fault("ignores stop") is None:
             self._motor.halt()
             self._pending = self._then_deg = None
@@ -187,11 +191,11 @@ class MotionControl:
         self.events.append(STOPPED)
 
     def set_counter(self, counts: int) -> None:
-        """Call this place by another number."""
+        """Set the position counter; nothing moves."""
         self._stage.offset += counts - self._stage.counts
 
     def _fail(self) -> None:
-        """Let happen what is wrong with the mechanics by now."""
+        """Apply the faults of the mechanics that hold now."""
         if self._fault("power cut"):
             self._motor.halt()
             self._pending = self._then_deg = None
@@ -230,7 +234,7 @@ class MotionControl:
         motor.low_deg, motor.high_deg = -math.inf, math.inf
         if parameters.soft_range is not None and not self._homing:
             low_deg, high_deg = (self._stage.angle_of(counts) for counts in parameters.soft_range)
-            # Outside already, it may still turn back.
+            # A motor that is outside already may still turn back.
             motor.low_deg, motor.high_deg = min(low_deg, motor.angle_deg), max(high_deg, motor.angle_deg)
         if obstacle is not None and (at_deg := self._stage.motor_angle_of(obstacle.amount)) >= motor.angle_deg:
             motor.high_deg = min(motor.high_deg, at_deg)
@@ -238,6 +242,7 @@ class MotionControl:
     def _begin(self, target_deg: float) -> None:
         self._error = False
         self._then_deg = None
+        # As the device does it: downward moves overshoot and come back from below.
         backlash_deg = self._parameters.backlash_deg
         if backlash_deg > 0 and target_deg < self._motor.angle_deg:
             self._then_deg, target_deg = target_deg, target_deg - backlash_deg

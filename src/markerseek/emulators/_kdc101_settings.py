@@ -1,4 +1,4 @@
-"""How an emulated stage stands there."""
+"""Settings of an emulated stage."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from markerseek.core import ConfigError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kdc101Settings:
-    """How the emulated stage stands there before anybody talks to it.
+    """State and mounting of an emulated stage before a driver connects.
 
     Attributes
     ----------
     homed
         Whether it was homed since it was switched on.
     talking
-        Whether it tells its status ten times a second, unasked.
+        Whether it sends its status ten times a second, unasked.
     zero_deg
         The stage's own angle at which the probe points at 0, in degrees.
     turns
         Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
     play_deg
-        Play between motor and probe, in degrees.
+        Backlash between motor and probe, in degrees.
     mirrored
         Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows.
     model, serial_number
-        Who it says it is.
+        Model and serial number that it reports.
     """
 
     homed: bool = True

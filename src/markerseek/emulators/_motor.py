@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+# Sums of phases miss a step's end by rounding; a remainder of this size is no time, and must not start a phase.
 _NO_TIME_S = 1e-12
 
 
@@ -39,7 +40,7 @@ class Motor:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stands at its target."""
+        """Whether it is at rest at its target."""
         return self.speed_deg_s == 0 and self.angle_deg == self.target_deg
 
     def halt(self) -> None:
@@ -48,7 +49,7 @@ class Motor:
         self.target_deg = self.angle_deg
 
     def advance(self, duration_s: float) -> bool:
-        """Turn for that long; return whether it hit a limit and stands there."""
+        """Turn for that long; return whether it stopped at a limit."""
         left_s = duration_s
         self._note()
         for phase_s, acceleration in self._phases():
@@ -56,6 +57,7 @@ class Motor:
             self.angle_deg += self.speed_deg_s * step_s + acceleration * step_s**2 / 2
             self.speed_deg_s += acceleration * step_s
             left_s -= step_s
+            # Checked at the end of a phase only: within one the speed keeps its sign, so its end is the farthest point.
             if not self.low_deg <= self.angle_deg <= self.high_deg:
                 self.angle_deg = min(max(self.angle_deg, self.low_deg), self.high_deg)
                 self.halt()
@@ -73,10 +75,12 @@ class Motor:
         """Seconds and acceleration of each phase from here to rest at the target; none crosses a standstill."""
         rate = self.acceleration_deg_s2
         braked_deg = self.angle_deg + self.speed_deg_s * abs(self.speed_deg_s) / (2 * rate)
-        # Everything below is counted in the direction of the target as it is seen from where braking now would end.
+        # All below is signed towards the target, seen from where braking now would end: that decides whether the motor
+        # must turn round.
         sign = math.copysign(1.0, self.target_deg - braked_deg)
         ahead = sign * self.speed_deg_s
         way_deg = sign * (self.target_deg - self.angle_deg)
+        # Speed at which accelerating meets braking: v² = v0²/2 + a·s, from s = (v² - v0²)/2a + v²/2a.
         peak = min(math.sqrt(max(rate * way_deg + ahead**2 / 2, 0.0)), self.top_speed_deg_s)
         if ahead < 0:
             yield -ahead / rate, sign * rate

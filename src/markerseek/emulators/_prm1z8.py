@@ -1,4 +1,4 @@
-"""Mechanics of an emulated PRM1Z8: motor, encoder, play, and the probe that it turns."""
+"""Mechanics of an emulated PRM1Z8: motor, encoder, backlash, and the probe that it turns."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Turned(Protocol):
 
 
 class Prm1z8:
-    """A motor with an encoder, and a probe that it turns with some play.
+    """A motor with an encoder, and a probe that it turns with some backlash.
 
     Angles of the motor are the stage's own, counted from its home; the probe's are the world's.
 
@@ -31,10 +31,10 @@ class Prm1z8:
     zero_deg
         Angle of the motor at which the probe points at 0, in degrees.
     play_deg
-        Play between motor and probe: pushed from below the probe stands at the motor's angle, pulled from above by the
-        play behind it. In degrees.
+        Backlash between motor and probe, in degrees: after an upward move the probe is at the motor's angle, after a
+        downward move it lags by the backlash.
     sense
-        1 if the probe turns as the motor does, -1 if it is mounted the other way round; the play is then mirrored too.
+        1 if the probe turns as the motor does, -1 if it is mounted the other way round, the backlash included.
     fault
         Returns the fault of that name if it holds now.
     rng
@@ -92,14 +92,14 @@ class Prm1z8:
         stopped = motor.advance(duration_s)
         if turning:
             self._jump_on_its_way(duration_s)
-        # The limits are checked against the whole path of the motor, also where it came back.
+        # The limits are checked against the whole path of the motor, turning points included.
         for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:
             self._turn_probe(angle_deg)
         self._turn_probe(motor.angle_deg)
         return stopped
 
     def _jump_on_its_way(self, turned_s: float) -> None:
-        """Let the counter jump once, when the motor has turned for a random time with this fault."""
+        """Make the counter jump once, after the motor has turned for a random time with this fault."""
         jump = self._fault("jump on its way")
         if jump is None or self._jumps_in_s == -math.inf:
             return
@@ -118,6 +118,7 @@ class Prm1z8:
         if slip is not None:
             pushed_deg += slip.amount
         play_deg = self._play_deg if play is None else play.amount
+        # The probe moves only when one side of the gap pushes it: clamp it to the gap, in the motor's direction.
         angle_deg = self._sense * min(max(self._sense * self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
         self._probe.angle_deg = angle_deg
         self.lowest_deg = min(self.lowest_deg, angle_deg)

@@ -27,7 +27,7 @@ from markerseek.sim import SimulatedSettings, VirtualClock, World
 _TICK_S = 2e-3
 
 _HELD_UP_S = 0.02
-"""Longest time between two ticks that counts, in seconds: more is a pause of the computer, not of the devices."""
+"""Longest time between two ticks that counts, in seconds: the rest is a pause of the computer, not of the devices."""
 
 
 class EmulatedBench:
@@ -67,7 +67,7 @@ class EmulatedBench:
             start_deg=settings.start_deg,
             rng=rng,
         )
-        # Children of the generator: what differs from pulse to pulse must not change the next draws of the world.
+        # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise = rng.spawn(2)
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise
@@ -122,6 +122,7 @@ class BenchClock(VirtualClock):
         ends_s = self.now_s() + duration_s
         while (left_s := ends_s - self.now_s()) > 0:
             super().wait(min(self._tick_s, left_s))
+            # The order is kept: the laser box lights the world before the data acquisition reads it.
             for follower in self._followers:
                 follower(self.now_s())
 
@@ -143,6 +144,7 @@ class ServingClock:
     def now_s(self) -> float:
         """Seconds since the clock was made, pauses left out."""
         now_s = self._clock.now_s()
+        # A pause of this process would look like a stage that jumps and a lease that lapses.
         self._now_s += min(now_s - self._last_s, _HELD_UP_S)
         self._last_s = now_s
         return self._now_s

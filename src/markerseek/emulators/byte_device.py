@@ -47,6 +47,7 @@ class DirectPort:
         NotConnectedError
             If the port was closed.
         """
+        # Advance first: the device must be at the present time when it receives a command.
         self._poll()
         self._inbox += self._device.feed(data)
 

@@ -43,6 +43,7 @@ class FaultyLine:
             if data:
                 self._late.append((now_s + late.amount, data))
             data = b""
+        # In order of sending: a serial line delays bytes, and never reorders them.
         due = bytearray()
         while self._late and self._late[0][0] <= now_s:
             due += self._late.popleft()[1]
@@ -66,5 +67,6 @@ class FaultyLine:
         if garbled is None or not data:
             return data
         hit = self._rng.random(len(data)) < garbled.amount
+        # One bit of a byte: the fault that a form without a checksum is least able to detect.
         flips = np.where(hit, 1 << self._rng.integers(0, 8, len(data)), 0)
         return bytes(byte ^ int(flip) for byte, flip in zip(data, flips, strict=True))

@@ -1,8 +1,8 @@
-"""A KDC101 with a PRM1Z8, emulated at the level of bytes. Simulated, and says so in its notes.
+"""A KDC101 with a PRM1Z8, emulated at the level of bytes. The notes in its identity say that it is simulated.
 
-It answers the messages that drivers of a single-channel motor use, and turns the probe of a simulated world. It wakes
-up as a real one does: with parameters that nobody chose and, if one wants, not homed, or still telling its status
-unasked because another program left it so.
+It answers the messages that drivers of a single-channel motor use, and turns the probe of a simulated world. It
+starts as a real one does: with its default parameters and, by its settings, not homed, or still sending its status
+unasked because another program enabled that.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ _FIRMWARE = (4, 0, 3, 0)
 
 
 class Kdc101Emulator:
-    """The controller: bytes in, bytes out, time told to it by `advance`.
+    """The controller: bytes in, bytes out, and the time by `advance`.
 
     Parameters
     ----------
     probe
-        What it turns: the truth, of which the controller knows only what its encoder says.
+        The probe that it turns, with its true angle; the controller knows only its encoder.
     settings
-        How it stands there.
+        Its state and mounting.
     faults
-        What is wrong with it; a step is a move that begins at rest, counted from 1.
+        Its faults; a step is a move that begins at rest, counted from 1.
     rng
         Source of randomness, for faults that need it.
     """
@@ -74,10 +74,10 @@ class Kdc101Emulator:
         self._motion = MotionControl(stage=self._stage, fault=self._fault)
         self._line = FaultyLine(fault=self._fault, rng=rng)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
-        self._said = bytearray()
+        self._outbox = bytearray()
         self._now_s = self._next_update_s = 0.0
-        self._handlers = self._listens_to()
-        self._wake_up(homed=self._settings.homed)
+        self._handlers = self._message_handlers()
+        self._power_up(homed=self._settings.homed)
         for fault in faults:
             self.inject(fault)
 
@@ -93,16 +93,16 @@ class Kdc101Emulator:
 
     @property
     def largest_lead_deg(self) -> float:
-        """Farthest that a target ever was ahead of the motor when it was given, in degrees."""
+        """Largest distance of a target from the motor when it was set, in degrees."""
         return self._motion.largest_lead_deg
 
     @property
     def moving(self) -> bool:
-        """Whether the motor truly turns."""
+        """Whether the motor turns in truth."""
         return self._motion.speed_deg_s != 0
 
     def inject(self, fault: Fault) -> None:
-        """Let something go wrong, from the step on that the fault names.
+        """Add a fault, from its own step on.
 
         Raises
         ------
@@ -117,59 +117,61 @@ class Kdc101Emulator:
         self._faults[fault.name] = fault
 
     def heal(self) -> None:
-        """Nothing is wrong any more; what has happened stays."""
+        """Remove all faults; their effects so far remain."""
         self._faults.clear()
         self._power_cycled = False
 
     def advance(self, now_s: float) -> bytes:
-        """Let time go by until that moment, and return what the controller says by itself."""
+        """Advance to that time, and return what the controller sends by itself."""
+        # Most calls come twice at one time (a poll before each write); without faults nothing can have changed.
         if now_s == self._now_s and not self._faults and not self._updates:
             return self._out()
         if self._fault("power cycle") and not self._power_cycled:
-            self._wake_up(homed=False)
+            self._power_up(homed=False)
             self._power_cycled = True
         self._motion.advance(now_s)
         self._now_s = now_s
         if self._updates and self._next_update_s <= now_s:
             self._next_update_s = now_s + _UPDATES_S
-            self._say_status(apt.STATUS)
+            self._send_status(apt.STATUS)
         return self._out()
 
     def feed(self, data: bytes) -> bytes:
-        """Take in bytes, and return what the controller answers at once."""
+        """Receive bytes, and return the immediate answer."""
         for message in self._framer.feed(self._line.to_device(data, now_s=self._now_s)):
+            # The device ignores messages that it does not know, without an answer.
             handler = self._handlers.get(message.ident)
             if handler is not None:
                 handler(message)
         return self._out()
 
-    def _listens_to(self) -> dict[int, Callable[[AptMessage], None]]:
+    def _message_handlers(self) -> dict[int, Callable[[AptMessage], None]]:
         parameters = (VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET)
         return {
             **dict.fromkeys(parameters, self._set),
-            **dict.fromkeys([ident + 1 for ident in parameters], self._tell),
-            0x0005: self._tell_who,
-            0x0011: self._update,
-            0x0012: self._update,
-            0x0211: self._tell_enabled,
-            0x040A: self._tell_counter,
+            **dict.fromkeys([ident + 1 for ident in parameters], self._send_parameter),
+            0x0005: self._send_info,
+            0x0011: self._set_updates,
+            0x0012: self._set_updates,
+            0x0211: self._send_enabled,
+            0x040A: self._send_counter,
             0x0410: self._set_counter,
-            0x0411: self._tell_counter,
-            0x0429: self._tell_bits,
+            0x0411: self._send_counter,
+            0x0429: self._send_bits,
             0x0443: lambda _message: self._motion.go_home(),
             0x0448: self._move_by,
             0x0453: self._move,
             0x0465: lambda _message: self._motion.stop(),
-            0x046B: self._end_of_moves,
-            0x046C: self._end_of_moves,
-            0x0480: self._tell_status,
-            0x0490: self._tell_status,
+            0x046B: self._set_end_reports,
+            0x046C: self._set_end_reports,
+            0x0480: self._answer_status,
+            0x0490: self._answer_status,
         }
 
-    def _wake_up(self, *, homed: bool) -> None:
+    def _power_up(self, *, homed: bool) -> None:
         self._stored = dict(POWER_UP)
         self._motion.wake_up(homed=homed)
-        self._updates, self._ends = self._settings.talking, True
+        self._updates, self._reports_ends = self._settings.talking, True
         self._next_update_s = self._now_s
         self._power_cycled = False
 
@@ -182,14 +184,14 @@ class Kdc101Emulator:
     def _out(self) -> bytes:
         for event in self._motion.events:
             if event == HOMED:
-                self._say(event, first=apt.CHANNEL)
-            elif self._ends:
-                self._say_status(event)
+                self._send(event, first=apt.CHANNEL)
+            elif self._reports_ends:
+                self._send_status(event)
         self._motion.events.clear()
-        if not self._said and not self._faults:
+        if not self._outbox and not self._faults:
             return b""
-        said, self._said = bytes(self._said), bytearray()
-        return self._line.to_host(said, now_s=self._now_s)
+        out, self._outbox = bytes(self._outbox), bytearray()
+        return self._line.to_host(out, now_s=self._now_s)
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data
@@ -206,42 +208,42 @@ class Kdc101Emulator:
         if message.data:
             self._motion.go(self._stage.counts + struct.unpack("<Hi", message.data)[1])
 
-    def _update(self, message: AptMessage) -> None:
+    def _set_updates(self, message: AptMessage) -> None:
         self._updates = message.ident == 0x0011
 
-    def _end_of_moves(self, message: AptMessage) -> None:
-        self._ends = message.ident == 0x046C
+    def _set_end_reports(self, message: AptMessage) -> None:
+        self._reports_ends = message.ident == 0x046C
 
-    def _tell(self, message: AptMessage) -> None:
-        self._say(message.ident + 1, data=self._stored[message.ident - 1])
+    def _send_parameter(self, message: AptMessage) -> None:
+        self._send(message.ident + 1, data=self._stored[message.ident - 1])
 
-    def _tell_who(self, message: AptMessage) -> None:
+    def _send_info(self, message: AptMessage) -> None:
         model, number = self._settings.model.encode("ascii"), self._settings.serial_number
         notes = b"simulated by markerseek"
-        self._say(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
+        self._send(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
 
-    def _tell_enabled(self, message: AptMessage) -> None:
-        self._say(message.ident + 1, first=apt.CHANNEL, second=1)
+    def _send_enabled(self, message: AptMessage) -> None:
+        self._send(message.ident + 1, first=apt.CHANNEL, second=1)
 
-    def _tell_counter(self, message: AptMessage) -> None:
-        self._say(message.ident + 1, data=struct.pack("<Hi", apt.CHANNEL, self._motion.position))
+    def _send_counter(self, message: AptMessage) -> None:
+        self._send(message.ident + 1, data=struct.pack("<Hi", apt.CHANNEL, self._motion.position))
 
-    def _tell_bits(self, message: AptMessage) -> None:
-        self._say(message.ident + 1, data=struct.pack("<HI", apt.CHANNEL, self._motion.bits))
+    def _send_bits(self, message: AptMessage) -> None:
+        self._send(message.ident + 1, data=struct.pack("<HI", apt.CHANNEL, self._motion.bits))
 
-    def _tell_status(self, message: AptMessage) -> None:
-        self._say_status(message.ident + 1)
+    def _answer_status(self, message: AptMessage) -> None:
+        self._send_status(message.ident + 1)
 
-    def _say_status(self, ident: int) -> None:
+    def _send_status(self, ident: int) -> None:
         position, bits = self._motion.position, self._motion.bits
         if ident == 0x0481:
             data = struct.pack("<HiiI", apt.CHANNEL, position, position, bits)
         else:
             data = struct.pack("<HihHI", apt.CHANNEL, position, round(self._motion.speed_deg_s), 0, bits)
-        self._say(ident, data=data)
+        self._send(ident, data=data)
 
-    def _say(self, ident: int, *, first: int = 0, second: int = 0, data: bytes = b"") -> None:
+    def _send(self, ident: int, *, first: int = 0, second: int = 0, data: bytes = b"") -> None:
         if data:
-            self._said += struct.pack("<HHBB", ident, len(data), HOST | 0x80, CONTROLLER) + data
+            self._outbox += struct.pack("<HHBB", ident, len(data), HOST | 0x80, CONTROLLER) + data
         else:
-            self._said += struct.pack("<HBBBB", ident, first, second, HOST, CONTROLLER)
+            self._outbox += struct.pack("<HBBBB", ident, first, second, HOST, CONTROLLER)

@@ -1,7 +1,7 @@
-"""A laser box at the level of its bytes: lease, interlock, counter and photodiode, lighting a simulated world.
+"""An emulated laser box at the level of bytes: lease, interlock, counter and photodiode, lighting a simulated world.
 
-It is a `markerseek.emulators.ByteDevice`: on a pty in real time and in one process in virtual time it is the same. What
-it really did stands in `pulses`, whatever it reports.
+It is a `markerseek.emulators.ByteDevice`, the same on a pty in real time and in one process in virtual time. `pulses`
+holds what it fired in truth, whatever it reports.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from markerseek.sim import SimulatedWorld
 from markerseek.wire import laserbox as wire
 
 IDENTITY = "emulator"
-"""How the box calls itself."""
+"""Identity that the box reports."""
 
 _NEVER_US = 1 << 62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pulse:
-    """One pulse of light: when, in seconds, and where the probe really pointed, in degrees."""
+    """One pulse of light: its time in seconds, and the true angle of the probe in degrees."""
 
     at_s: float
     angle_deg: float
@@ -30,18 +30,18 @@ class Pulse:
 
 @dataclass(slots=True, kw_only=True)
 class LaserBoxFaults:
-    """What is broken; may be changed while the box runs.
+    """Faults of the box; may be changed while it runs.
 
     Attributes
     ----------
     laser_dead
-        The trigger is given and no light comes.
+        Triggers are sent and no light comes.
     photodiode_dead
         Light comes and is not seen.
     extra_pulses
         Pulses beyond the permit that a broken counter lets through.
     silent
-        The box does all it should and answers nothing.
+        The box works and answers nothing.
     light_late_us
         Time from a trigger to its light, in microseconds.
     """
@@ -54,21 +54,21 @@ class LaserBoxFaults:
 
 
 class EmulatedLaserBox:
-    """A laser box and the laser behind it; it looks at its inputs once a turn, as the firmware's loop does.
+    """A laser box and its laser; it reads its inputs once per turn of a loop, as the firmware does.
 
     Parameters
     ----------
     world
-        What is lit.
+        World that is lit.
     on_triggers
-        Called with the number of triggers that the acquisition was given, once a train of them has ended: also those
-        without light after a permit was taken away.
+        Called at the end of a train with the number of triggers sent to the acquisition, those without light after a
+        permit was taken away included.
     lease_ms
         Lease in milliseconds; at most `markerseek.wire.laserbox.LEASE_MS`.
     turn_us
         Time between two turns of its loop, in microseconds.
     faults
-        What is broken.
+        Faults of the box.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class EmulatedLaserBox:
         self.power_up()
 
     def power_up(self) -> None:
-        """Begin as after power-up: nothing permitted, nothing remembered."""
+        """Start as after power-up: no permit, and all counters at 0."""
         self._lines = wire.Lines()
         self._answers = b""
         self._last_token = 0
@@ -108,7 +108,7 @@ class EmulatedLaserBox:
         self._last_trigger_us = 0
         self._fired: deque[tuple[int, int]] = deque()
         self._light_us: deque[int] = deque()
-        """When light of triggers already given will come."""
+        """Times at which light of earlier triggers will come."""
         self._seen = 0
 
     @property
@@ -122,29 +122,32 @@ class EmulatedLaserBox:
         self._interlock_opened = True
 
     def close_interlock(self) -> None:
-        """Close the interlock; the permit that was held stays gone."""
+        """Close the interlock; a permit that was held stays void."""
         self._interlock_closed = True
 
     def stray_light(self, pulses: int = 1) -> None:
-        """Let the laser fire by itself, now: nobody triggered it."""
+        """Make the laser fire now without a trigger."""
         for _ in range(pulses):
             self._light_us.appendleft(self._now_us)
         self._shine()
 
     def advance(self, now_s: float) -> bytes:
-        """Do what is due until that moment, in seconds, and return what is said; an earlier moment changes nothing."""
+        """Advance to that time in seconds, and return the bytes sent; an earlier time changes nothing."""
+        # Whole microseconds, as the firmware counts: sums of float seconds would depend on the size of the steps.
         until_us = max(self._now_us, round(now_s * 1e6))
         while (turn_us := self._next_turn_us()) <= until_us:
             self._now_us = turn_us
             self._turn()
+        # One more turn at the end, so that light due since the last whole turn is counted now.
         self._now_us = until_us
         self._turn()
         return self._take()
 
     def feed(self, data: bytes) -> bytes:
-        """Take in bytes from the host, at the moment last advanced to, and return what is said."""
+        """Receive bytes from the host at the present time, and return the answer."""
         for line in self._lines.feed(data):
-            answer = self._obey(wire.decode_command(line))
+            answer = self._execute(wire.decode_command(line))
+            # Fail safe: after any refusal the host's view of the box is wrong, and no permit may remain.
             if isinstance(answer, wire.Refusal):
                 self._void()
             if answer is not None:
@@ -152,7 +155,7 @@ class EmulatedLaserBox:
         return self._take()
 
     def _next_turn_us(self) -> int:
-        """Moment of the next turn in which anything can happen: turns in between would find nothing to do."""
+        """Time of the next turn in which anything can happen; skipping the others makes virtual time fast."""
         due_us = []
         if self._permit is not None:
             due_us.append(min(self._ends_us, self._expires_us))
@@ -179,7 +182,7 @@ class EmulatedLaserBox:
 
     @property
     def _given(self) -> int:
-        """Triggers of the train: more than permitted where the counter is broken."""
+        """Triggers of the train: more than permitted if the counter is broken."""
         return 0 if self._train is None else max(self._train.triggers, self._train.pulses + self.faults.extra_pulses)
 
     def _interlock_open(self) -> bool:
@@ -188,7 +191,7 @@ class EmulatedLaserBox:
         return opened or not self._interlock_closed
 
     def _shine(self) -> None:
-        """Light that has come by now; the photodiode's interrupt counts it."""
+        """Emit the light that is due; the photodiode's interrupt counts it."""
         while self._light_us and self._light_us[0] <= self._now_us:
             self.pulses.append(Pulse(at_s=self._light_us.popleft() / 1e6, angle_deg=self._world.angle_deg))
             self._seen += not self.faults.photodiode_dead
@@ -201,7 +204,7 @@ class EmulatedLaserBox:
         if not self.faults.silent:
             self._answers += wire.encode(reply)
 
-    def _obey(self, command: wire.Command | wire.Refusal) -> wire.Reply | None:
+    def _execute(self, command: wire.Command | wire.Refusal) -> wire.Reply | None:
         match command:
             case wire.Hello():
                 return self._greet()
@@ -246,7 +249,7 @@ class EmulatedLaserBox:
         return wire.Permitted(token=permit.token, seen=self._seen & wire.MOST_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
-        """Pulses sent in the last 60 s, counted in whole seconds: up to one second's too many, never too few."""
+        """Pulses sent in the last 60 s, counted by whole seconds: up to one second's pulses too many, never too few."""
         while self._fired and self._fired[0][0] < self._now_us // 1_000_000 - 60:
             self._fired.popleft()
         return sum(pulses for _, pulses in self._fired)
@@ -281,16 +284,17 @@ class EmulatedLaserBox:
                 self._shine()
         if self._triggers >= self._given:
             self._void()
-        # a pulse that comes late by half a period puts off the others: never two in a burst
+        # A pulse that is late by half a period delays the next ones, so that two never come in a burst.
         period_us = (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
         self._due_us = max(self._due_us + period_us, self._now_us + period_us // 2)
 
     def _void(self) -> None:
-        """Take the permit away: no light from now on; a train that has begun goes on without."""
+        """Void the permit: no light from now on; a train that has begun is completed without light."""
         self._permit = None
 
     def _end_train(self, train: wire.PermitPulses) -> None:
-        """The world, the acquisition and the host receive what was fired."""
+        """Report the train to the world, the acquisition and the host."""
+        # One flash per train: the acquisition averages its pulses, so the world needs only their number.
         self._train = None
         if self._sent and not self.faults.laser_dead:
             self._world.flash(pulses=self._sent, at_s=self._last_trigger_us / 1e6)

@@ -43,6 +43,7 @@ class PtyLine:
         self._link: Path | None = None
         self._ours, self._theirs = os.openpty()
         # Our copy of the driver's end stays open: without it, reading fails whenever no driver has the port open.
+        # Raw: a terminal would echo the driver's bytes and change line ends.
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self._open = True
@@ -69,13 +70,14 @@ class PtyLine:
             self.serve_once(wait_s=tick_s)
 
     def serve_once(self, *, wait_s: float) -> None:
-        """Wait for bytes at most so many seconds, then advance the device once."""
+        """Wait for bytes at most that many seconds, then advance the device once."""
         arrived, _, _ = select.select([self._ours], [], [], wait_s)
         # Read first: bytes that arrive after the time is taken would be answered as of a time before they were sent.
         data = os.read(self._ours, 4096) if arrived else b""
         self._outbox += self._device.advance(self._clock.now_s())
         if data:
             self._outbox += self._device.feed(data)
+        # A full pty would block the loop that serves the other devices too.
         del self._outbox[_UNREAD_LIMIT:]
         if self._outbox:
             try:
@@ -106,6 +108,6 @@ class PtyLine:
             self.close()
             raise ConfigError(
                 f"link: {link} cannot be made a link to {self._name} ({error.strerror}); "
-                "name another place, or delete what a killed emulator left there"
+                "name another path, or delete what a killed emulator left there"
             ) from error
         self._link = link

@@ -1,9 +1,9 @@
-"""A SonixDAQ's software as a folder that fills with channel files, some time after each trigger.
+"""An emulated SonixDAQ: it writes channel files into a folder, some time after each trigger.
 
-Each pulse of an acquisition is in the files; their average is the simulated world's averaged frame, count for count.
-It is a computer of its own: when the host dies, what was triggered is written all the same, one acquisition after the
-other. It takes the triggers of one train as an acquisition, or counts: then a train that was cut stays in it, and is
-completed by the next triggers that come.
+The files hold each pulse of an acquisition; their average equals the simulated world's averaged frame, count for count.
+Like the device it runs independently: when the host dies, triggered acquisitions are still written, one after the
+other. An acquisition is one train of triggers, or a fixed number of them: then a train that was cut short stays in it,
+and is completed by the next triggers.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from markerseek.wire import sonixdaq as wire
 _SPREAD_COUNTS = 8
 """Most counts by which a single pulse differs from the average."""
 
+# 12-bit converter, signed.
 _FULL_SCALE = 2047
 
 
 @dataclass(slots=True, kw_only=True)
 class SonixDaqFaults:
-    """What is broken; may be changed while it runs.
+    """Faults of the device; may be changed while it runs.
 
     Attributes
     ----------
@@ -38,11 +39,11 @@ class SonixDaqFaults:
     delay_s
         Further time before the first file, in seconds.
     files
-        Channel files that are written; the one after them is left half written.
+        Number of channel files that are written; the next one is written half.
     stuck
-        The acquisition before is written again.
+        The previous acquisition is written again.
     one_behind
-        Each trigger brings the acquisition of the trigger before it.
+        Each trigger yields the acquisition of the trigger before it.
     swapped
         The files of channels 5 and 6 hold one another's data.
     garbage
@@ -60,14 +61,14 @@ class SonixDaqFaults:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Train:
-    """Triggers in a row: the world as it stood, and the light that came with the first of them."""
+    """A train of triggers: a copy of the world, and the light that came with the first of them."""
 
     world: SimulatedWorld
     flash: Flash | None
     triggers: int
 
     def split(self, count: int) -> tuple[_Train, _Train]:
-        """The first so many triggers, and the rest."""
+        """The first `count` triggers, and the rest."""
         first, rest = min(count, self.triggers), self.triggers - min(count, self.triggers)
         lit = 0 if self.flash is None else min(self.flash.pulses, self.triggers)
         return self._part(first, lit=min(lit, first)), self._part(rest, lit=max(0, lit - first))
@@ -79,7 +80,7 @@ class _Train:
 
 @dataclass(slots=True, kw_only=True)
 class _Writing:
-    """Files of an acquisition, when the first is due in seconds, and how many are written."""
+    """Files of an acquisition, the time at which the first is due in seconds, and how many are written."""
 
     files: list[bytes]
     begins_s: float
@@ -87,16 +88,16 @@ class _Writing:
 
 
 class EmulatedSonixDaq:
-    """Writes what the world sounds like.
+    """Records the sound of a simulated world into channel files.
 
     Parameters
     ----------
     world
-        What is heard; a world of frames.
+        World whose sound is recorded; it must simulate frames.
     folder
-        Where the channel files go; made if need be.
+        Folder of the channel files; created if missing.
     rng
-        Source of what differs from pulse to pulse.
+        Source of randomness for the differences between pulses.
     readout_s
         Time from the trigger to the last file, in seconds: about 10 s (paper, section 4).
     counts
@@ -104,12 +105,12 @@ class EmulatedSonixDaq:
     sdk
         Layout of the files: that of SDK 6 and later, or that of the earlier ones.
     faults
-        What is broken.
+        Faults of the device.
 
     Raises
     ------
     ConfigError
-        If the folder cannot be made.
+        If the folder cannot be created.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ class EmulatedSonixDaq:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"sonixdaq: the folder {folder} cannot be made ({error.strerror})") from error
+            raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
         self.faults = faults or SonixDaqFaults()
         self._world = world
         self._folder = folder
@@ -146,28 +147,29 @@ class EmulatedSonixDaq:
         self._queue: deque[_Writing] = deque()
 
     def warm_up(self) -> None:
-        """Take an acquisition that nobody gets, so that the first real one finds its code loaded and its tables made.
+        """Compute one acquisition and discard it, so that the first real one is not delayed by imports and compilation.
 
-        The world, and what it draws next, stay as they are.
+        The world and its random numbers do not change.
         """
         flash = Flash(at_s=0.0, pulses=1, energy=1.0)
         self._acquisition([_Train(world=deepcopy(self._world), flash=flash, triggers=1)])
 
     def trigger(self, count: int) -> None:
-        """Take a train of so many triggers now, with the probe as it stands; all work is left to `advance`.
+        """Receive a train of triggers at the present angle of the probe; `advance` does the work.
 
-        Where fewer pulses of light fell than triggers came, as in a train that was cut, the light came with the first.
+        Where there were fewer pulses of light than triggers, as in a train cut short, the light came with the first.
         """
         new = self._world.flashes[self._flashes :]
         self._flashes = len(self._world.flashes)
-        # A shallow copy stands still while the world turns on.
+        # A shallow copy keeps its angle while the world's probe is turned further.
         self._triggered.append(_Train(world=copy(self._world), flash=new[-1] if new else None, triggers=count))
 
     def advance(self, now_s: float) -> None:
-        """Write the files that are due at that moment, in seconds; the one in work is there by half.
+        """Write the files that are due at that time in seconds; the next one is written half.
 
         It may be called from another thread than `trigger`.
         """
+        # Never backwards: the files run in a thread of their own, at a time that they read themselves.
         self._now_s = max(self._now_s, now_s)
         while self._triggered:
             self._take_up(self._triggered.popleft())
@@ -177,7 +179,7 @@ class EmulatedSonixDaq:
                 self._queue[0].begins_s = max(self._queue[0].begins_s, ended_s)
 
     def _has_written(self, writing: _Writing) -> bool:
-        """Write what is due of an acquisition; whether it is over."""
+        """Write the files of an acquisition that are due; return whether it is complete."""
         gone_s = self._now_s - writing.begins_s
         if gone_s < 0:
             return False
@@ -191,7 +193,7 @@ class EmulatedSonixDaq:
         return share == 1.0
 
     def _take_up(self, train: _Train) -> None:
-        """Make the files of a train, or of as many acquisitions as are complete with it; they are written in turn."""
+        """Make the files of a train, or of all acquisitions that it completes; they are written in turn."""
         if self._counts is None:
             self._finish([train])
             return
@@ -207,7 +209,7 @@ class EmulatedSonixDaq:
             self._finish(parts)
 
     def _finish(self, parts: list[_Train]) -> None:
-        """Make the files of an acquisition, and write them once those before are written."""
+        """Make the files of an acquisition, and queue them for writing."""
         fresh = self._acquisition(parts)
         files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
         if not self.faults.stuck or not self._previous:
@@ -216,8 +218,8 @@ class EmulatedSonixDaq:
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.delay_s))
 
     def _acquisition(self, parts: list[_Train]) -> list[bytes]:
-        """Channel files of what is heard with the triggers of these trains, one after the other."""
-        pulses = np.concatenate([self._pulses(self._heard(part), part.triggers) for part in parts])
+        """Channel files of the triggers of these trains, one after the other."""
+        pulses = np.concatenate([self._pulses(self._average(part), part.triggers) for part in parts])
         files = []
         for number in range(wire.CHANNELS):
             other = {5: 6, 6: 5}.get(number, number) if self.faults.swapped else number
@@ -225,8 +227,9 @@ class EmulatedSonixDaq:
             files.append(self._rng.bytes(12) + data[12:] if self.faults.garbage else data)
         return files
 
-    def _heard(self, part: _Train) -> Int16[np.ndarray, "channels samples"]:
-        """Average over the triggers of a train; each part of a mixed acquisition has the noise of a whole one."""
+    def _average(self, part: _Train) -> Int16[np.ndarray, "channels samples"]:
+        """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
+        # Only the samples are used; the driver makes the header that the guard checks.
         header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
         flash = part.flash
         if flash is not None and flash.pulses < part.triggers:
@@ -239,17 +242,18 @@ class EmulatedSonixDaq:
     def _pulses(
         self, averaged: Int16[np.ndarray, "channels samples"], count: int
     ) -> Int16[np.ndarray, "pulses channels samples"]:
-        """Pulses that differ from one another in pairs about their average, which they therefore keep."""
+        """Pulses that differ in pairs, by opposite amounts, so that their average stays exact."""
         pulses = np.repeat(averaged[np.newaxis], count, axis=0)
         for pair in range(count // 2):
             apart = self._rng.integers(-_SPREAD_COUNTS, _SPREAD_COUNTS + 1, averaged.shape, dtype=np.int16)
+            # Near full scale no difference: a clipped pulse would change the average.
             apart[np.abs(averaged) > _FULL_SCALE - _SPREAD_COUNTS] = 0
             pulses[2 * pair] += apart
             pulses[2 * pair + 1] -= apart
         return pulses
 
     def _write(self, number: int, data: bytes) -> None:
-        """Put a file in place of the one before: under a new inode, so that none is taken for the old."""
+        """Replace a file atomically, under a new inode, by which the driver recognises it as new."""
         place = self._folder / wire.file_name(number, numbered=self._numbered)
         draft = place.with_suffix(".part")
         draft.write_bytes(data)

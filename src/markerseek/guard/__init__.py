@@ -1,4 +1,4 @@
-"""What stands between a search and the devices: limits, leave to fire, admission of frames, and the state of a rig."""
+"""The safety kernel between a search and the devices: limits, permits, admission of frames, and the rig's state."""
 
 from markerseek.guard.admission import Admission
 from markerseek.guard.lease import Lease
@@ -6,12 +6,4 @@ from markerseek.guard.limits import Limits
 from markerseek.guard.machine import Guard, State
 from markerseek.guard.permits import FiringLimits, Permits
 
-__all__ = [
-    "Admission",
-    "FiringLimits",
-    "Guard",
-    "Lease",
-    "Limits",
-    "Permits",
-    "State",
-]
+__all__ = ["Admission", "FiringLimits", "Guard", "Lease", "Limits", "Permits", "State"]

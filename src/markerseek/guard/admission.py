@@ -1,4 +1,4 @@
-"""Which frames may reach a policy. A fault is data: it is refused by name, never passed on as an intensity."""
+"""Admission of frames: a frame with a fault is refused with its reason, and never reaches a policy as an intensity."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from markerseek.core import (
     Reading,
     SaturationError,
     is_finite,
+    require_range,
 )
-
-_FEATURES = tuple(feature.name for feature in fields(Reading))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Admission:
-    """The rules under which a frame and its reading are believed.
+    """The rules under which a frame and its reading are accepted.
 
     Attributes
     ----------
@@ -38,9 +37,9 @@ class Admission:
     noise_ratio
         Most by which a frame may be noisier or quieter than the first lit or dark one of the run; inf admits any.
     dark_alarm
-        Probability with which the noise of a dark frame alone is taken for a source; None admits any dark frame.
+        Probability that noise alone makes a dark frame look like one with a source; None admits any dark frame.
     repeats
-        Whether the data may be those of the frame before, constant or 0: so in a recording, and nowhere else.
+        Whether the data may repeat the frame before, or be constant or 0: true for recordings only.
     """
 
     settled_deg: float = 0.05
@@ -54,20 +53,17 @@ class Admission:
     def __post_init__(self) -> None:
         if not 0 < self.settled_deg < 1:
             raise ConfigError(f"admission: settled_deg is {self.settled_deg} deg, it must lie between 0 and 1 deg")
-        if not 0 < self.age_s <= 60:
-            raise ConfigError(f"admission: age_s is {self.age_s} s, it must lie in (0, 60] s")
+        require_range("admission: age_s", self.age_s, low=0, high=60, unit="s", open_low=True)
         for name in ("saturated_limit", "dead_limit"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ConfigError(f"admission: {name} is {getattr(self, name)}, it is a share between 0 and 1")
-        if not self.noise_ratio > 1:
-            raise ConfigError(f"admission: noise_ratio is {self.noise_ratio}, it must be a factor above 1")
-        if self.dark_alarm is not None and not 0 < self.dark_alarm <= 0.01:
-            raise ConfigError(f"admission: dark_alarm is {self.dark_alarm}, it must be a probability in (0, 0.01]")
+            require_range(f"admission: {name}", getattr(self, name), low=0, high=1)
+        require_range("admission: noise_ratio", self.noise_ratio, low=1, high=math.inf, open_low=True)
+        if self.dark_alarm is not None:
+            require_range("admission: dark_alarm", self.dark_alarm, low=0, high=0.01, open_low=True)
 
     def admit_frame(
         self, frame: Frame, *, permit: Permit, issued_s: float, now_s: float, previous: Frame | None
     ) -> None:
-        """Refuse a frame that is not the answer to this permit.
+        """Refuse a frame that does not belong to this permit.
 
         Its header must carry the readback before and after. Times are on the rig's clock in seconds, `previous` is the
         frame before in this run. `AcquisitionError` if it carries another token, comes out of order, was not fired as
@@ -112,14 +108,14 @@ class Admission:
         """Refuse a reading that cannot be a measurement; `usual_sigma` is the noise of the run's first of its kind.
 
         `AcquisitionError` if the intensity is not a finite number of at least 0, another feature is not finite, the
-        noise is not as it was, or too many channels are dead; `SaturationError` if too many are saturated.
+        noise has changed, or too many channels are dead; `SaturationError` if too many are saturated.
         """
         if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
-        for name in _FEATURES:
-            value = getattr(reading, name)
-            if value is not None and name != "dead_channels" and not is_finite(value):
-                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
+        for feature in fields(Reading):
+            value = getattr(reading, feature.name)
+            if value is not None and feature.name != "dead_channels" and not is_finite(value):
+                raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
             raise AcquisitionError(
@@ -141,7 +137,7 @@ class Admission:
                 )
 
     def source_in_dark(self, reading: Reading) -> str | None:
-        """Why a reading of a dark frame holds a source, in words; None if noise alone can explain it, or is not known.
+        """Message that a dark frame holds a source; None if noise alone can explain it, or is not known.
 
         The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p (decision 6 of the safety notes).
         """
@@ -159,14 +155,14 @@ class Admission:
 
 
 def _shape(frame: Frame) -> str:
-    """What must stay the same within a run, in words."""
+    """Text of what must not change within a run."""
     if isinstance(frame, ChannelFrame):
         return f"of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
     return "a number"
 
 
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
-    """Whether no new data can have come; `previous` is of the same kind and shape."""
+    """Whether the data are not new; `previous` is of the same kind and shape."""
     if isinstance(frame, ChannelFrame):
         data, before = frame.samples.ravel(), getattr(previous, "samples", None)
         return not np.any(data != data[:1]) or (before is not None and np.array_equal(frame.samples, before))

@@ -1,24 +1,23 @@
-"""The dead man's lease: it is renewed by steps of the control loop, never by time going by."""
+"""The dead man's lease: steps of the control loop renew it, and time alone never does."""
 
 from __future__ import annotations
 
 import math
 
-from markerseek.core import ConfigError, is_finite, is_whole
+from markerseek.core import is_finite, is_whole, require_range
 
 
 class Lease:
-    """Holds while the control loop steps on.
+    """Lapses when the control loop stops stepping.
 
     Parameters
     ----------
     period_s
-        Longest silence between two steps, in (0, 1] s: a lease without a period would never end.
+        Longest time between two steps, in (0, 1] s: a lease without a period would never end.
     """
 
     def __init__(self, *, period_s: float) -> None:
-        if not (is_finite(period_s) and 0 < period_s <= 1):
-            raise ConfigError(f"lease: period_s is {period_s} s, it must lie in (0, 1] s")
+        require_range("lease: period_s", period_s, low=0, high=1, unit="s", open_low=True)
         self._period_s = period_s
         self._step = 0
         self._ends_s: float | None = None
@@ -29,12 +28,13 @@ class Lease:
         return self._ends_s
 
     def hold(self, *, now_s: float) -> None:
-        """Begin to need steps; holding what is held renews nothing. A time that is no number has lapsed already."""
+        """Require steps from now on; renews no lease held already. One held at a time that is no number has lapsed."""
         if self._ends_s is None:
             self._ends_s = (now_s if is_finite(now_s) else -math.inf) + self._period_s
 
     def beat(self, step: int, *, now_s: float) -> None:
-        """Renew it by a step above all before, from 1 on; one that has lapsed stays so until `release`."""
+        """Renew it by a step above all before, from 1 on; a lapsed lease stays lapsed until `release`."""
+        # A loop that repeats its last step hangs: only a step above all before shows progress.
         if is_whole(step) and step > self._step:
             self._step = step
             if self._ends_s is not None and not self.lapsed(now_s=now_s):
@@ -45,5 +45,5 @@ class Lease:
         return self._ends_s is not None and not (is_finite(now_s) and now_s <= self._ends_s)
 
     def release(self) -> None:
-        """Need no more steps; allowed at any time, also twice."""
+        """Require no more steps; allowed at any time, also twice."""
         self._ends_s = None

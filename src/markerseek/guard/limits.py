@@ -1,4 +1,4 @@
-"""Where the probe may look, and where it may be. Out of range is refused, never clamped."""
+"""The angles that may be searched, and those at which the probe may be. Out of range is refused, never clamped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Limits:
     search
         Angles at which a policy may ask for an acquisition.
     travel
-        Angles at which the probe may be at all; it holds the search range, and room to approach from one side.
+        Angles at which the probe may be at all: the search range, and room to approach it from one side.
     """
 
     search: Interval = PAPER_RANGE
@@ -41,12 +41,12 @@ class Limits:
         """Refuse a readback that is no number or outside the travel range by a `LimitError`."""
         if readback_deg not in self.travel:
             raise LimitError(
-                f"the stage says that it stands at {_degrees(readback_deg)}, outside its travel range {self.travel}; "
+                f"the stage reads {_degrees(readback_deg)}, outside its travel range {self.travel}; "
                 "check the probe and the stage's zero"
             )
 
 
 def _degrees(value: float) -> str:
-    """An angle as the device or the caller gave it, which may be no number at all."""
+    """Text of an angle as the device or the caller gave it, which may be no number at all."""
     number = is_finite(value) or isinstance(value, float)
     return f"{float(value):g} deg" if number else f"a {type(value).__name__} (no angle)"

@@ -1,4 +1,4 @@
-"""The guard's state, and every step that may change it. Whoever moves or fires asks here first."""
+"""The guard: a state machine that must permit every move and every firing before it is made."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from markerseek.guard.permits import FiringLimits, Permits
 
 
 class State(Enum):
-    """What a rig may do: DISARMED nothing, ARMED begin; MOVING and FIRING end in ARMED, FAULT by a person alone."""
+    """State of a rig: DISARMED does nothing, ARMED begins steps, MOVING and FIRING are steps, FAULT needs a reset."""
 
     DISARMED = "disarmed"
     ARMED = "armed"
@@ -42,11 +42,11 @@ class Guard:
     Parameters
     ----------
     limits
-        Where the probe may look and be.
+        Angles that may be searched, and at which the probe may be.
     firing
-        What may be fired.
+        Limits of the laser's pulses.
     admission
-        Which frames are believed.
+        Which frames are accepted.
     arrival_deg
         Most that the readback may differ from the angle asked for, in degrees.
     """
@@ -66,7 +66,7 @@ class Guard:
 
     @property
     def state(self) -> State:
-        """What may be done now."""
+        """State of the rig now."""
         return self._state
 
     @property
@@ -80,23 +80,22 @@ class Guard:
         return self._permits.pulses_permitted
 
     def recall(self, frame: Frame, reading: Reading) -> None:
-        """Remember what this run admitted before, under a guard that is no more; only while DISARMED."""
+        """Take over the last frame that this run admitted under an earlier guard; only while DISARMED."""
         self._require("recall", State.DISARMED)
         self._previous = frame
         self._usual_sigma.setdefault(frame.header.pulses > 0, reading.noise_sigma)
 
     def charge(self, pulses: int) -> None:
-        """Count pulses that were permitted in this session before, under a guard that is no more."""
+        """Count pulses that an earlier guard permitted in this session."""
         self._permits.charge(pulses)
 
     def arm(self, *, by: str) -> None:
         """DISARMED -> ARMED, in the name of a person; refused in FAULT and in mid-step."""
-        self._require_name(by)
-        self._require("arm", State.DISARMED, State.ARMED)
+        self._require("arm", State.DISARMED, State.ARMED, by=by)
         self._state = State.ARMED
 
     def disarm(self) -> None:
-        """Any state but FAULT -> DISARMED; open permits are void, and what comes next is a new run."""
+        """Any state but FAULT -> DISARMED; open permits are void, and the next run starts fresh."""
         self._permits.void()
         self._previous, self._usual_sigma = None, {}
         if self._state is not State.FAULT:
@@ -109,8 +108,7 @@ class Guard:
 
     def reset(self, *, by: str) -> None:
         """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
-        self._require_name(by)
-        self._require("reset", State.FAULT)
+        self._require("reset", State.FAULT, by=by)
         self._state, self._fault = State.DISARMED, None
 
     def readback(self, angle_deg: float) -> float:
@@ -133,16 +131,11 @@ class Guard:
         """MOVING -> ARMED, when the readback says that the probe has arrived."""
         self._require("end a move", State.MOVING)
         reached_deg = self.readback(reached_deg)
-        if not abs(reached_deg - self._target_deg) <= self._arrival_deg:
-            error = MoveError(
-                f"the stage was sent to {self._target_deg:.3f} deg and stands at {reached_deg:.3f} deg, more than "
-                f"{self._arrival_deg} deg away; check for an obstacle"
-            )
-            raise self._failed(error)
+        self._require_at(self._target_deg, reached_deg, "the stage was sent to", "check for an obstacle")
         self._state = State.ARMED
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Leave for one acquisition at one angle, as `Permits.issue`; the state stays ARMED."""
+        """Permit for one acquisition at one angle, as `Permits.issue`; the state stays ARMED."""
         self._require("permit pulses", State.ARMED)
         permit = self._permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=now_s)
         self._issued_s = now_s
@@ -156,33 +149,26 @@ class Guard:
         except LaserError as error:
             raise self._failed(error) from None
         angle_deg = self.readback(angle_deg)
-        if not abs(angle_deg - permit.angle_deg) <= self._arrival_deg:
-            moved = MoveError(
-                f"the permit holds at {permit.angle_deg:.3f} deg and the probe stands at {angle_deg:.3f} deg, more "
-                f"than {self._arrival_deg} deg away; nothing was fired; check what moved it"
-            )
-            raise self._failed(moved)
+        self._require_at(permit.angle_deg, angle_deg, "the permit holds at", "nothing was fired; check what moved it")
         self._state, self._firing = State.FIRING, permit.pulses
 
     def end_fire(self, fired: int) -> None:
         """FIRING -> ARMED, when as many pulses were fired as were permitted."""
         self._require("end a firing", State.FIRING)
         if not is_whole(fired) or fired != self._firing:
-            error = LaserError(
-                f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
-            )
-            raise self._failed(error)
+            reason = f"the laser fired {fired} pulses, {self._firing} were permitted; check the laser and its trigger"
+            raise self._failed(LaserError(reason))
         self._state = State.ARMED
 
     def admit_frame(self, frame: Frame, *, permit: Permit, now_s: float) -> None:
-        """Refuse a frame that is not the answer to this permit, as `Admission.admit_frame`; the state stays."""
+        """Refuse a frame that does not belong to this permit, as `Admission.admit_frame`; the state stays."""
         self._admission.admit_frame(frame, permit=permit, issued_s=self._issued_s, now_s=now_s, previous=self._previous)
         self._previous = frame
 
     def admit_reading(self, reading: Reading, *, frame: Frame) -> None:
         """Refuse a reading that cannot be a measurement, as `Admission.admit_reading`; the state stays.
 
-        A dark frame that holds a source ends in FAULT: taken again, one that came late would only hide that all are.
+        A dark frame that holds a source ends in FAULT: if frames come late, a second try would hide it.
         """
         lit, dark_sigma = frame.header.pulses > 0, self._usual_sigma.get(False) or 0
         usual_sigma = self._usual_sigma.get(lit) or max(reading.noise_sigma or 0, dark_sigma)
@@ -195,13 +181,19 @@ class Guard:
         self.fail(str(error))
         return error
 
-    def _require(self, step: str, *states: State) -> None:
+    def _require(self, step: str, *states: State, by: str = "software") -> None:
+        """Refuse a step in any other state, or, where a person must take it, without a name."""
+        if not (isinstance(by, str) and by.strip()):
+            raise ConfigError("guard: by is empty; name the person who arms or resets it")
         if self._state in states:
             return
         cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
-        raise LimitError(f"guard: {self._state.value}, no leave to {step}; {cure}")
+        raise LimitError(f"guard: {self._state.value}, not allowed to {step}; {cure}")
 
-    @staticmethod
-    def _require_name(by: str) -> None:
-        if not (isinstance(by, str) and by.strip()):
-            raise ConfigError("guard: by is empty; name the person who arms or resets it")
+    def _require_at(self, wanted_deg: float, angle_deg: float, what: str, cure: str) -> None:
+        # `not <=` and never `>`: a NaN must fail.
+        if not abs(angle_deg - wanted_deg) <= self._arrival_deg:
+            apart = f"more than {self._arrival_deg} deg away; {cure}"
+            raise self._failed(
+                MoveError(f"{what} {wanted_deg:.3f} deg and the probe is at {angle_deg:.3f} deg, {apart}")
+            )

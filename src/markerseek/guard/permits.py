@@ -1,11 +1,11 @@
-"""Leave to fire: so many pulses, for a short time, once, out of a budget for a second and one for the session."""
+"""Permits to fire: a number of pulses, for a short time, once, within a budget per second and one per session."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 
-from markerseek.core import ConfigError, LaserError, LimitError, Permit, is_finite, is_whole
+from markerseek.core import ConfigError, LaserError, LimitError, Permit, is_finite, is_whole, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,15 +34,14 @@ class FiringLimits:
             value = getattr(self, name)
             if not (is_whole(value) and value >= 1):
                 raise ConfigError(f"firing limits: {name} is {value}, it must be a whole number of at least 1")
-        if not (is_finite(self.lifetime_s) and 0 < self.lifetime_s <= 600):
-            raise ConfigError(f"firing limits: lifetime_s is {self.lifetime_s} s, it must lie in (0, 600] s")
+        require_range("firing limits: lifetime_s", self.lifetime_s, low=0, high=600, unit="s", open_low=True)
 
 
 class Permits:
-    """Writes permits, takes each back once, and counts the pulses that they allow.
+    """Issues permits, redeems each once, and counts the pulses that they allow.
 
-    Pulses are counted when they are permitted, not when they are reported: a laser that stays silent about
-    what it fired cannot exceed the session's budget. One permit is open at a time: a new one voids the one before.
+    Pulses are counted when they are permitted, not when they are reported: a laser that does not report what
+    it fired cannot exceed the session's budget. One permit is open at a time: a new one voids the one before.
 
     Parameters
     ----------
@@ -63,13 +62,13 @@ class Permits:
         return self._pulses
 
     def charge(self, pulses: int) -> None:
-        """Count pulses that somebody else permitted in this session; `ConfigError` if no whole number of at least 0."""
+        """Count pulses that another guard permitted in this session; `ConfigError` if no whole number of at least 0."""
         if not (is_whole(pulses) and pulses >= 0):
             raise ConfigError(f"permits: {pulses} pulses cannot have been permitted before; count them again")
         self._pulses += pulses
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Leave for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
+        """Permit for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 
         `LimitError` if one acquisition or the session would exceed its pulses, or a value is no number; nothing was
         permitted then.
@@ -91,14 +90,13 @@ class Permits:
         self._issued += 1
         self._pulses += pulses
         expires_s = now_s + self._limits.lifetime_s
-        permit = Permit(
-            token=f"permit-{self._issued}", angle_deg=float(angle_deg), pulses=int(pulses), expires_s=float(expires_s)
-        )
+        token = f"permit-{self._issued}"
+        permit = Permit(token=token, angle_deg=float(angle_deg), pulses=int(pulses), expires_s=float(expires_s))
         self._open = {permit}
         return permit
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:
-        """Use up a permit, at the moment at which the laser is told to fire.
+        """Use up a permit, at the moment at which the laser is to fire.
 
         `LaserError` if it is not the open one (used, voided, altered or foreign) or has expired, `LimitError` if too
         many pulses would be fired within a second; nothing may be fired then.
@@ -120,5 +118,5 @@ class Permits:
         self._used.append((now_s, permit.pulses))
 
     def void(self) -> None:
-        """Take back the open permit, if there is one."""
+        """Void the open permit, if there is one."""
         self._open.clear()

@@ -172,10 +172,12 @@ def _lines(settings: BenchSettings) -> list[Line]:
     laser, stage = settings.laser, settings.stage
     box = laserbox_wire.encode(laserbox_wire.Disarm())
     return [
-        Line(name="laser", path=laser.port, farewell=box)
+        Line(name="laser", path=laser.port, safe_command=box)
         if laser.driver == "laserbox"
-        else Line(name="laser", path=laser.port, farewell=picolas.FAREWELL, baud=picolas.BAUD, parity=picolas.PARITY),
-        Line(name="stage", path=stage.port, farewell=apt.stop(), rtscts=True),
+        else Line(
+            name="laser", path=laser.port, safe_command=picolas.SAFE_COMMAND, baud=picolas.BAUD, parity=picolas.PARITY
+        ),
+        Line(name="stage", path=stage.port, safe_command=apt.stop(), rtscts=True),
     ]
 
 

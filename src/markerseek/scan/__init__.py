@@ -1,4 +1,4 @@
-"""The heart: `Scanner` measures at one angle, `run` drives a policy over it."""
+"""The measuring loop: `Scanner` takes one acquisition at one angle, `run` drives a policy over it."""
 
 from markerseek.scan.confirmation import SEEN_SIGMAS, moved_source
 from markerseek.scan.loop import AnyScanner, RunLimits, run

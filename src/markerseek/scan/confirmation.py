@@ -1,6 +1,6 @@
-"""Whether the acquisition at the angle found confirms it: as strong as expected, and from the same source.
+"""Confirmation of an answer by one acquisition at its angle: as strong as expected, and from the same source.
 
-This is the one place of the rule. `run` applies it; the result, the journal, a replay and a resumed run follow.
+The rule exists only here. `run` applies it; the result, the journal, a replay and a resumed run use its outcome.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ from markerseek.core import Estimate, Found, Reading, Sample, Unsure
 
 SHARE = 0.8
 """Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
-posterior; after other methods it was less than this, and the noise, only where the angle was wrong. Of the peak that a
-posterior predicts, which would be the other measure, it was 0.73 or more."""
+posterior; after other methods it was below this, less the noise, only where the angle was wrong. As a share of the
+peak that a posterior predicts, the alternative, it was 0.73 or more."""
 
 STRONG_SHARE = 0.5
-"""Least share of the strongest sample's intensity of those whose place the confirmation is compared with."""
+"""Least share of the strongest intensity: the confirmation's position is compared with those of samples above it."""
 
 NOISE_SIGMAS = 4.0
-"""Standard deviations of the noise allowed beside: the strongest of many samples is strong by chance as well."""
+"""Standard deviations of noise by which it may be lower still: the strongest of many samples is partly so by chance."""
 
 MOVED_M = 1e-3
 """Most that a source may seem to move along the array or in depth, in metres: two to three resolution cells."""
 
 SEEN_SIGMAS = 12.0
-"""Intensity over the noise from which a place in the image is that of a source; fainter ones have no precise place."""
+"""Intensity over the noise from which a position in the image is that of a source; weaker ones scatter too much."""
 
 
 def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
@@ -37,29 +37,29 @@ def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) 
     estimate
         The answer of the policy.
     confirmation, samples
-        As in `doubt_of`.
+        As in `unconfirmed`.
     """
     if not isinstance(estimate, Found) or estimate.floor is None:
         return estimate
-    doubt = doubt_of(estimate, confirmation, samples)
-    if doubt is None:
+    reason = unconfirmed(estimate, confirmation, samples)
+    if reason is None:
         return estimate
     return Unsure(
         mean_deg=estimate.mean_deg,
         sigma_deg=estimate.sigma_deg,
         interval95_deg=estimate.interval95_deg,
         interval_kind=estimate.interval_kind,
-        reason=doubt,
+        reason=reason,
         floor=estimate.floor,
     )
 
 
-def doubt_of(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
+def unconfirmed(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
     """Why the acquisition at the angle found does not confirm it, with both numbers; None if it does.
 
     It must reach `SHARE` of the strongest sample's intensity, less `NOISE_SIGMAS` of the noise, and lie above the
-    floor. Its source must lie within `MOVED_M` of that of one of the strong samples: the spot of light is wide, and now
-    one of its parts is the strongest, now another.
+    floor. Its source must lie within `MOVED_M` of that of one of the strong samples: the spot of light is wide, and its
+    strongest part changes from sample to sample.
 
     Parameters
     ----------
@@ -85,13 +85,14 @@ def doubt_of(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> s
         )
     strong = [each.reading for each in samples if each.reading.intensity >= STRONG_SHARE * strongest.intensity]
     moved = [moved_source(reading, now) for reading in sorted(strong, key=lambda each: -each.intensity)]
+    # One strong sample with its source in the same position is enough, and so is one whose position is unknown.
     if None in moved:
         return None
     return f"not confirmed: in the acquisition at the angle found, {moved[0]}; search again"
 
 
 def moved_source(before: Reading, now: Reading) -> str | None:
-    """By how much the source of two readings has moved, in words; None within `MOVED_M` or if one is faint.
+    """By how much the source of two readings has moved, in words; None within `MOVED_M` or if one is weak.
 
     Parameters
     ----------
@@ -102,6 +103,7 @@ def moved_source(before: Reading, now: Reading) -> str | None:
     if not min(before.intensity, now.intensity) > SEEN_SIGMAS * noise:
         return None
     for name in ("lateral_m", "depth_m"):
+        # A CSV of intensities has no positions: then the intensity alone decides.
         then_m, now_m = getattr(before, name), getattr(now, name)
         if then_m is not None and now_m is not None and not abs(now_m - then_m) <= MOVED_M:
             return f"{name} is {1e3 * now_m:.2f} mm and was {1e3 * then_m:.2f} mm, {1e3 * MOVED_M:g} mm is the limit"

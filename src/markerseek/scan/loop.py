@@ -1,4 +1,4 @@
-"""`run`: drives a policy over a rig, and reports each step.
+"""`run`: the measuring loop, which drives a policy over a rig and reports each step.
 
 There is one loop for simulated, replayed and real rigs. `run` is a generator of events, so that a terminal, a page,
 a journal or a test can watch it; closing it stops the stage and takes the laser's permit away.
@@ -35,7 +35,7 @@ from markerseek.scan.confirmation import judged
 
 
 class AnyScanner(Protocol):
-    """What `run` uses of a scanner: `Scanner`, or one that hands out what a journal holds."""
+    """What `run` uses of a scanner: a `Scanner`, or one that replays a journal."""
 
     @property
     def clock(self) -> Clock:
@@ -43,15 +43,15 @@ class AnyScanner(Protocol):
 
     @property
     def guard(self) -> Guard:
-        """Says what may be done, and believed."""
+        """The rig's guard."""
 
     @property
     def limits(self) -> Limits:
-        """Where it may look, and where the probe may be."""
+        """Angles that may be searched, and at which the probe may be."""
 
     @property
     def angle_deg(self) -> float:
-        """Where the probe stands, in degrees."""
+        """Angle of the probe now, in degrees."""
 
     @property
     def refused_frame(self) -> Frame | None:
@@ -61,7 +61,7 @@ class AnyScanner(Protocol):
         """One acquisition at an angle, in degrees."""
 
     def measure_dark(self) -> Sample:
-        """One acquisition where the probe stands, with the laser kept off."""
+        """One acquisition at the present angle, with the laser off."""
 
     def stop(self) -> None:
         """Disarm the guard and the laser, then stop the stage; allowed twice."""
@@ -69,7 +69,7 @@ class AnyScanner(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunLimits:
-    """What a run may cost before it is ended with an error.
+    """Limits of a run, beyond which it is ended with an error.
 
     Attributes
     ----------
@@ -102,24 +102,24 @@ def run(
 
     A search that found a marker ends with a move to it and one acquisition there, which the policy does not receive.
     Where that does not confirm the angle (`markerseek.scan.confirmation`), the answer becomes `Unsure`; only the
-    paper's form of a method, which has no noise floor, keeps its answer. Each `Measured` is handed out before the
-    policy receives it.
+    paper's form of a method, which has no noise floor, keeps its answer. Each `Measured` is yielded before the policy
+    receives it.
 
     Parameters
     ----------
     policy
-        Decides where to look next.
+        Chooses the angles.
     scanner
         The rig.
     dark_frames
-        Acquisitions without laser before the first, which tell the policy what noise looks like.
+        Acquisitions without laser before the first, from which the policy learns the noise.
     stay
         Leave the probe where the last acquisition was taken, and confirm nothing.
     closing_dark
-        End with a dark frame where the last acquisition with light was taken. If frames come one behind, it holds that
-        light, and the run ends with a fault. For receivers that cannot prove to which trigger a frame belongs.
+        End with a dark frame at the angle of the last acquisition with light. If frames are late by one, it holds that
+        light, and the run ends with a fault. For receivers that cannot prove which trigger a frame belongs to.
     limits
-        What the run may cost.
+        Limits of the run.
 
     Yields
     ------
@@ -129,7 +129,7 @@ def run(
     Raises
     ------
     Exception
-        Whatever ended the run, a `MarkerseekError` unless a driver broke its promise; the probe stays where it stopped.
+        Whatever ended the run, a `MarkerseekError` unless a driver has a bug; the probe stays where it stopped.
     """
     began_s = scanner.clock.now_s()
     travel_deg = 0.0
@@ -140,9 +140,11 @@ def run(
         for index in range(1, dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
+        # The caller owns the loop (ask and tell): nothing is measured that is not yielded, journalled and limited here.
         while (asked_deg := policy.ask()) is not None:
             _require_budget(len(lit), scanner.clock.now_s() - began_s, limits)
             sample = yield from _measured(scanner, "search", len(lit) + 1, asked_deg, limits.attempts)
+            # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
             lit.append(replace(sample, frame=None))
             travel_deg += abs(sample.angle_deg - place_deg)
             place_deg = sample.angle_deg
@@ -155,7 +157,7 @@ def run(
             place_deg = confirmation.angle_deg
             estimate = judged(estimate, confirmation, lit)
         if closing_dark and lit:
-            # Taken once: a second one would show the dark data of the first if frames came one behind.
+            # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
             yield from _dark(scanner, dark_frames + 1, place_deg, 1)
         yield Finished(
             estimate=estimate,
@@ -168,11 +170,12 @@ def run(
         yield Failed(error=error)
         raise
     finally:
+        # Also when the generator is closed or an exception passes through the caller of `next`.
         scanner.stop()
 
 
 def _dark(scanner: AnyScanner, index: int, angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
-    """A dark frame where the probe stands."""
+    """A dark frame at the present angle."""
     yield Asked(role="dark", index=index, angle_deg=angle_deg)
     sample = yield from _admitted(scanner, scanner.measure_dark, angle_deg, attempts)
     yield Measured(role="dark", index=index, sample=sample)
@@ -183,7 +186,7 @@ def _measured(
     scanner: AnyScanner, role: Role, index: int, angle_deg: float, attempts: int
 ) -> Generator[Event, None, Sample]:
     """An acquisition at an angle of the search range."""
-    # Angles outside are refused before they are announced, for an angle that is no number cannot be recorded.
+    # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
     scanner.limits.require_search(angle_deg)
     yield Asked(role=role, index=index, angle_deg=angle_deg)
     sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
@@ -194,15 +197,17 @@ def _measured(
 def _admitted(
     scanner: AnyScanner, measure: Callable[[], Sample], angle_deg: float, attempts: int
 ) -> Generator[Event, None, Sample]:
-    """Measure again while frames are refused, and no more often than the limit says."""
+    """Measure again while frames are refused, at most `attempts` times."""
     for attempt in range(1, attempts + 1):
         try:
             return measure()
         except SaturationError:
+            # Pulses are averaged: the same acquisition would be saturated again.
             raise
         except AcquisitionError as refusal:
             if scanner.guard.state is State.FAULT:
                 raise
+            # A receiver that fails every time needs a person: FAULT is left by a reset only.
             if attempt == attempts:
                 error = AcquisitionError(f"{refusal} (refused {attempts} times at {angle_deg:.2f} deg)")
                 scanner.guard.fail(str(error))

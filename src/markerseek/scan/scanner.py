@@ -1,4 +1,4 @@
-"""`Scanner`: one acquisition at one angle, with the guard asked at each step."""
+"""`Scanner`: one acquisition at one angle; the guard must permit each step."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from markerseek.guard import Guard, Limits, State
 
 
 class DeadMan(Protocol):
-    """Lets go of the laser and the stage when the control loop falls silent between `hold` and `release`."""
+    """Makes laser and stage safe when the control loop stops stepping between `hold` and `release`."""
 
     def hold(self) -> None:
-        """Begin to need the steps of the control loop."""
+        """Require steps of the control loop from now on."""
 
     def release(self) -> None:
-        """Need no more steps; allowed at any time, also twice."""
+        """Require no more steps; allowed at any time, also twice."""
 
 
 class Scanner:
@@ -29,14 +29,14 @@ class Scanner:
     stage, laser, receiver, reader, clock
         The parts of the rig.
     guard
-        Says what may be done, and believed. It must be armed before anything moves.
+        Permits each step, and admits frames. It must be armed before anything moves.
     pulses
         Laser pulses averaged in one acquisition; several numbers are used in turn, so that a frame that holds as many
         pulses as were triggered shows which acquisition it belongs to.
     arms_itself
         Whether the guard is armed by the first measurement: only where no hardware is involved.
     dead_man
-        Watches over each move and each firing; None where no hardware is involved.
+        Lease for each move and each firing; None where no hardware is involved.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Scanner:
     ) -> None:
         in_turn = (pulses,) if isinstance(pulses, int) else tuple(pulses)
         if not in_turn or min(in_turn) < 1:
-            raise ConfigError(f"scanner: pulses is {pulses}, at least 1 is needed to hear anything")
+            raise ConfigError(f"scanner: pulses is {pulses}, at least 1 is needed to receive a signal")
         self.guard = guard
         self.clock = clock
         self._stage = stage
@@ -64,15 +64,16 @@ class Scanner:
         self._pulses = in_turn
         self._acquired = 0
         self._arms_itself = arms_itself
-        self._held = _Held(dead_man)
-        self._trusted = _Trusted(guard)
-        self._willing = _Trusted(guard, AcquisitionError, ConfigError)
+        self._leased = _Leased(dead_man)
+        self._faulting = _FaultOnError(guard)
+        # A receiver or reader may refuse a frame, which is taken again; laser and stage have no such second try.
+        self._refusable = _FaultOnError(guard, AcquisitionError, ConfigError)
         self._refused_frame: Frame | None = None
         self._settled = False
 
     @property
     def limits(self) -> Limits:
-        """Where it may look, and where the probe may be."""
+        """Angles that may be searched, and at which the probe may be."""
         return self.guard.limits
 
     @property
@@ -83,7 +84,7 @@ class Scanner:
     @property
     def angle_deg(self) -> float:
         """Readback of the stage in degrees, inside the travel range."""
-        with self._trusted:
+        with self._faulting:
             angle_deg = self._stage.angle_deg
         return self.guard.readback(angle_deg)
 
@@ -93,7 +94,7 @@ class Scanner:
         return self._refused_frame
 
     def measure(self, angle_deg: float) -> Sample:
-        """Turn the probe to an angle, fire, listen, and say what was heard.
+        """Turn the probe to an angle, fire, acquire a frame, and return its reading.
 
         Parameters
         ----------
@@ -111,14 +112,14 @@ class Scanner:
         """
         self._arm_itself()
         self.guard.begin_move(angle_deg)
-        with self._trusted, self._held:
+        with self._faulting, self._leased:
             reached_deg = self._stage.move_to(angle_deg)
         self.guard.end_move(reached_deg)
         self._acquired += 1
         return self._acquire(angle_deg, pulses=self._pulses[(self._acquired - 1) % len(self._pulses)])
 
     def measure_dark(self) -> Sample:
-        """Listen where the probe stands with the laser kept off: what noise alone looks like.
+        """Acquire a frame of noise at the present angle, with the laser off.
 
         Raises
         ------
@@ -130,40 +131,45 @@ class Scanner:
 
     def stop(self) -> None:
         """Disarm the guard, take the laser's permit away, then stop the stage; a fault stays one."""
+        # The laser first, and the stage even if that fails: light is the greater danger.
         self.guard.disarm()
         try:
-            with self._trusted:
+            with self._faulting:
                 self._laser.disarm()
         finally:
-            with self._trusted:
+            with self._faulting:
                 self._stage.stop()
 
     def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
         self._refused_frame = None
         if not self._settled:
-            # Fired at once after an acquisition that did not end well, a late frame would be taken for the next one.
-            with self._willing:
+            # After an acquisition that failed, its frame may arrive late and would pass for the answer to this permit.
+            with self._refusable:
                 self._receiver.settle()
         self._settled = False
         permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
-        with self._willing:
+        with self._refusable:
             self._receiver.arm(permit)
+        # Read after arming: a start command may take seconds, in which the probe can be moved by hand.
         before_deg = self.angle_deg
         self.guard.redeem(permit, angle_deg=before_deg, now_s=self.clock.now_s())
-        with self._trusted, self._held:
+        with self._faulting, self._leased:
             fired = self._laser.fire(permit)
         self.guard.end_fire(fired)
-        with self._willing:
+        with self._refusable:
             frame = self._receiver.acquire(permit)
+        # A second readback after the frame: the guard refuses one during which the probe moved.
         after_deg = self.angle_deg
         frame = replace(frame, header=replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg))
+        # Kept until it is admitted, so that `Refused` can carry it into the journal.
         self._refused_frame = frame
         self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
-        with self._willing:
+        with self._refusable:
             reading = self._reader.read(frame)
         self.guard.admit_reading(reading, frame=frame)
         self._refused_frame = None
         self._settled = True
+        # The policy gets the angle reached, not the one asked for.
         return Sample(angle_deg=(before_deg + after_deg) / 2, reading=reading, dark=pulses == 0, frame=frame)
 
     def _arm_itself(self) -> None:
@@ -171,23 +177,24 @@ class Scanner:
             self.guard.arm(by="a rig without hardware")
 
 
-class _Trusted:
-    """Whatever a device raises is its fault, but for what it may refuse."""
+class _FaultOnError:
+    """Puts the guard into FAULT at any error of a device, except those that it may recover from."""
 
-    def __init__(self, guard: Guard, *harmless: type[Exception]) -> None:
+    def __init__(self, guard: Guard, *recoverable: type[Exception]) -> None:
         self._guard = guard
-        self._harmless = harmless
+        self._recoverable = recoverable
 
     def __enter__(self) -> None:
         pass
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        if isinstance(error, Exception) and not isinstance(error, self._harmless):
+        # KeyboardInterrupt and GeneratorExit are no device's fault: `run` stops the rig, and it may be armed again.
+        if isinstance(error, Exception) and not isinstance(error, self._recoverable):
             self._guard.fail(f"{type(error).__name__}: {error}")
 
 
-class _Held:
-    """The dead man's lease, for as long as a step takes."""
+class _Leased:
+    """Holds the dead man's lease during one step."""
 
     def __init__(self, dead_man: DeadMan | None) -> None:
         self._dead_man = dead_man

@@ -1,4 +1,4 @@
-"""``python -m markerseek.supervisor FD JSON``: started by `Supervisor`, not by hand."""
+"""Entry point of the supervisor process: ``python -m markerseek.supervisor FD JSON``, started by `Supervisor`."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import msgspec
 
 from markerseek.core import MarkerseekError
 from markerseek.supervisor.death import hasten
-from markerseek.supervisor.keeper import Keeper
 from markerseek.supervisor.lines import Line
 from markerseek.supervisor.messages import MOST_BYTES, Kind, packed
+from markerseek.supervisor.process import SupervisorProcess
 
 
-class _Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lines: tuple[Line, ...]
     period_s: float
     parent: int | None = None
@@ -22,15 +22,17 @@ class _Orders(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def main() -> int:
     """Hold the lines that the control process names, until it is gone."""
-    orders = msgspec.json.decode(sys.argv[2], type=_Orders)
+    arguments = msgspec.json.decode(sys.argv[2], type=_Arguments)
     with socket.socket(fileno=int(sys.argv[1])) as control:
         try:
-            keeper = Keeper(control, lines=orders.lines, period_s=orders.period_s, parent=orders.parent)
+            process = SupervisorProcess(
+                control, lines=arguments.lines, period_s=arguments.period_s, parent=arguments.parent
+            )
         except MarkerseekError as error:
             control.sendall(packed(Kind.FAILED, str(error).encode()[:MOST_BYTES]))
             return 1
         hasten()
-        keeper.run()
+        process.run()
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The control process's end: it starts the supervisor, and speaks to the devices through it."""
+"""The supervisor as the control process uses it: start it, exchange bytes with the devices, renew the lease."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ANSWER_S = 2.0
 
 
 class Supervisor:
-    """A process of its own that holds the lines, and lets go of them when this one dies or hangs.
+    """A separate process that holds the lines, and sends each its safe command when this one dies or hangs.
 
     It dies with this process, and with nothing else: Ctrl-C in the terminal does not reach it. When it is itself
     killed, what remains is each device's own lease.
@@ -55,16 +55,17 @@ class Supervisor:
     """
 
     def __init__(self, *, lines: Sequence[Line], period_s: float = 0.1, start_s: float = 30.0) -> None:
-        Lease(period_s=period_s)
+        Lease(period_s=period_s)  # refuses a wrong period here, with a traceback, and not in the other process
         names = [line.name for line in lines]
         if not 0 < len(set(names)) == len(names) < 256:
-            raise ConfigError(f"supervisor: the lines are called {names}; it needs at least one, and each name once")
+            raise ConfigError(f"supervisor: the lines are called {names}; at least one is needed, and each name once")
+        # Five beats in a lease: a few may be late on a busy computer before the laser is switched off.
         self._slice_s = period_s / 5
         self._step = 0
         self._held_by: int | None = None
         self._lapsed: str | None = None
         self._ready = False
-        self._heard = bytearray()
+        self._received = bytearray()
         self._data = [bytearray() for _ in lines]
         self._ports = {
             name: SupervisedPort(write=partial(self._write, number), read=partial(self._read, number))
@@ -89,7 +90,7 @@ class Supervisor:
                 pass_fds=[other.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                start_new_session=True,
+                start_new_session=True,  # Ctrl-C goes to the terminal's process group only
             ).result()
         try:
             self._await_ready(start_s)
@@ -99,11 +100,11 @@ class Supervisor:
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process id of the supervisor."""
         return self._process.pid
 
     def port(self, name: str) -> SupervisedPort:
-        """Line of that name, to speak to its device.
+        """The line of that name.
 
         Raises
         ------
@@ -133,15 +134,15 @@ class Supervisor:
         Raises
         ------
         NotConnectedError
-            If it has let go, or is gone.
+            If the lease has lapsed, or the process is gone.
         """
-        self._hear(0.0)
+        self._receive(0.0)
         self._require_held_lines()
         self._held_by = threading.get_ident()
         self._send(packed(Kind.HOLD))
 
     def beat(self) -> None:
-        """Tell one more step of the control loop, which renews the lease; without a lease, nothing.
+        """Report one more step of the control loop, which renews the lease; without a lease, do nothing.
 
         Raises
         ------
@@ -164,11 +165,12 @@ class Supervisor:
             self._send(packed(Kind.RELEASE))
 
     def close(self) -> None:
-        """Let go of all lines, and end the process; allowed twice."""
+        """Release all lines, and end the process; allowed twice."""
         self._socket.close()
         try:
             self._process.wait(_ANSWER_S)
         except subprocess.TimeoutExpired:
+            # The closed socket ends a healthy supervisor; one that hangs holds the lines against the next search.
             self._process.kill()
             self._process.wait()
         self._starter.shutdown()
@@ -182,7 +184,7 @@ class Supervisor:
         self.close()
 
     def _write(self, number: int, data: bytes) -> None:
-        self._hear(0.0)
+        self._receive(0.0)
         self._require_held_lines()
         for start in range(0, len(data), MOST_BYTES):
             self._send(packed(Kind.WRITE, data[start : start + MOST_BYTES], line=number))
@@ -191,18 +193,18 @@ class Supervisor:
         """Wait in slices, and beat in each: the wait has an end, and so it is a step of the control loop."""
         ends_s = time.monotonic() + timeout_s
         data = self._data[number]
-        self._hear(0.0)
+        self._receive(0.0)
         while len(data) < size and (left_s := ends_s - time.monotonic()) > 0:
             if self._held_by == threading.get_ident():
                 self.beat()
-            self._hear(min(left_s, self._slice_s))
+            self._receive(min(left_s, self._slice_s))
         taken = bytes(data[:size])
         del data[:size]
         return taken
 
     def _require_held_lines(self) -> None:
         if self._lapsed is not None:
-            raise NotConnectedError(f"the supervisor let go of the devices: {self._lapsed}; a person must arm it again")
+            raise NotConnectedError(f"the supervisor released the devices: {self._lapsed}; a person must arm it again")
 
     def _await_ready(self, timeout_s: float) -> None:
         ends_s = time.monotonic() + timeout_s
@@ -210,7 +212,7 @@ class Supervisor:
             left_s = ends_s - time.monotonic()
             if not left_s > 0:
                 raise NotConnectedError(f"the supervisor did not answer within {timeout_s} s")
-            self._hear(left_s)
+            self._receive(left_s)
 
     def _send(self, message: bytes) -> None:
         try:
@@ -218,20 +220,21 @@ class Supervisor:
         except OSError as error:
             raise _gone(error) from None
 
-    def _hear(self, timeout_s: float) -> None:
-        """Take in what has come, waiting at most so long for the first of it."""
+    def _receive(self, timeout_s: float) -> None:
+        """Read and process what has arrived, waiting at most that long for the first bytes."""
         ended = False
         try:
             for _ in range(_MOST_CHUNKS):
                 if ended or not select.select([self._socket], [], [], timeout_s)[0]:
                     break
                 data = self._socket.recv(_CHUNK)
+                # Messages that came before the end are read first: they say why the supervisor ended.
                 ended = not data
-                self._heard += data
+                self._received += data
                 timeout_s = 0.0
         except (OSError, ValueError) as error:
             raise _gone(error) from None
-        for kind, number, content in unpacked(self._heard):
+        for kind, number, content in unpacked(self._received):
             if kind is Kind.DATA:
                 self._data[number] += content
             elif kind is Kind.READY:

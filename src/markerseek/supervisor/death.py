@@ -1,4 +1,4 @@
-"""What makes the supervisor learn of the control process's death soon: a signal of Linux, and priority."""
+"""Fast notice of the control process's death: a signal by Linux to its children, and real-time priority."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent(number: signal.Signals) -> bool:
-    """Ask for a signal at the death of the thread that started this process; False where the system has none.
+    """Ask for a signal at the death of the thread that started this process; False where there is none.
 
     A killed process gives back its memory before its sockets are closed: 20 ms and more for one of 200 MB. The signal
-    is sent while its threads end. Where it is not to be had, the closed socket remains.
+    is sent earlier, while its threads end. Without it, the supervisor still sees the closed socket.
     """
     if sys.platform != "linux":
         return False
@@ -28,6 +28,7 @@ def end_with_parent(number: signal.Signals) -> bool:
 
 
 def hasten() -> None:
-    """Let this thread come before other programs, where the user may (``ulimit -r``): for threads that do little."""
+    """Give this thread real-time priority, where the user may (``ulimit -r``): for threads that do little."""
+    # SCHED_RESET_ON_FORK: children must not inherit a priority that can starve the whole computer.
     with contextlib.suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(1))

@@ -1,49 +1,48 @@
-"""The lines that a supervisor holds, and how they are opened."""
+"""The serial lines that the supervisor holds, and how they are opened."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
 
-from markerseek.core import ConfigError, NotConnectedError
+from markerseek.core import ConfigError, NotConnectedError, require_range
 from markerseek.files import Parity, open_serial
 
 
 class OpenLine(Protocol):
-    """What the supervisor's loop needs of an open line."""
+    """What the supervisor needs of an open line."""
 
     def fileno(self) -> int:
-        """Number of its file."""
+        """Its file descriptor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A serial line, and the bytes that leave its device harmless.
+    """A serial line, and the command that makes its device safe.
 
     Attributes
     ----------
     name
-        What it is called in this rig.
+        Its name in this rig.
     path
         Device file.
-    farewell
-        Message that takes the laser's permit away, or stops the stage; understood at any time, also twice.
+    safe_command
+        Message that takes the laser's permit away, or stops the stage; valid at any time, also twice.
     baud, parity, rtscts
         How it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by two wires.
     """
 
     name: str
     path: str
-    farewell: bytes
+    safe_command: bytes
     baud: int = 115200
     parity: Parity = "N"
     rtscts: bool = False
 
     def __post_init__(self) -> None:
-        if not self.farewell:
-            raise ConfigError(f"line {self.name!r}: farewell is empty; say what leaves the device harmless")
-        if not 1200 <= self.baud <= 4_000_000:
-            raise ConfigError(f"line {self.name!r}: baud is {self.baud}, it must lie in [1200, 4000000]")
+        if not self.safe_command:
+            raise ConfigError(f"line {self.name!r}: safe_command is empty; give the command that makes the device safe")
+        require_range(f"line {self.name!r}: baud", self.baud, low=1200, high=4_000_000)
 
 
 def open_line(line: Line) -> OpenLine:

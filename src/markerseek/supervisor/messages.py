@@ -1,12 +1,12 @@
-"""What the control process and its supervisor say to each other: kind, line, length, then the bytes.
+"""Messages between the control process and its supervisor: kind, line, length, then the bytes.
 
 =======  ==========================  =======  ===================================================
-control  to the supervisor           answer   from the supervisor
+to it    from the control process    from it  to the control process
 =======  ==========================  =======  ===================================================
 WRITE    bytes for a line            DATA     bytes from a line
-ARM      let writes through again    READY    lines are open, or it is armed again
-HOLD     the lease begins            LAPSED   it let go, and why; writes are refused from now on
-BEAT     a step of the control loop  FAILED   why it could not begin, or be armed
+ARM      accept writes again         READY    lines are open, or it is armed again
+HOLD     the lease begins            LAPSED   why the lines were released; writes are refused
+BEAT     a step of the control loop  FAILED   why it did not start, or cannot be armed
 RELEASE  the lease ends
 =======  ==========================  =======  ===================================================
 """
@@ -19,16 +19,18 @@ from enum import IntEnum
 
 from markerseek.core import DeviceError
 
+# Kind, line and length, big-endian. The two ends are the same program, so that no version is sent.
 _HEAD = struct.Struct(">BBH")
 _STEP = struct.Struct(">Q")
 
 MOST_BYTES = 4096
-"""Longest message, without its head."""
+"""Longest message, without its header."""
 
 
 class Kind(IntEnum):
-    """What a message is about."""
+    """Kind of a message."""
 
+    # ASCII initials, for reading a trace: W, A, H, B, R; D, O(pen), L, F.
     WRITE = 0x57
     ARM = 0x41
     HOLD = 0x48
@@ -49,11 +51,11 @@ def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
     Parameters
     ----------
     kind
-        What it is about.
+        Kind of the message.
     data
         Its bytes, at most `MOST_BYTES`.
     line
-        Number of the line, where it concerns one.
+        Number of the line, where the message belongs to one.
 
     Raises
     ------
@@ -94,6 +96,7 @@ def unpacked(buffer: bytearray) -> Iterator[tuple[Kind, int, bytes]]:
     while len(buffer) >= _HEAD.size:
         number, line, size = _HEAD.unpack_from(buffer)
         kind = _KINDS.get(number)
+        # A stream that is out of step cannot be trusted again: either end gives up.
         if kind is None or size > MOST_BYTES:
             raise DeviceError(f"supervisor: {bytes(buffer[: _HEAD.size]).hex(' ')} is no message")
         if len(buffer) < _HEAD.size + size:

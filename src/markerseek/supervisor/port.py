@@ -1,4 +1,4 @@
-"""A device's line as the control process sees it."""
+"""A supervised line as a port: the drivers read and write it as if they held it themselves."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class SupervisedPort:
         self._read = read
 
     def write(self, data: bytes) -> None:
-        """Send one message of the device; `NotConnectedError` once the supervisor has let go."""
+        """Send one message of the device; `NotConnectedError` once the supervisor has released the lines."""
         self._write(data)
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes, fewer (perhaps none) once the time has gone by; the lease is renewed meanwhile."""
+        """Up to that many bytes, fewer (perhaps none) at the end of the timeout; the lease is renewed meanwhile."""
         return self._read(size, timeout_s)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The rules of the parts as classes of tests: inherit one and name your part to prove it.
+"""Contract tests for policies and devices: inherit a class and return your part from ``make``.
 
 ::
 
@@ -8,7 +8,7 @@
         def make(self, limits):
             return MyPolicy(limits=limits)
 
-pytest then runs every rule. A test fails by `AssertionError`; pytest itself is not needed to run one.
+pytest then runs every test. A test fails by `AssertionError`; pytest itself is not needed to run one.
 """
 
 from markerseek.testing.devices import LaserContract, ReceiverContract, StageContract

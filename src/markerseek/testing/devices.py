@@ -1,4 +1,4 @@
-"""What every stage, laser and receiver promises."""
+"""Contract tests of stages, lasers and receivers."""
 
 # ruff: noqa: S101 - the rules are tests, and tests assert
 
@@ -25,7 +25,7 @@ def _permit(token: str, *, pulses: int = 4) -> Permit:
 
 
 class StageContract:
-    """What every stage promises; subclasses say how one is made.
+    """Contract of a stage; a subclass makes one.
 
     Attributes
     ----------
@@ -43,6 +43,7 @@ class StageContract:
         """The readback after a move is the angle asked for, within the resolution."""
         stage = self.make()
         low, high = stage.limits.low_deg, stage.limits.high_deg
+        # From both sides, to both ends, and twice to one place: play and rounding show in these.
         for share in (0.5, 0.1, 0.9, 0.9, 0.0, 1.0, 0.3):
             target = low + share * (high - low)
             reached = stage.move_to(target)
@@ -55,6 +56,7 @@ class StageContract:
         stage.move_to(stage.limits.centre_deg)
         before = stage.angle_deg
         beyond = (stage.limits.low_deg - 0.5, stage.limits.high_deg + 0.5, math.nan, math.inf, -math.inf)
+        # No pytest.raises: the contracts are part of the package, and pytest is not among its requirements.
         for target in beyond:
             try:
                 stage.move_to(target)
@@ -72,7 +74,7 @@ class StageContract:
         assert stage.angle_deg == before
 
     def test_it_moves_again_after_a_stop(self) -> None:
-        """A stop at rest holds nothing up."""
+        """A stop at rest does not block the next move."""
         stage = self.make()
         stage.stop()
         target = stage.limits.centre_deg
@@ -88,7 +90,7 @@ class StageContract:
 
 
 class LaserContract:
-    """What every laser promises; subclasses say how one is made."""
+    """Contract of a laser; a subclass makes one."""
 
     def make(self) -> Laser:
         """Return a laser that has fired nothing."""
@@ -127,7 +129,7 @@ class LaserContract:
 
 
 class ReceiverContract:
-    """What every receiver promises; subclasses say how one is made, with the laser that it hears."""
+    """Contract of a receiver; a subclass makes one, with the laser that triggers it."""
 
     def make(self) -> tuple[Receiver, Laser]:
         """Return a receiver and the laser that triggers it."""
@@ -136,6 +138,7 @@ class ReceiverContract:
     def test_a_frame_answers_its_permit_in_order(self) -> None:
         """Token, pulses and angle are those of the permit; sequence numbers rise."""
         receiver, laser = self.make()
+        # Three in a row: a receiver that answers with the frame before passes the first.
         previous = -1
         for token in ("a", "b", "c"):
             permit = _permit(token)
@@ -150,13 +153,13 @@ class ReceiverContract:
             previous = header.sequence
 
     def test_without_arming_there_is_no_frame(self) -> None:
-        """A receiver that nobody armed gives nothing."""
+        """A receiver that is not armed returns no frame."""
         receiver, _laser = self.make()
         try:
             receiver.acquire(_permit("never armed"))
         except AcquisitionError:
             return
-        raise AssertionError("the receiver gave a frame that nobody had armed it for")
+        raise AssertionError("the receiver returned a frame without being armed")
 
     def test_a_frame_is_handed_over_once(self) -> None:
         """The same acquisition asked for again is refused: it would be a duplicate."""
@@ -171,7 +174,7 @@ class ReceiverContract:
             return
         raise AssertionError("the receiver handed over one acquisition twice")
 
-    def test_arming_anew_forgets_what_it_was_armed_for(self) -> None:
+    def test_arming_again_forgets_what_it_was_armed_for(self) -> None:
         """Only the permit that it was armed for last has a frame."""
         receiver, _laser = self.make()
         receiver.arm(_permit("first"))

@@ -1,4 +1,4 @@
-"""What every policy promises, over curves that are kind and curves that are not."""
+"""Contract tests of policies, over regular and irregular intensity curves."""
 
 # ruff: noqa: S101 - the rules are tests, and tests assert
 
@@ -28,11 +28,13 @@ CURVES: dict[str, Intensity] = {
     "zero": lambda _angle_deg: 0.0,
     "rising": lambda angle_deg: 100 + angle_deg,
     "two markers": lambda angle_deg: peak_at(-20.0)(angle_deg) + peak_at(20.0)(angle_deg),
+    # Near the largest and smallest floats: squares and ratios overflow or vanish.
     "huge": lambda angle_deg: 1e300 * peak_at(3.0)(angle_deg),
     "tiny": lambda angle_deg: 1e-300 * peak_at(3.0)(angle_deg),
+    # The shader hash: no two neighbours agree, and no seed is needed.
     "no order": lambda angle_deg: math.fmod(abs(math.sin(12.9898 * angle_deg)) * 43758.5453, 1.0),
 }
-"""What a policy must live through, by name."""
+"""Curves that every policy must end on, by name."""
 
 MISSED_BY: dict[str, Callable[[float], float]] = {
     "exact": lambda asked_deg: asked_deg,
@@ -41,11 +43,11 @@ MISSED_BY: dict[str, Callable[[float], float]] = {
     "beyond the range": lambda asked_deg: 1.02 * asked_deg,
     "stuck": lambda _asked_deg: 4.0,
 }
-"""How the angle reached follows from the one asked, by name."""
+"""Positioning errors by name: angle reached as a function of the one asked."""
 
 
 class PolicyContract:
-    """What every policy promises; subclasses say how one is made."""
+    """Contract of a policy; a subclass makes one."""
 
     limits: Interval = PAPER_RANGE
     """Range that the policies are made for."""
@@ -70,7 +72,7 @@ class PolicyContract:
         return asked, policy.estimate()
 
     def test_asks_inside_the_range(self) -> None:
-        """Every angle asked lies in the range, whatever is heard."""
+        """Every angle asked lies in the range, whatever the intensities."""
         for name, curve in CURVES.items():
             asked, _ = self.search(curve)
             assert asked, f"{name}: nothing was asked"
@@ -112,7 +114,7 @@ class PolicyContract:
             policy.tell(_sample(angle_deg, curve(angle_deg)))
 
     def test_is_deterministic(self) -> None:
-        """Two policies that hear the same ask and answer the same."""
+        """Two policies that receive the same samples ask and answer the same."""
         for name, curve in CURVES.items():
             assert self.search(curve) == self.search(curve), f"{name}: two equal searches differ"
 

@@ -1,4 +1,4 @@
-"""Protocols and file headers as bytes, for drivers, emulators and records. Pure: no file is opened here."""
+"""Encoding and decoding of device protocols and file headers. Pure: no port or file is opened here."""
 
 from markerseek.wire.apt import COUNTS_PER_DEG
 from markerseek.wire.apt_frames import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage

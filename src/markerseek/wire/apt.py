@@ -1,4 +1,4 @@
-"""What is said to a KDC101 or TDC001 that turns a PRM1Z8, and what it answers, as bytes.
+"""Messages to and from a KDC101 or TDC001 with a PRM1Z8, as bytes.
 
 The messages are packed and parsed by thorlabs-apt-protocol.
 """
@@ -86,26 +86,26 @@ _FAULTS = {
     "current_fault": "current fault",
     "error": "error",
 }
-"""Bits that end a move, and what they mean. The limit switches are not among them: a PRM1Z8 touches one at home."""
+"""Status bits that end a move, and their names. The limit switches are missing: a PRM1Z8 touches one at home."""
 
 
 def stop_updates() -> bytes:
-    """Speak only when asked."""
+    """Send nothing unasked."""
     return _packed("hw_stop_updatemsgs")
 
 
 def ask_info() -> bytes:
-    """Ask who it is."""
+    """Ask for model, serial number and firmware."""
     return _packed("hw_req_info")
 
 
 def ask_status() -> bytes:
-    """Ask where it is and what it does."""
+    """Ask for the status: position, motion, faults."""
     return _packed("mot_req_dcstatusupdate", chan_ident=CHANNEL)
 
 
 def set_velocity(velocity: Velocity) -> bytes:
-    """Speed and acceleration of the moves to come."""
+    """Set speed and acceleration of later moves."""
     return _packed(
         "mot_set_velparams",
         chan_ident=CHANNEL,
@@ -121,17 +121,17 @@ def ask_velocity() -> bytes:
 
 
 def set_backlash(counts: int) -> bytes:
-    """How far to overshoot and come back, in counts."""
+    """Set by how many counts downward moves overshoot and come back."""
     return _packed("mot_set_genmoveparams", chan_ident=CHANNEL, backlash_distance=counts)
 
 
 def ask_backlash() -> bytes:
-    """Ask how far it overshoots."""
+    """Ask for that overshoot."""
     return _packed("mot_req_genmoveparams", chan_ident=CHANNEL)
 
 
 def set_limits(limits: SoftLimits) -> bytes:
-    """How far it may turn."""
+    """Set the soft limits."""
     return _packed(
         "mot_set_limswitchparams",
         chan_ident=CHANNEL,
@@ -144,7 +144,7 @@ def set_limits(limits: SoftLimits) -> bytes:
 
 
 def ask_limits() -> bytes:
-    """Ask how far it may turn."""
+    """Ask for the soft limits."""
     return _packed("mot_req_limswitchparams", chan_ident=CHANNEL)
 
 
@@ -154,27 +154,27 @@ def set_target(counts: int) -> bytes:
 
 
 def ask_target() -> bytes:
-    """Ask which target is stored."""
+    """Ask for the stored target."""
     return _packed("mot_req_moveabsparams", chan_ident=CHANNEL)
 
 
 def move() -> bytes:
-    """Go to the target that is stored, also in the middle of another move."""
+    """Move to the stored target, also during another move."""
     return _packed("mot_move_absolute", chan_ident=CHANNEL)
 
 
 def stop() -> bytes:
-    """Stop at once, without braking gently."""
+    """Stop at once, without deceleration."""
     return _packed("mot_move_stop", chan_ident=CHANNEL, stop_mode=1)
 
 
 def decode(message: AptMessage) -> Answer | None:
-    """What an answer says; None if it is of a kind that no question of ours asks for.
+    """Content of an answer; None if no request of this module asks for it.
 
     Raises
     ------
     DeviceError
-        If it is of another channel, or not a message that a controller can have sent.
+        If it is of another channel, or no controller can have sent it.
     """
     if message.ident not in (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS):
         return None
@@ -187,9 +187,10 @@ def decode(message: AptMessage) -> Answer | None:
 
 
 def _info(fields: dict[str, Any]) -> Info:
+    # The field is padded by zeros or blanks. Anything but letters and digits shows that the message is damaged.
     model = fields["model_number"].rstrip(b"\x00 ")
     if not model.isalnum():
-        raise DeviceError(f"the stage's controller calls itself {model!r}, which is no name of a model")
+        raise DeviceError(f"the stage's controller reports the model {model!r}, which is no model name")
     firmware = ".".join(str(part) for part in fields["firmware_version"])
     return Info(model=model.decode("ascii"), serial_number=fields["serial_number"], firmware=firmware)
 
@@ -229,6 +230,7 @@ _DECODERS: dict[int, Callable[[dict[str, Any]], Answer]] = {
 }
 
 
+# The library packs soft limits unsigned, and a reading may lie below home: two's complement by hand.
 def _signed(word: int) -> int:
     return word - _UNSIGNED if word >= _UNSIGNED // 2 else word
 
@@ -244,6 +246,7 @@ def _parsers() -> dict[int, Callable[[bytes], dict[str, Any]]]:
 
 @cache
 def _library(part: str) -> ModuleType:
+    # Imported on first use: it is an optional package, and rigs without a Thorlabs stage run without it.
     try:
         from thorlabs_apt_protocol import functions, parsing  # type: ignore[import-untyped, unused-ignore]
     except ModuleNotFoundError as missing:

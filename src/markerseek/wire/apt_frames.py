@@ -1,4 +1,4 @@
-"""Messages of Thorlabs' APT protocol cut out of a stream of bytes. No checksum guards them: their form is all there is.
+"""Framing of Thorlabs' APT protocol: messages from a stream of bytes. Without a checksum, only the form is checked.
 
 A message has six bytes: identity, two parameters, destination, source; or, if the destination's highest bit is set,
 identity, length of the data, destination, source, and then the data. What does not look like a message of the right
@@ -24,7 +24,7 @@ Forms = Mapping[int, frozenset[int]]
 
 TO_HOST: Forms = {
     0x0002: frozenset({0}),  # disconnecting
-    0x0006: frozenset({84}),  # who it is
+    0x0006: frozenset({84}),  # identity
     0x0080: frozenset({0}),  # an error
     0x0081: frozenset({68}),  # an error in words
     0x0212: frozenset({0}),  # channel enabled or not
@@ -44,7 +44,7 @@ TO_HOST: Forms = {
     0x0481: frozenset({14}),  # status
     0x0491: frozenset({14}),  # status
 }
-"""What a motor's controller of one channel says."""
+"""Messages from a motor controller of one channel."""
 
 TO_CONTROLLER: Forms = {
     **{
@@ -61,7 +61,7 @@ TO_CONTROLLER: Forms = {
     0x0416: frozenset({22}),
     0x0423: frozenset({16}),
 }
-"""What such a controller listens to."""
+"""Messages to such a controller."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,13 +71,13 @@ class AptMessage:
     Attributes
     ----------
     ident
-        Which kind it is.
+        Its kind.
     first, second
         Its two parameters; 0 where it has data.
     data
         Its data; empty in the form of six bytes.
     raw
-        The whole of it.
+        All bytes of it.
     """
 
     ident: int
@@ -88,14 +88,14 @@ class AptMessage:
 
 
 class AptFramer:
-    """Cuts messages out of a stream, for one of the two ends.
+    """Splits a stream into messages, for one of the two ends.
 
     Parameters
     ----------
     forms
         Which messages are known, and how long their data may be.
     to
-        Address of this end; other addresses are not listened to.
+        Address of this end; messages to others are discarded.
     """
 
     def __init__(self, forms: Forms = TO_HOST, *, to: int = HOST) -> None:
@@ -112,6 +112,7 @@ class AptFramer:
         at = 0
         while len(held) - at >= HEADER_BYTES:
             size = self._size(at)
+            # Resynchronise byte by byte: after a lost byte the next header can begin anywhere.
             if size is None:
                 at += 1
                 self.discarded += 1
@@ -125,12 +126,14 @@ class AptFramer:
 
     def forget(self) -> None:
         """Drop the beginning of a message whose rest did not come."""
+        # Counted, since bytes that fit no message show a bad cable or another program.
         self.discarded += len(self._held)
         self._held.clear()
 
     def _size(self, at: int) -> int | None:
         """Length of the message that begins here; None if none does."""
         ident, length, to, _source = _HEADER.unpack_from(self._held, at)
+        # Known identity, own address and a length that belongs to it: together they stand in for the checksum.
         lengths = self._forms.get(ident)
         if lengths is None or to & ~_WITH_DATA != self._to:
             return None

@@ -1,7 +1,7 @@
-"""Numbers and values of a KDC101 or TDC001 that turns a PRM1Z8.
+"""Units and values of a KDC101 or TDC001 with a PRM1Z8.
 
 The units are of this stage with this controller, whose clock ticks every 2048/6e6 s: counts per degree, and words for
-speed and acceleration. They are rounded, never cut off.
+speed and acceleration. They are rounded, never truncated.
 """
 
 from __future__ import annotations
@@ -11,17 +11,18 @@ from dataclasses import dataclass
 
 from markerseek.core import ConfigError
 
+# Thorlabs, "APT Communications Protocol", PRM1-Z8 with TDC001 or KDC101: 1919.64, 42941.66 and 14.66.
 COUNTS_PER_DEG = 1919.6418578623391
 SPEED_WORD = 42941.66
-"""Word for one degree per second."""
+"""Word for 1 deg/s: counts per sampling interval of 2048/6e6 s, times 65536."""
 ACCELERATION_WORD = 14.6574
-"""Word for one degree per second squared."""
+"""Word for 1 deg/s²: counts per sampling interval squared, times 65536."""
 
 _WORD = 2**31
 
 
 def counts_of(angle_deg: float) -> int:
-    """Encoder counts of an angle in degrees, to the nearest.
+    """Encoder counts of an angle in degrees, rounded.
 
     Raises
     ------
@@ -32,23 +33,23 @@ def counts_of(angle_deg: float) -> int:
 
 
 def degrees_of(counts: int) -> float:
-    """Angle in degrees of so many encoder counts."""
+    """Angle in degrees of a number of encoder counts."""
     return counts / COUNTS_PER_DEG
 
 
 def speed_word(speed_deg_s: float) -> int:
-    """Word for a speed in degrees per second, to the nearest."""
+    """Word for a speed in degrees per second, rounded."""
     return _word(speed_deg_s * SPEED_WORD, f"{speed_deg_s} deg/s")
 
 
 def acceleration_word(acceleration_deg_s2: float) -> int:
-    """Word for an acceleration in degrees per second squared, to the nearest."""
+    """Word for an acceleration in degrees per second squared, rounded."""
     return _word(acceleration_deg_s2 * ACCELERATION_WORD, f"{acceleration_deg_s2} deg/s^2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Info:
-    """Who a controller is: model, serial number, firmware."""
+    """Identity of a controller: model, serial number, firmware."""
 
     model: str
     serial_number: int
@@ -57,7 +58,7 @@ class Info:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Velocity:
-    """How fast it may turn, in words."""
+    """Speed and acceleration, in the controller's words."""
 
     acceleration: int
     speed: int
@@ -65,16 +66,16 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoftLimits:
-    """How far it may turn, in counts, what it does there, and what it does at its limit switches.
+    """Soft limits in counts, and the behaviour there and at the limit switches.
 
     Attributes
     ----------
     low, high
         Ends of the range, in counts.
     mode
-        1 goes on, 2 stops at once, 3 brakes.
+        At a soft limit: 1 ignores it, 2 stops at once, 3 decelerates.
     switches
-        What both switches do: 4 is made at home and means nothing elsewhere.
+        Behaviour of both limit switches: 4 makes on contact, and serves for homing only.
     """
 
     low: int
@@ -85,16 +86,16 @@ class SoftLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Where it is and what it does.
+    """Status of the stage.
 
     Attributes
     ----------
     position
         Position counter, signed.
     moving, homing, homed
-        Its own word on that. The first is false for a moment after a move was asked for.
+        As the controller reports it. ``moving`` is false for a moment after a move was commanded.
     faults
-        Errors that it reports, in words.
+        Names of the errors that it reports.
     """
 
     position: int
@@ -106,7 +107,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """A number of counts that was stored: a target, or a backlash."""
+    """A stored number of counts: a target, or a backlash."""
 
     counts: int
 
@@ -116,5 +117,5 @@ Answer = Info | Velocity | SoftLimits | Status | Counts
 
 def _word(value: float, meaning: str) -> int:
     if not (math.isfinite(value) and -_WORD <= round(value) < _WORD):
-        raise ConfigError(f"{meaning} cannot be said to the stage's controller, whose words have 32 bits")
+        raise ConfigError(f"{meaning} cannot be sent to the stage's controller, whose words have 32 bits")
     return round(value)

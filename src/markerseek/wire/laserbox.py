@@ -1,6 +1,6 @@
-"""The laser box's lines as bytes: a small box that pulls the trigger of laser and acquisition, and counts.
+"""Protocol of the laser box, which triggers laser and acquisition and counts the pulses: lines as bytes.
 
-A line is words apart by one space, a star, and the CRC-16/CCITT-FALSE of what stands before the star (polynomial
+A line is words separated by one space, a star, and the CRC-16/CCITT-FALSE of all before the star (polynomial
 0x1021, start 0xFFFF, not reflected; 0x29B1 for ``123456789``) in four upper-case digits: ``BEAT 17*97F5``, then LF.
 
 ======================================================  ==========================================================
@@ -15,16 +15,16 @@ anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
 
 There is no "on". A permit is void after its expiry, after one firing, at the lease's end, at any refusal, at DISARM and
-HELLO, and when the interlock opens, however shortly; without one there is no light. The lease begins with PERMIT and is
-renewed by BEAT with a step above the one before. Tokens are numbers, and each permit's must be above all before it: the
-counter never runs backwards, and nothing is fired twice.
+HELLO, and when the interlock opens, however briefly; without one there is no light. The lease begins with PERMIT and is
+renewed by BEAT with a step above the last one. Tokens are numbers, and each permit's must be above all earlier ones, so
+that nothing is fired twice.
 
 ``triggers`` is how often the acquisition is triggered; the first ``pulses`` of them trigger the laser too, so that a
-permit of 0 pulses takes a dark frame with the averaging of a lit one. They take 60 s at most. A train whose permit is
+permit of 0 pulses takes a dark frame, averaged like a lit one. They take 60 s at most. A train whose permit is
 taken away is completed at the same rate without light, for an acquisition that counts triggers would wait for the rest;
-until DONE is said, HELLO and PERMIT are refused as ``BUSY``. DONE is said `LIGHT_LATE_US` after the last trigger.
+until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGHT_LATE_US` after the last trigger.
 
-``seen`` is the photodiode's count since power-up: what it rose by outside of firings is light that nobody permitted.
+``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
 Within any minute a box sends `MOST_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 """
 
@@ -94,17 +94,19 @@ _REASONS: tuple[RefusalReason, ...] = get_args(RefusalReason)
 
 def crc16(data: bytes) -> int:
     """CRC-16/CCITT-FALSE of the bytes."""
+    # CPython's crc_hqx is this polynomial without reflection; only the start value 0xFFFF must be given.
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def encode(message: Command | Reply) -> bytes:
-    """Line of a command or a reply, its end included.
+    """Line of a command or a reply, with its end.
 
     Raises
     ------
     ConfigError
         If the line would be refused at the other end: a number out of its range, an identity that is no word.
     """
+    # Parsed again before it is sent, so that one set of rules holds for both ends.
     words = _words(message)
     understood = _command(words) if isinstance(message, Command) else _reply(words)
     if understood != message:
@@ -114,7 +116,7 @@ def encode(message: Command | Reply) -> bytes:
 
 
 def decode_command(line: bytes) -> Command | Refusal:
-    """Command of a line without its end; what a box must answer, if it is none."""
+    """Command of a line without its end; the refusal that a box must answer, if it is none."""
     text = _checked(line)
     if text is None:
         return Refusal(reason="CRC")
@@ -138,7 +140,7 @@ def decode_reply(line: bytes) -> Reply:
 
 
 class Lines:
-    """Cuts bytes into lines as they come; a line that is too long comes out empty."""
+    """Splits a stream of bytes into lines; a line that is too long comes out empty."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -150,6 +152,7 @@ class Lines:
         lines = [b"" if len(line) >= LINE_BYTES else line for line in complete]
         if complete and self._too_long:
             lines[0] = b""
+        # The rest is dropped, so that a device that never ends its line cannot fill the memory.
         self._too_long = len(rest) >= LINE_BYTES or (self._too_long and not complete)
         self._rest = b"" if self._too_long else rest
         return lines
@@ -218,6 +221,7 @@ def _acceptable(permit: PermitPulses) -> bool:
         and permit.pulses <= permit.triggers
         and 1 <= permit.rate_hz <= MOST_RATE_HZ
         and 1 <= permit.expiry_ms <= MOST_EXPIRY_MS
+        # In whole numbers, as the firmware computes it: a division would round differently.
         and 1000 * permit.triggers <= permit.rate_hz * MOST_EXPIRY_MS
     )
 
@@ -264,6 +268,7 @@ def _done(numbers: list[int | None]) -> Done | None:
 
 def _number(word: str) -> int | None:
     """Whole number of a word as `str` writes it, from 0 to `MOST_COUNT`; None if it is none."""
+    # isdecimal: int() would also take "+1", " 1" and "1_0". `_checked` excludes the digits of other scripts.
     if not (word.isdecimal() and len(word) <= 10) or (word[0] == "0" and word != "0"):
         return None
     number = int(word)

@@ -1,4 +1,4 @@
-"""What a laser box and its host say to one another, and the largest numbers of it."""
+"""Messages between a laser box and its host, and the limits of their numbers."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ MOST_PULSES, MOST_RATE_HZ, MOST_EXPIRY_MS, MOST_COUNT = 1024, 1000, 60_000, 2**3
 """Largest numbers of a permit that a box accepts, and of a token, a step or a count of the photodiode."""
 
 MOST_PULSES_PER_MINUTE = 6000
-"""Pulses that a box sends within any minute at most, whatever it is permitted.
+"""Most pulses that a box sends within any minute, whatever is permitted.
 
 A laser at the usual 100 Hz cannot reach it: 6,000 pulses in a minute are 100 Hz without a pause, and a search moves the
 probe in between (16 to 128 pulses an acquisition, a few thousand a minute at most). At 1,000 Hz it is a tenth.
 """
 
 LIGHT_LATE_US = 1000
-"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE said, after it."""
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it."""
 
 RefusalReason: TypeAlias = Literal[
     "CRC",  # the line came damaged
@@ -40,12 +40,12 @@ RefusalReason: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hello:
-    """Asks who is there; takes any permit away, and steps may begin at 1 again."""
+    """Asks for the identity; voids any permit, and steps may begin at 1 again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PermitPulses:
-    """Leave for at most so many pulses, at a rate in Hz, for so many milliseconds, with so many triggers in all."""
+    """Permits a number of pulses at a rate in Hz until an expiry in milliseconds, with a number of triggers in all."""
 
     token: int
     pulses: int
@@ -70,12 +70,12 @@ class Fire:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disarm:
-    """Takes any permit away, also while it fires."""
+    """Voids any permit, also while it fires."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Greeting:
-    """Answer to `Hello`: who is there, its protocol, its lease in milliseconds, and the last token that it took.
+    """Answer to `Hello`: identity, version of the protocol, lease in milliseconds, and the last token used.
 
     ``seen`` is how many pulses of light the photodiode has seen since power-up.
     """
@@ -97,7 +97,7 @@ class Permitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """A train has ended: pulses sent to the laser, and pulses that the photodiode saw meanwhile."""
+    """A train has ended: pulses sent to the laser, and pulses that the photodiode saw."""
 
     token: int
     sent: int
@@ -111,7 +111,7 @@ class Disarmed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """Nothing was done, and any permit is gone."""
+    """The command was refused, and any permit is void."""
 
     reason: RefusalReason
 

@@ -1,4 +1,4 @@
-"""A line of bytes to a device: what drivers speak through, be it a serial port, a relay, or an emulator's end."""
+"""Protocol of a line to a device: a serial port, the supervisor's relay, or an emulator in the same process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Port(Protocol):
         """Send all of it; `NotConnectedError` where the line is gone."""
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes, fewer (perhaps none) once the time has gone by; `NotConnectedError` as above."""
+        """Up to that many bytes, fewer (perhaps none) after the timeout; `NotConnectedError` as above."""
 
     def close(self) -> None:
-        """Let go of the line; allowed twice."""
+        """Close the line; allowed twice."""

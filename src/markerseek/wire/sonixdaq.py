@@ -19,10 +19,10 @@ CHANNELS = 128
 """Channels, and files, of one acquisition."""
 
 MOST_SAMPLES = 1 << 16
-"""Most samples of one pulse that are read: sound has come 2.5 m by then, and all channels take 16 MiB."""
+"""Most samples of one pulse that are read: sound travels 2.5 m meanwhile, and all channels take 16 MiB."""
 
 HEADER_BYTES = 12
-"""Length of the longer header: as many bytes as `decode_header` wants to see."""
+"""Length of the longer header: the bytes that `decode_header` needs."""
 
 _NAME = re.compile(r"CH(\d{3})(?:-\d{4})?\.daq", re.ASCII | re.IGNORECASE)
 
@@ -38,7 +38,7 @@ class DaqHeader:
     frames
         Repeated pulses in the file.
     samples
-        Samples of each.
+        Samples of each pulse.
     channel
         Number of the file, where the header holds it; it differs from file to file and is not compared.
     """
@@ -100,6 +100,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
         for header, possible in ((new, number_fits), (old, True))
         if possible and header.frames > 0 and header.samples > 0 and header.file_bytes == size
     ]
+    # Both layouts can fit one size by chance; then the channel in the header must agree with the file's name.
     if len(fitting) == 2 and first != file_number(name):
         return old
     if fitting:
@@ -120,6 +121,7 @@ def encode_file(samples: Int16[np.ndarray, "frames samples"], *, number: int | N
 
 def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames samples"]:
     """Samples of a channel file, one row per pulse, from the bytes after the header."""
+    # astype without a copy where the computer is little-endian, as nearly all are.
     return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
 
 

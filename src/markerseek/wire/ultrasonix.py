@@ -2,7 +2,7 @@
 
 ``.b8`` (type 4) holds B-mode images after scan conversion: uint8, row after row. ``.rf`` (type 16) holds lines of
 radio frequency after the machine's own beamforming: int16, line after line. Software 5.x writes the frame's number in
-four bytes before each frame, later ones do not; the size tells which. Little-endian throughout.
+four bytes before each frame, later ones do not; the file's size shows which. Little-endian throughout.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ SUFFIX_OF_TYPE = {
 }
 """Suffix by the number of the type, as the machine's MATLAB reader (RPread.m 1.6, 2011) and its SDK list them."""
 
+# Types that are not read, and the type of the same data that the machine can export and that is read.
 _EXPORT_INSTEAD = {".bpr": ".b8", ".b32": ".b8", ".drf": ".rf", ".crf": ".rf"}
 _LAYOUT = struct.Struct("<19i")
 _TAG_BYTES = 4
@@ -62,7 +63,7 @@ class UltrasonixHeader:
     probe
         Number of the probe.
     transmit_hz, sampling_hz
-        Frequency of transmission and of sampling, in Hz; of sampling, of B-mode images that of the frames.
+        Frequencies of transmission and of sampling, in Hz; for B-mode images ``sampling_hz`` is that of the frames.
     frame_rate_hz
         Frames per second.
     line_density
@@ -127,6 +128,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
             f"{name}: it is a {SUFFIX_OF_TYPE[number]} (type {number}) of {bits} bits, of which only those of "
             f"{_BITS[kind]} bits are read; export it with {_BITS[kind]} bits, or, if its header is damaged, again"
         )
+    # Nothing in the header says whether frames are tagged: both sizes are tried.
     headers = [
         UltrasonixHeader(
             kind=kind,

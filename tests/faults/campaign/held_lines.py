@@ -12,7 +12,7 @@ from typing import Self
 from markerseek.core import Permit
 from markerseek.supervisor import Line, Supervisor
 
-FAREWELL = b"DISARM\n"
+SAFE_COMMAND = b"DISARM\n"
 HEARD_S = 10.0
 
 
@@ -22,7 +22,7 @@ class HeldLines:
     def __init__(self, *, period_s: float = 1.0) -> None:
         self._fd, self._near = os.openpty()
         tty.setraw(self._near)
-        line = Line(name="laser", path=os.ttyname(self._near), farewell=FAREWELL)
+        line = Line(name="laser", path=os.ttyname(self._near), safe_command=SAFE_COMMAND)
         self._supervisor = Supervisor(lines=[line], period_s=period_s)
         self._port = self._supervisor.port("laser")
         self._told = 0
@@ -68,10 +68,10 @@ class HeldLines:
         words = [line.split() for line in self.heard.decode().splitlines() if line.startswith("PERMIT")]
         return tuple((token, int(pulses)) for _, token, pulses in words)
 
-    def hears_farewell(self, *, within_s: float) -> bool:
-        """Whether the far end hears the farewell within so much real time."""
+    def receives_safe_command(self, *, within_s: float) -> bool:
+        """Whether the far end receives the safe command within that much real time."""
         ends_s = time.monotonic() + within_s
-        while FAREWELL not in self.heard:
+        while SAFE_COMMAND not in self.heard:
             left_s = ends_s - time.monotonic()
             if not left_s > 0 or not select.select([self._fd], [], [], left_s)[0]:
                 return False

@@ -159,7 +159,7 @@ class Restart:
 
     def _watch(self) -> None:
         """Number the trains of triggers, and keep which of them are in each acquisition."""
-        trigger, heard, acquisition = self._daq.trigger, self._daq._heard, self._daq._acquisition
+        trigger, heard, acquisition = self._daq.trigger, self._daq._average, self._daq._acquisition
         parts_heard: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
         def numbered(count: int) -> None:
@@ -185,7 +185,7 @@ class Restart:
             return files
 
         self._bench.laser_box._on_triggers = numbered
-        self._daq._heard, self._daq._acquisition = hearing, taking
+        self._daq._average, self._daq._acquisition = hearing, taking
 
     def _lit(self) -> bool:
         """Whether light came with the train that has just ended."""

@@ -1,4 +1,4 @@
-"""The loop of the supervisor's process: it relays bytes, and lets go of every device when the control loop is gone."""
+"""The loop of the supervisor process: it relays bytes, and makes every device safe when the control loop is gone."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from markerseek.supervisor.messages import Kind, packed, step_of, unpacked
 
 _CHUNK = 4096
 _MOST_UNSENT = 4096
-"""Most bytes that may wait for a line; a control loop that sends more has gone wild."""
+"""Most bytes that may wait for a line; a control loop that sends more is out of control."""
 _MOST_UNREAD = 1 << 18
-"""Most bytes that may wait for the control process; what a line says beyond is lost."""
+"""Most bytes that may wait for the control process; what a line sends beyond that is lost."""
 _PARENT_S = 0.5
-"""How often to see whether the control process lives, lest a child of it keeps the socket open."""
+"""Longest time between two checks that the control process lives: a child of it may keep the socket open."""
 _LAST_S = 0.5
-"""Longest time for the last farewells to leave."""
+"""Longest time for the last safe commands to be sent."""
 
 
 class _HeldLine:
-    """A line, its unsent messages, and the farewell that overtakes them."""
+    """A line, its unsent messages, and the safe command that is sent before them."""
 
     def __init__(self, line: Line) -> None:
-        self.farewell = line.farewell
+        self.safe_command = line.safe_command
         self.name = line.name
         self._serial = open_line(line)
         self.fd = self._serial.fileno()
@@ -49,12 +49,13 @@ class _HeldLine:
         self._unsent.append(message)
         self.flush()
 
-    def let_go(self) -> None:
-        """Say the farewell now: after the message that is half sent, before all others."""
+    def release(self) -> None:
+        """Send the safe command: after a message that is half sent, before all others."""
+        # Inside a half-sent message the device would read it as part of that one, and ignore both.
         self._unsent = deque([self._unsent[0]] if self._cut else [])
-        self.send(self.farewell)
+        self.send(self.safe_command)
         if self._unsent and not self.gone:
-            # The line does not drain: what waits in the system must not keep the farewell back.
+            # The line does not drain: bytes in the system's output buffer must not hold up the safe command.
             with contextlib.suppress(termios.error):
                 termios.tcflush(self.fd, termios.TCOFLUSH)
             self.flush()
@@ -63,6 +64,7 @@ class _HeldLine:
         while self._unsent and not self.gone:
             message = self._unsent[0]
             try:
+                # May send a part; its rest must follow before any other message.
                 sent = os.write(self.fd, message)
             except BlockingIOError:
                 return
@@ -86,7 +88,7 @@ class _HeldLine:
         return data
 
 
-class Keeper:
+class SupervisorProcess:
     """Holds the lines under a lease, for one control process at the other end of a socket.
 
     Parameters
@@ -94,11 +96,11 @@ class Keeper:
     control
         Socket to the control process.
     lines
-        What to hold. They are opened, and each farewell is said, before anything else.
+        What to hold. They are opened, and each safe command is sent, before anything else.
     period_s
         Longest silence of the control loop while the lease is held, in seconds.
     parent
-        Number of the control process; None for the one that is our parent now.
+        Process id of the control process; None for the current parent.
 
     Raises
     ------
@@ -114,34 +116,35 @@ class Keeper:
         self._lines = [_HeldLine(line) for line in lines]
         self._control = control
         self._control.setblocking(False)
-        self._heard = bytearray()
+        self._received = bytearray()
         self._unread = bytearray()
         self._lapsed = False
         self._over = False
         self._parent = os.getppid() if parent is None else parent
+        # An earlier control process may have died in the middle of a move or a firing.
         for line in self._lines:
-            line.let_go()
+            line.release()
 
     def run(self) -> None:
-        """Relay until the control process is gone, or a signal ends this one; then let go of every line."""
+        """Relay until the control process is gone, or a signal ends this one; then release every line."""
         wake, woken = socket.socketpair()
         woken.setblocking(False)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._end)
         signal.set_wakeup_fd(woken.fileno())
         end_with_parent(signal.SIGTERM)
-        # It may have died before the system was asked for a signal.
+        # The parent may have died before the system was asked for the signal, which then never comes.
         self._over = self._over or os.getppid() != self._parent
-        self._tell(packed(Kind.READY))
+        self._send(packed(Kind.READY))
         try:
             while not self._over:
                 self._turn(wake)
         finally:
-            self._let_go("the supervisor ends")
+            self._release_lines("the supervisor ends")
             self._drain()
 
     def _turn(self, wake: socket.socket) -> None:
-        """Wait for whatever comes first, the end of the lease among it, and act on it."""
+        """Wait for bytes, a signal or the end of the lease, and act on it."""
         poller = select.poll()
         poller.register(wake, select.POLLIN)
         poller.register(self._control, _wanted(writing=bool(self._unread)))
@@ -153,37 +156,38 @@ class Keeper:
         ready = dict(poller.poll(min(left_s, _PARENT_S) * 1e3))
         now_s = time.monotonic()
         if ends_s is not None and self._lease.lapsed(now_s=now_s):
-            self._let_go(
+            self._release_lines(
                 f"the control loop was silent for {now_s - ends_s + self._period_s:.2f} s, longer than the lease of "
                 f"{self._period_s:g} s (close other programs, or allow more by supervisor.lease_s)"
             )
-        # Whatever a dead process has said before is not read any more.
+        # What a dead process sent before is not read: a permit among it would fire with nobody in control.
         dead = ready.get(self._control.fileno(), 0) & (select.POLLHUP | select.POLLERR)
         self._over = self._over or bool(dead) or os.getppid() != self._parent
         for line in self._lines:
             self._relay(line, reading=bool(ready.get(line.fd, 0) & ~select.POLLOUT))
         if not self._over and ready.get(self._control.fileno(), 0):
-            self._serve()
+            self._read_control()
 
-    def _serve(self) -> None:
-        """Take in what the control process says; its end, or nonsense, is the end of this process too."""
+    def _read_control(self) -> None:
+        """Read and carry out the messages of the control process; its end, or an invalid message, ends this process."""
         try:
             self._flush_control()
             data = self._control.recv(_CHUNK)
             self._over = self._over or not data
-            self._heard += data
-            for kind, line, content in unpacked(self._heard):
-                self._obey(kind, line, content)
+            self._received += data
+            for kind, line, content in unpacked(self._received):
+                self._execute(kind, line, content)
         except BlockingIOError:
             return
         except (OSError, DeviceError):
             self._over = True
 
-    def _obey(self, kind: Kind, number: int, data: bytes) -> None:
+    def _execute(self, kind: Kind, number: int, data: bytes) -> None:
         now_s = time.monotonic()
         if kind is Kind.BEAT:
             self._lease.beat(step_of(data), now_s=now_s)
         elif kind is Kind.HOLD:
+            # After a lapse writes are refused until a person arms, so there is nothing that a lease could guard.
             if not self._lapsed:
                 self._lease.hold(now_s=now_s)
         elif kind is Kind.RELEASE:
@@ -193,21 +197,21 @@ class Keeper:
         elif kind is Kind.WRITE and number < len(self._lines):
             self._write(self._lines[number], data)
         else:
-            raise DeviceError(f"supervisor: {kind.name} of line {number} is not for this side")
+            raise DeviceError(f"supervisor: {kind.name} of line {number} is no message to the supervisor")
 
     def _arm(self) -> None:
         gone = [line.name for line in self._lines if line.gone]
         if gone:
-            self._tell(packed(Kind.FAILED, f"supervisor: it cannot be armed, the lines {gone} are gone".encode()))
+            self._send(packed(Kind.FAILED, f"supervisor: it cannot be armed, the lines {gone} are gone".encode()))
         else:
             self._lapsed = False
-            self._tell(packed(Kind.READY))
+            self._send(packed(Kind.READY))
 
     def _write(self, line: _HeldLine, data: bytes) -> None:
         if self._lapsed:
             return
         if line.unsent_bytes + len(data) > _MOST_UNSENT:
-            self._let_go(f"more was written to the line {line.name!r} than it can carry")
+            self._release_lines(f"more was written to the line {line.name!r} than it can carry")
             return
         line.send(data)
 
@@ -216,20 +220,23 @@ class Keeper:
             return
         line.flush()
         data = line.read() if reading else b""
+        # Dropped when the control process does not read: relaying must never wait for it.
         if data and len(self._unread) < _MOST_UNREAD:
-            self._tell(packed(Kind.DATA, data, line=self._lines.index(line)))
+            self._send(packed(Kind.DATA, data, line=self._lines.index(line)))
         if line.gone:
-            self._let_go(f"the line {line.name!r} is gone")
+            # One dead line releases all lines: a search without its stage or its laser must end.
+            self._release_lines(f"the line {line.name!r} is gone")
 
-    def _let_go(self, reason: str) -> None:
-        """Say every farewell, and refuse writes until somebody arms again."""
+    def _release_lines(self, reason: str) -> None:
+        """Send every safe command, and refuse writes until a person arms again."""
         for line in self._lines:
-            line.let_go()
+            line.release()
+        # Latched until ARM: a loop that wakes up late must not go on firing as if nothing had happened.
         self._lease.release()
         self._lapsed = True
-        self._tell(packed(Kind.LAPSED, reason.encode()))
+        self._send(packed(Kind.LAPSED, reason.encode()))
 
-    def _tell(self, message: bytes) -> None:
+    def _send(self, message: bytes) -> None:
         self._unread += message
         with contextlib.suppress(OSError):
             self._flush_control()
@@ -243,7 +250,7 @@ class Keeper:
             del self._unread[:sent]
 
     def _drain(self) -> None:
-        """Give the last farewells time to leave this process."""
+        """Wait until the last safe commands are sent, at most `_LAST_S`."""
         ends_s = time.monotonic() + _LAST_S
         while (waiting := [line for line in self._lines if line.unsent_bytes and not line.gone]) and (
             time.monotonic() < ends_s
