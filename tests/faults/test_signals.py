@@ -27,7 +27,7 @@ from markerseek.core import RecordError
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
 from markerseek.emulators.bench import EmulatedBench, ServingClock, serve
-from markerseek.records.journal import Recording, is_journal, read_journal
+from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
 pytestmark = pytest.mark.real_time
@@ -148,7 +148,7 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
     )
 
 
-def _held(journal: Path) -> Recording | None:
+def _held(journal: Path) -> RecordedRun | None:
     """What the journal holds; None where the run was struck before it had begun."""
     try:
         return read_journal(journal)

@@ -19,7 +19,7 @@ from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
 from markerseek.records.banks.frames import load_frame
-from markerseek.records.journal import Checked, Recording, read_journal
+from markerseek.records.journal import Checked, RecordedRun, read_journal
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -158,7 +158,7 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
         assert (code, json.loads(out)[key]) == (0, True), (out, err)
 
 
-def times_and_kinds(held: Recording) -> list[tuple[float, str]]:
+def times_and_kinds(held: RecordedRun) -> list[tuple[float, str]]:
     return [(entry.clock_s, type(entry.event).__name__) for entry in held.entries]
 
 

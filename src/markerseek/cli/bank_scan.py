@@ -96,7 +96,7 @@ def command(
             stopped = stop
         finally:
             if 0 < taken < angles:
-                _say_what_is_left(out, planned=angles)
+                _print_what_is_left(out, planned=angles)
         if stopped is not None:
             end_stopped(stopped, as_json=as_json, kept=out if taken else None)
     if as_json:
@@ -115,7 +115,7 @@ def command(
         stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.kind} rig in {escape(str(out))}")
 
 
-def _say_what_is_left(path: Path, *, planned: int) -> None:
+def _print_what_is_left(path: Path, *, planned: int) -> None:
     """Say what a scan that was cut short left behind, having read it."""
     from markerseek.records.banks import read_bank
 

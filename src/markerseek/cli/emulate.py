@@ -86,7 +86,7 @@ def _serve(
     from markerseek.cli.terminal import stdout
     from markerseek.drivers import SystemClock
     from markerseek.emulators import ByteDevice, PtyLine, ServingClock, serve
-    from markerseek.files import replaced
+    from markerseek.files import replace_file
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -104,7 +104,7 @@ def _serve(
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             place = folder / "rig.toml"
-            with replaced(place) as part:
+            with replace_file(place) as part:
                 part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
             stdout.print(f"try: markerseek search --rig {place} --arm")
         if device == "daq":

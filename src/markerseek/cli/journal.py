@@ -10,7 +10,7 @@ import typer
 from markerseek.cli import journal_list
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Entry, Recording
+    from markerseek.records.journal import Entry, RecordedRun
 
 NAME = "journal"
 
@@ -41,8 +41,8 @@ def show(journal: _File, as_json: _Json = False) -> None:
 
     objects: list[dict[str, object]] = []
     # Frames are half a megabyte each, and are only looked at here to say how large they are.
-    see = (lambda entry: objects.append(_as_object(entry))) if as_json else None
-    held, damage = salvage(journal, frames=False, see=see)
+    on_entry = (lambda entry: objects.append(_as_object(entry))) if as_json else None
+    held, damage = salvage(journal, frames=False, on_entry=on_entry)
     if as_json:
         print_json(
             {
@@ -65,9 +65,9 @@ def show(journal: _File, as_json: _Json = False) -> None:
 def verify(journal: _File, as_json: _Json = False) -> None:
     """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
     from markerseek.cli.terminal import one_line, print_json, stdout
-    from markerseek.records.journal import verify as look_over
+    from markerseek.records.journal import verify as verify_journal
 
-    finding = look_over(journal)
+    finding = verify_journal(journal)
     if as_json:
         print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
     else:
@@ -114,7 +114,7 @@ def _as_object(entry: Entry) -> dict[str, object]:
     }
 
 
-def _print_table(held: Recording) -> None:
+def _print_table(held: RecordedRun) -> None:
     from rich.markup import escape
     from rich.table import Table
 
@@ -134,8 +134,8 @@ def _print_table(held: Recording) -> None:
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
-    stands = run_state(held.entries)
-    stdout.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
+    state = run_state(held.entries)
+    stdout.print(f"state: {state.state}" + ("" if state.fault is None else f": {one_line(state.fault)}"))
 
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:

@@ -14,7 +14,7 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.drivers import BenchSettings
     from markerseek.records import Recorder
-    from markerseek.records.journal import Recording
+    from markerseek.records.journal import RecordedRun
     from markerseek.signals import ImageReader
 
 NAME = "resume"
@@ -73,7 +73,7 @@ def command(
     conclude(recorder, held.configuration, output, imaging=imaging)
 
 
-def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettings | None:
+def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
     from markerseek.cli.open_rig import print_permissions
     from markerseek.cli.session import resume_command
@@ -127,7 +127,7 @@ def _resume(
     return session.recorder, rig.imaging
 
 
-def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -> bool:
+def _confirmed(held: RecordedRun, bench: BenchSettings | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask whoever sits at the terminal whether to continue; a program is not asked."""
     rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
     can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
@@ -135,7 +135,7 @@ def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -
     return can_ask and typer.confirm("Arm the laser and go on?", default=False)
 
 
-def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
+def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
     """What is kept, where the next acquisition would be, what would be measured again, and how to continue."""
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_json, stdout
@@ -176,7 +176,7 @@ def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_a
         stdout.print(escape(line))
 
 
-def _imaging(held: Recording) -> ImageReader | None:
+def _imaging(held: RecordedRun) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
     from markerseek.runs import rebuild_reader
     from markerseek.signals import ImageReader

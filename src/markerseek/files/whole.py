@@ -34,7 +34,7 @@ def require_new(path: Path) -> None:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """As `published`, of a path that is tried first; a disk that fails becomes a `RecordError`.
+    """As `create_atomically`, of a path that is tried first; a disk that fails becomes a `RecordError`.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def new_file(path: Path) -> Iterator[Path]:
     """
     require_new(path)
     try:
-        with published(path) as part:
+        with create_atomically(path) as part:
             yield part
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}; name another place") from (
@@ -52,7 +52,7 @@ def new_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def published(path: Path) -> Iterator[Path]:
+def create_atomically(path: Path) -> Iterator[Path]:
     """A place beside `path`; the file that is made there gets its name when the block ends well, and is gone if not.
 
     Raises
@@ -75,7 +75,7 @@ def published(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[Path]:
+def replace_file(path: Path) -> Iterator[Path]:
     """The same for a name that may be taken: the new file replaces the one of that name in one step.
 
     Raises

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markerseek.core import ConfigError
-from markerseek.files import replaced
+from markerseek.files import replace_file
 from markerseek.pictures.page import templates
 from markerseek.pictures.style import new_figure
 
@@ -74,7 +74,7 @@ def save_svg(figure: Figure, path: Path) -> None:
 def _save(figure: Figure, path: Path, **how: Any) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
+        with replace_file(path) as part:
             figure.savefig(part, **how)
     except OSError as problem:
         raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markerseek.core import ConfigError, MissingExtraError
-from markerseek.files import replaced
+from markerseek.files import replace_file
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -60,7 +60,7 @@ def write_from_template(path: Path, template: str, **values: object) -> None:
     text = templates().get_template(template).render(values)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
+        with replace_file(path) as part:
             part.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ConfigError(f"{path}: the page cannot be written: {problem.strerror}; name another --out") from problem

@@ -96,7 +96,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
-        scale = settings.receiver.peak_counts / _loudness([marker], model, marker)
+        scale = settings.receiver.peak_counts / _largest_count([marker], model, marker)
         absorbers = absorbers + [replace(weak, strength=weak.strength * scale) for weak in clutter]
     return Scene(
         description=material.description,
@@ -123,8 +123,8 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
         Largest count of the marker in one channel, as in the settings from which the scene was drawn.
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
-    louder = _MOST_COUNTS / peak_counts
-    absorbers = [replace(absorber, strength=absorber.strength * louder) for absorber in scene.absorbers]
+    gain_to_counts = _MOST_COUNTS / peak_counts
+    absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
         received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
@@ -138,7 +138,7 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
         angles = np.concatenate([-angles[:0:-1], angles])
         heights = np.concatenate([heights[:0:-1], heights])
     cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (scene.peak * louder)), cells
+    return RecordedCurve(angles, heights / (scene.peak * gain_to_counts)), cells
 
 
 def _heights(
@@ -222,7 +222,7 @@ def scaled_spot(
         If no signal of it reaches the receiver.
     """
     received = model.channel_data(spot, angle_deg=marker.angle_deg)
-    largest = _loudness(spot, model, marker)
+    largest = _largest_count(spot, model, marker)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
@@ -238,11 +238,11 @@ def scaled_spot(
     noise = Noise(
         white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
     )
-    louder = settings.receiver.peak_counts / largest
-    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise, peak
+    gain_to_counts = settings.receiver.peak_counts / largest
+    return [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in spot], noise, peak
 
 
-def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
+def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
     """Largest value that absorbers give a channel with the probe on the marker."""
     largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
     if not largest > 0:

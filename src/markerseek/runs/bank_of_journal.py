@@ -8,7 +8,7 @@ from pathlib import Path
 
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, IntensityBank, require_angles
-from markerseek.records.journal import Recording, read_journal
+from markerseek.records.journal import RecordedRun, read_journal
 from markerseek.runs.bank_scan import bank_facts
 
 
@@ -83,7 +83,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     )
 
 
-def _clock_zero_unix_s(held: Recording) -> float:
+def _clock_zero_unix_s(held: RecordedRun) -> float:
     """When the clock of the run read 0, by the date of its first entry."""
     first = held.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s

@@ -81,14 +81,14 @@ def journalled(
     """
     clock = rig.scanner.clock
     events = run_plan(policy, rig.scanner, journal.configuration.plan, limits=limits)
-    with closed_and_kept(events, clock, journal):
+    with closing_run(events, clock, journal):
         for event in events:
-            keep(event, clock, rig, journal)
+            commit_event(event, clock, rig, journal)
             yield event
 
 
 @contextmanager
-def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
+def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
     """Close a run at the end, which stops the rig; a rig that cannot be stopped is a fault, which the journal keeps.
 
     Parameters
@@ -110,7 +110,7 @@ def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal:
             raise
 
 
-def keep(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
+def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed.
 
     Parameters

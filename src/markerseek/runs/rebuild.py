@@ -8,7 +8,7 @@ import msgspec
 
 from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import Configuration, Recording
+from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.rigs import BenchRecipe, Recipe, ReplayedRecipe, Rig, SimulatedRecipe, replayed, simulated
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
@@ -122,7 +122,7 @@ def rebuild_policy(configuration: Configuration) -> Policy:
     return policy_for(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(held: Recording, policy: Policy) -> float | None:
+def next_angle(held: RecordedRun, policy: Policy) -> float | None:
     """Angle in degrees at which a run would measure next; None if the policy wants none.
 
     Parameters

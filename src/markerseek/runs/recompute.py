@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader
 from markerseek.guard import Limits
-from markerseek.records.journal import Entry, JournalEvent, Recording
+from markerseek.records.journal import Entry, JournalEvent, RecordedRun
 from markerseek.runs.journalled import run_plan
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.runs.resume import RUN_EVENTS
 from markerseek.signals import IntensityReader
 
 
-def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
+def differences(held: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
     """What differs, bit for bit, when a run is computed again from its frames alone; empty where nothing does.
 
     Each stored frame is read again, the policy receives the readings, and its decisions and its answer are compared

@@ -14,9 +14,9 @@ from functools import partial
 from pathlib import Path
 
 from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
-from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
+from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import closed_and_kept, keep, run_plan
+from markerseek.runs.journalled import closing_run, commit_event, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.scan import AnyScanner, RunLimits
@@ -31,7 +31,7 @@ def resumed(
     policy: Policy,
     rig: Rig,
     journal: Journal,
-    held: Recording,
+    held: RecordedRun,
     *,
     by: str,
     reset_fault: bool = False,
@@ -77,7 +77,7 @@ def resumed(
     scanner = step.scanner
     pending = deque(repeated)
     events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
-    with closed_and_kept(events, scanner.clock, journal):
+    with closing_run(events, scanner.clock, journal):
         if not pending:
             step.take()
         for event in events:
@@ -87,7 +87,7 @@ def resumed(
                 if not pending:
                     step.take()
             else:
-                keep(event, scanner.clock, rig, journal)
+                commit_event(event, scanner.clock, rig, journal)
                 yield event
 
 
@@ -107,7 +107,7 @@ class _StepToRig:
     """
 
     def __init__(
-        self, rig: Rig, journal: Journal, held: Recording, repeated: tuple[Entry, ...], *, by: str, attempts: int
+        self, rig: Rig, journal: Journal, held: RecordedRun, repeated: tuple[Entry, ...], *, by: str, attempts: int
     ) -> None:
         self._rig, self._journal, self._held, self._repeated = rig, journal, held, repeated
         self._by, self._attempts = by, attempts
@@ -181,7 +181,7 @@ def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
         )
 
 
-def _last_checkpoint(rig: Rig, held: Recording) -> bytes | None:
+def _last_checkpoint(rig: Rig, held: RecordedRun) -> bytes | None:
     """Last state of a simulated world; None of a real one."""
     if rig.world is None:
         return None
@@ -191,7 +191,7 @@ def _last_checkpoint(rig: Rig, held: Recording) -> bytes | None:
     raise RecordError(f"{held.path}: it holds no state of the simulated world, which died with its process")
 
 
-def _require_same(now: Event, then: Entry, held: Recording) -> None:
+def _require_same(now: Event, then: Entry, held: RecordedRun) -> None:
     if now != then.event:
         begun = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
         raise RecordError(

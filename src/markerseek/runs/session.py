@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal, Recording
+from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, run_plan
 from markerseek.runs.rebuild import rebuild_policy
@@ -40,7 +40,7 @@ class Session:
     rig: Rig
     configuration: Configuration
     journal: Journal | None = None
-    held: Recording | None = None
+    held: RecordedRun | None = None
     by: str = ""
     reset_fault: bool = False
     recorder: Recorder = field(default_factory=Recorder)
@@ -133,7 +133,7 @@ def new_session(rig: Rig, plan: SearchPlan) -> Session:
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 
-def resumed_session(rig: Rig, journal: Journal, held: Recording, *, by: str, reset_fault: bool) -> Session:
+def resumed_session(rig: Rig, journal: Journal, held: RecordedRun, *, by: str, reset_fault: bool) -> Session:
     """A search that is resumed; nothing moves before `Session.events` is iterated.
 
     Parameters

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.files import MIB, new_file, open_input, replaced
+from markerseek.files import MIB, new_file, open_input, replace_file
 from markerseek.records.banks.bank import IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -30,7 +30,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(COLUMNS)
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))

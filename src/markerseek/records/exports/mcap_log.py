@@ -105,7 +105,7 @@ class _Log:
             zip(series.angles_deg, series.times_s, intensities, images, strict=True)
         ):
             if not self._connections:
-                self._introduce(series, image, brightest=brightest)
+                self._put_bank_facts(series, image, brightest=brightest)
             at_ns = messages.time_ns(time_s)
             self._put(ANGLE, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
             turned = messages.transforms(kinds, time_s=time_s, angle_deg=angle_deg, image=image, face_radius_m=radius_m)
@@ -114,18 +114,18 @@ class _Log:
                 self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
                 self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)
             sample = {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
-            self._say(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
+            self._put_json(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
             if math.isfinite(intensity):
                 self._put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensity)), at_ns)
 
-    def _introduce(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
+    def _put_bank_facts(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
         known: dict[str, Any] = {"angles": len(series.angles_deg), **series.known}
         if image is not None:
             known |= grid_of(image) | {"picture_white": brightest, "picture_range_db": messages.RANGE_DB}
-        self._say(BANK, known, messages.time_ns(series.times_s[0]))
+        self._put_json(BANK, known, messages.time_ns(series.times_s[0]))
         self._writer.set_custom_data(METADATA, msgspec.json.encode(known).decode("utf-8"))
 
-    def _say(self, topic: str, content: dict[str, Any], at_ns: int) -> None:
+    def _put_json(self, topic: str, content: dict[str, Any], at_ns: int) -> None:
         text = msgspec.json.encode(content).decode("utf-8")
         self._put(topic, self._store.types["std_msgs/msg/String"](data=text), at_ns)
 

@@ -9,7 +9,7 @@ from markerseek.records.journal.connection import is_journal
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
 from markerseek.records.journal.folder import default_journal, journals_folder, make_folder
-from markerseek.records.journal.reader import Recording, read_journal, salvage
+from markerseek.records.journal.reader import RecordedRun, read_journal, salvage
 from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.summary import JournalSummary, journals_in, result_of, size_bytes_of, summary
 from markerseek.records.journal.verify import Finding, verify
@@ -25,7 +25,7 @@ __all__ = [
     "JournalEvent",
     "JournalSummary",
     "RecordedError",
-    "Recording",
+    "RecordedRun",
     "Resuming",
     "RunState",
     "decode",

@@ -116,7 +116,7 @@ def _stamps(path: Path) -> list[tuple[int, int]]:
     return [(part.stat().st_size, part.stat().st_mtime_ns) for part in (path, rollback_file(path))]
 
 
-def followed(path: Path) -> Path:
+def resolve_link(path: Path) -> Path:
     """The file that a name leads to: its rollback journal lies beside it, not beside a symbolic link to it."""
     try:
         # What leads to no regular file is refused under the name that was given.

@@ -11,14 +11,14 @@ import msgspec
 
 from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
+from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import Checked, Entry
 from markerseek.records.journal.schema import Row, checksum, counted, require_schema, row_checksum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recording:
+class RecordedRun:
     """All of a journal.
 
     Attributes
@@ -39,7 +39,7 @@ class Recording:
     last_checksum: int
 
 
-def read_journal(path: Path, *, frames: bool = True) -> Recording:
+def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
     """Everything in a journal.
 
     Parameters
@@ -61,8 +61,8 @@ def read_journal(path: Path, *, frames: bool = True) -> Recording:
 
 
 def salvage(
-    path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
-) -> tuple[Recording, RecordError | None]:
+    path: Path, *, frames: bool = True, on_entry: Callable[[Entry], object] | None = None
+) -> tuple[RecordedRun, RecordError | None]:
     """As much of a journal as is whole, from its beginning, and what is wrong with the rest.
 
     Parameters
@@ -71,7 +71,7 @@ def salvage(
         The file.
     frames
         As in `read_journal`.
-    see
+    on_entry
         Called with each entry as it is read, its frame with it.
 
     Raises
@@ -79,14 +79,18 @@ def salvage(
     RecordError
         If not even the configuration can be read, or a newer program wrote it.
     """
-    path = followed(path)
+    path = resolve_link(path)
     with opened_for_reading(path) as connection:
-        return recording(connection, path, frames=frames, see=see)
+        return recording(connection, path, frames=frames, on_entry=on_entry)
 
 
 def recording(
-    connection: sqlite3.Connection, path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
-) -> tuple[Recording, RecordError | None]:
+    connection: sqlite3.Connection,
+    path: Path,
+    *,
+    frames: bool = True,
+    on_entry: Callable[[Entry], object] | None = None,
+) -> tuple[RecordedRun, RecordError | None]:
     """As much behind a connection as is whole, and what is wrong with the rest.
 
     Parameters
@@ -95,7 +99,7 @@ def recording(
         An open journal.
     path
         Its name, for messages.
-    frames, see
+    frames, on_entry
         As in `salvage`.
 
     Raises
@@ -110,13 +114,13 @@ def recording(
     try:
         with as_record_error(path, verb="read"):
             for entry, own_checksum in iterate(connection, path, first_checksum=last):
-                if see is not None:
-                    see(entry)
+                if on_entry is not None:
+                    on_entry(entry)
                 entries.append(entry if frames else _without_frame(entry))
                 last = own_checksum
     except RecordError as problem:
         damage = problem
-    held = Recording(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
+    held = RecordedRun(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
     return held, damage
 
 

@@ -8,9 +8,9 @@ from typing import Literal
 import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Started
-from markerseek.records.journal.connection import followed, rollback_file
+from markerseek.records.journal.connection import resolve_link, rollback_file
 from markerseek.records.journal.encoding import escaped
-from markerseek.records.journal.reader import Recording, salvage
+from markerseek.records.journal.reader import RecordedRun, salvage
 from markerseek.records.journal.sequence import run_state
 from markerseek.records.result import Recorder, SearchResult, answer_name
 
@@ -85,7 +85,7 @@ def summary(path: Path) -> JournalSummary:
 
 
 def _without(path: Path, problem: RecordError) -> str:
-    return escaped(str(problem).removeprefix(f"{followed(path)}: "))
+    return escaped(str(problem).removeprefix(f"{resolve_link(path)}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -114,11 +114,11 @@ def journals_in(folder: Path) -> list[Path]:
 
 def size_bytes_of(path: Path) -> int:
     """Bytes of a journal and of the rollback journal beside it; what is not there counts nothing."""
-    path = followed(path)
+    path = resolve_link(path)
     return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
 
 
-def result_of(held: Recording) -> tuple[Recorder, SearchResult]:
+def result_of(held: RecordedRun) -> tuple[Recorder, SearchResult]:
     """Result of a run that is over, and the recorder that collected it.
 
     Parameters

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
+from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.reader import recording
 from markerseek.records.journal.sequence import angle_faults, order_faults
 
@@ -44,7 +44,7 @@ def verify(path: Path) -> Finding:
         If it is no journal at all, was written by a newer program, or is in use.
     """
     faults: list[str] = []
-    path = followed(path)
+    path = resolve_link(path)
     with opened_for_reading(path) as connection:
         held, damage = recording(connection, path, frames=False)
         try:

@@ -18,14 +18,14 @@ from markerseek.records.journal.connection import (
     as_record_error,
     connect,
     exists_error,
-    followed,
     remove_rollback_file,
+    resolve_link,
     rollback_file,
 )
 from markerseek.records.journal.encoding import encode, json_values, require_finite
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
 from markerseek.records.journal.presence import Presence, copied
-from markerseek.records.journal.reader import Recording, read_journal
+from markerseek.records.journal.reader import RecordedRun, read_journal
 from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
 from markerseek.records.journal.sequence import angle_faults
 
@@ -41,7 +41,7 @@ class Journal:
         What the run was begun with.
     """
 
-    def __init__(self, held: Recording, connection: sqlite3.Connection) -> None:
+    def __init__(self, held: RecordedRun, connection: sqlite3.Connection) -> None:
         self.path = held.path
         self.configuration = held.configuration
         self._connection = connection
@@ -69,7 +69,7 @@ class Journal:
             msgspec.json.decode(as_json, type=Configuration)
         except msgspec.ValidationError as problem:
             raise RecordError(f"{path}: the configuration cannot be recorded: {problem}") from problem
-        path = followed(path)
+        path = resolve_link(path)
         with as_record_error(path, verb="written"):
             if rollback_file(path).exists() and not path.exists():
                 # SQLite would remove it.
@@ -93,11 +93,11 @@ class Journal:
                 for made in (path, rollback_file(path)):
                     made.unlink(missing_ok=True)
                 raise
-        held = Recording(path=path, configuration=configuration, entries=(), last_checksum=first)
+        held = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
         return cls(held, connection)
 
     @classmethod
-    def reopen(cls, path: Path) -> tuple[Self, Recording]:
+    def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
         """Journal of a run that goes on, and what it holds so far.
 
         Raises
@@ -106,7 +106,7 @@ class Journal:
             If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
             it open.
         """
-        path = followed(path)
+        path = resolve_link(path)
         # Read first: a commit that was not finished is undone in the file only where its copy was whole after that.
         held = read_journal(path)
         for number, reason in angle_faults(held.configuration, held.entries):
@@ -278,7 +278,7 @@ class Journal:
             self.close()
 
 
-def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
+def _require_unchanged(connection: sqlite3.Connection, held: RecordedRun) -> None:
     """Refuse a journal that another program wrote after it was read and before it was locked."""
     if counted(connection) != (len(held.entries), held.last_checksum):
         raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")

@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
-from markerseek.files import published, replaced, require_new
+from markerseek.files import create_atomically, replace_file, require_new
 from markerseek.records.banks.bank import HDF5_SUFFIXES, BankFacts
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.admission import require_keepable
@@ -133,7 +133,7 @@ class BankWriter:
             return
         try:
             if shutil.disk_usage(self._path.parent).free > self._path.stat().st_size + _ROOM_BYTES:
-                with replaced(self._path) as part:
+                with replace_file(self._path) as part:
                     copy_trimmed(self._path, part)
         except (OSError, RuntimeError):
             return
@@ -181,7 +181,7 @@ class BankWriter:
             sampling_hz=facts.sampling_hz if frame is None else frame.sampling_hz,
         )
         self._require_room(self._layout.frame_bytes + _ROOM_BYTES)
-        with published(self._path) as part:
+        with create_atomically(self._path) as part:
             make_file(part, self._layout, facts)
         self._file = h5py.File(self._path, "r+")
         self._descriptor = os.open(self._path, os.O_RDWR)
@@ -261,7 +261,7 @@ def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFact
     require_new_bank(path)
     inside = False
     try:
-        with published(path) as part:
+        with create_atomically(path) as part:
             writer = BankWriter(part, angles=angles, dark_frames=dark_frames, facts=facts, whole_as=path)
             try:
                 inside = True
