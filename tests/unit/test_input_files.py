@@ -52,7 +52,7 @@ def make_socket(path: Path) -> None:
 @pytest.mark.parametrize("make", [os.mkfifo, make_socket, lambda path: path.symlink_to("/dev/zero")])
 def test_each_reader_refuses_what_is_no_regular_file(name: str, make: Callable[[Path], None], tmp_path: Path) -> None:
     make(tmp_path / name)
-    with pytest.raises(MarkerseekError, match=f"({name}|/dev/zero): it is no regular file") as refused:
+    with pytest.raises(MarkerseekError, match=f"({name}|/dev/zero): it is not a regular file") as refused:
         READERS[name][0](tmp_path / name)
     assert refused.value.exit_code == 2
 

@@ -1,7 +1,8 @@
-"""Files as all readers and writers of this package open them.
+"""Opening and writing of files, for the whole package.
 
-`open_input` is the one way to open a file that somebody names: its kind and size are checked before a byte is read.
-`new_file`, `create_atomically` and `replace_file` are the one way to write one: it is whole when its name is there.
+`open_input` opens a file that a user names, once its kind and size are checked. `new_file` and `replace_file` write a
+file under a temporary name and rename it when it is complete; `create_atomically` is the step that `new_file` adds
+checks to.
 """
 
 from markerseek.files.inputs import MIB, open_input, read_input, require_input

@@ -1,4 +1,4 @@
-"""One search from its plan to its result, new or resumed: what `search`, `replay` and `resume` share."""
+"""A session: one search from plan to result, new or resumed, for `search`, `replay` and `resume`."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class Session:
     Attributes
     ----------
     policy, rig
-        What searches, on what.
+        The search method, and the rig.
     configuration
         Plan of the search and facts of the rig, as a journal holds them.
     journal
-        Keeps each event before it is handed out; None: none is kept.
+        Journal of the run; None if none is kept.
     held
-        What the journal holds of a run that is resumed; None for a new one.
+        Recorded run to be resumed; None for a new run.
     by, reset_fault
-        Of a resumed run: who arms the rig, and whether that person has looked at it after a fault.
+        For a resumed run: who arms the rig, and whether that person has inspected it after a fault.
     recorder
-        Collects from the events what the result needs.
+        Collects the samples and the answer for the result.
     """
 
     policy: Policy
@@ -46,20 +46,21 @@ class Session:
     recorder: Recorder = field(default_factory=Recorder)
 
     def events(self) -> Generator[Event, None, None]:
-        """Run the search once; closed at any moment, the stage stops and the laser is disarmed.
+        """Run the search; if closed early, the stage stops and the laser is disarmed.
 
         Yields
         ------
         Event
-            As `markerseek.scan.run`, each kept in the journal before; of a resumed run from its beginning.
+            As `markerseek.scan.run`, each committed to the journal before; a resumed run begins with its first event.
 
         Raises
         ------
         MarkerseekError
             As `markerseek.scan.run`, and as `resumed` for a run that is resumed.
         RecordError
-            If an event cannot be kept; the rig is stopped.
+            If an event cannot be written; the rig is stopped.
         """
+        # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events:
             for event in events:
                 self.recorder.add(event)
@@ -91,7 +92,7 @@ def plan_on(
     start_deg: float,
     stay: bool = False,
 ) -> SearchPlan:
-    """Plan of a search with the dark frames and the end that a rig needs; the paper's form takes no dark frames first.
+    """Plan of a search with the dark frames that the rig needs; the paper's form of a method takes none.
 
     Parameters
     ----------
@@ -139,16 +140,16 @@ def resumed_session(rig: Rig, journal: Journal, held: RecordedRun, *, by: str, r
     Parameters
     ----------
     rig
-        That of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
+        Rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     journal, held
-        What `Journal.reopen` gave.
+        From `Journal.reopen`.
     by, reset_fault
         As in `markerseek.runs.resume.resumed`.
 
     Raises
     ------
     ConfigError
-        If there is no such method any more.
+        If the method does not exist any more.
     """
     return Session(
         policy=rebuild_policy(held.configuration),

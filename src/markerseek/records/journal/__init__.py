@@ -1,7 +1,7 @@
-"""One run in one SQLite file: what was asked, measured, refused and answered, committed before the search acts on it.
+"""Journals: all events of a run in one SQLite file, each committed before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `verify` looks for every kind of damage. What is written is exact: a
-run can be repeated from it bit for bit.
+`Journal` writes, `read_journal` reads and checks, `verify` reports all damage. Numbers are stored exactly, so that a
+run can be repeated bit for bit.
 """
 
 from markerseek.records.configuration import Configuration, versions

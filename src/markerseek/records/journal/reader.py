@@ -1,4 +1,4 @@
-"""Reads a journal and checks every row; of a run that died, all that was committed."""
+"""Reads a journal and checks the checksum of every row; a run that died has all rows that were committed."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from markerseek.records.journal.schema import Row, checksum, counted, require_sc
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedRun:
-    """All of a journal.
+    """Configuration and entries of one run, as read from its journal.
 
     Attributes
     ----------
     path
         Its file.
     configuration
-        What the run was begun with.
+        Plan, rig and versions of the run.
     entries
-        What happened, in order.
+        The entries, in order.
     last_checksum
         Checksum of the last row.
     """
@@ -40,7 +40,7 @@ class RecordedRun:
 
 
 def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
-    """Everything in a journal.
+    """Read a whole journal.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
 def salvage(
     path: Path, *, frames: bool = True, on_entry: Callable[[Entry], object] | None = None
 ) -> tuple[RecordedRun, RecordError | None]:
-    """As much of a journal as is whole, from its beginning, and what is wrong with the rest.
+    """Read the undamaged beginning of a journal; returns it with the error of the first damaged row, or None.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def salvage(
     frames
         As in `read_journal`.
     on_entry
-        Called with each entry as it is read, its frame with it.
+        Called with each entry as it is read, with its frame.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def recording(
     frames: bool = True,
     on_entry: Callable[[Entry], object] | None = None,
 ) -> tuple[RecordedRun, RecordError | None]:
-    """As much behind a connection as is whole, and what is wrong with the rest.
+    """`salvage` for a journal that is open already.
 
     Parameters
     ----------
@@ -116,6 +116,7 @@ def recording(
             for entry, own_checksum in iterate(connection, path, first_checksum=last):
                 if on_entry is not None:
                     on_entry(entry)
+                # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
                 entries.append(entry if frames else _without_frame(entry))
                 last = own_checksum
     except RecordError as problem:
@@ -176,10 +177,12 @@ def iterate(connection: sqlite3.Connection, path: Path, *, first_checksum: int) 
         the rows before it have been yielded.
     """
     number, previous, confirmation = 0, first_checksum, None
+    # One row at a time: all frames together may not fit into memory.
     for number, columns in enumerate(connection.execute("SELECT * FROM events ORDER BY number"), start=1):
         row, samples = _checked_row(columns, number=number, previous=previous, path=path)
         entry = _entry(row, samples, path=path, confirmation=confirmation)
         if isinstance(entry.event, Measured) and entry.event.role == "confirmation":
+            # `Finished` is stored without its confirmation, which is this sample.
             confirmation = entry.event.sample
         previous = row.checksum
         yield entry, row.checksum

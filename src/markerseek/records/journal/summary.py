@@ -1,4 +1,4 @@
-"""A journal in a few words, for lists of many; and the result of its run."""
+"""Summary of a journal for lists, and the result of its run."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from markerseek.records.journal.sequence import run_state
 from markerseek.records.result import Recorder, SearchResult, answer_name
 
 SUFFIX = ".journal"
-"""Of files that `journals_in` finds, and of those that nobody named."""
+"""Suffix of the files that `journals_in` finds, and of default names."""
 
 
 class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a list says of a journal; None where it cannot be read.
+    """One line of a list of journals; values that cannot be read are None.
 
     Attributes
     ----------
     path
-        The file; whatever is no Unicode in its name is written as escapes.
+        The file; bytes of its name that are not Unicode are written as escapes.
     size_bytes
         Its size with that of its rollback journal.
     begun
@@ -32,7 +32,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     method, rig
         The policy's name, and the kind of the rig.
     state
-        As in `RunState`; or that the file cannot be read, or only in part, or not now.
+        As in `RunState`; "damaged" if only a part can be read, "unreadable" if nothing can be read now.
     answer, angle_deg
         The answer of a run that is over, and the angle in degrees to which it points.
     acquisitions
@@ -54,7 +54,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summary(path: Path) -> JournalSummary:
-    """A journal in a few words, whatever is wrong with it.
+    """Summary of a journal; damage is reported in it, not raised.
 
     Parameters
     ----------
@@ -85,6 +85,7 @@ def summary(path: Path) -> JournalSummary:
 
 
 def _without(path: Path, problem: RecordError) -> str:
+    # The list prints the path once, so that the message need not begin with it.
     return escaped(str(problem).removeprefix(f"{resolve_link(path)}: "))
 
 
@@ -113,7 +114,7 @@ def journals_in(folder: Path) -> list[Path]:
 
 
 def size_bytes_of(path: Path) -> int:
-    """Bytes of a journal and of the rollback journal beside it; what is not there counts nothing."""
+    """Bytes of a journal and of its rollback file; a missing file counts 0."""
     path = resolve_link(path)
     return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
 
