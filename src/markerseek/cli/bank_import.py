@@ -1,4 +1,4 @@
-"""``markerseek bank import``: other people's recordings, or the frames of a journal, as a bank in IPASC HDF5."""
+"""``markerseek bank import``: converts recordings, or the frames of a journal, to a bank in IPASC HDF5."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def command(
             metavar="FROM",
         ),
     ],
-    to: Annotated[Path, typer.Argument(help="File to be written, .hdf5; it must not exist.", metavar="TO")],
+    to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
     probe: Annotated[
         str | None, typer.Option(help="Preset of the imaging chain that computes the intensities of frames.")
     ] = None,
@@ -55,7 +55,7 @@ def command(
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
-    reference_deg: Annotated[float | None, typer.Option(help="Angle of the marker that is known otherwise.")] = None,
+    reference_deg: Annotated[float | None, typer.Option(help="Known angle of the marker, in degrees.")] = None,
     face_radius_mm: Annotated[
         float | None, typer.Option(help="Distance of the array's face from the axis of rotation.")
     ] = None,
@@ -92,10 +92,10 @@ def command(
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
-        stderr.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
+        stderr.print("[yellow]the recording has no sampling frequency; 40 MHz is assumed (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
     if frames and probe is None and bank.facts.probe is None:
-        stderr.print(f"[yellow]the recording does not name its probe: {facts.probe} is taken (--probe)[/]")
+        stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (
         whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,

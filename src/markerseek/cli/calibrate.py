@@ -59,7 +59,7 @@ def command(
     probe: Annotated[
         str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
     ] = None,
-    source_deg: Annotated[float, typer.Option(help="Where the point source really stands, in degrees.")] = 0.0,
+    source_deg: Annotated[float, typer.Option(help="True angle of the point source, in degrees.")] = 0.0,
     zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
     direction: Annotated[
         Literal["forward", "reverse"],
@@ -71,7 +71,7 @@ def command(
 
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
-    --source-deg ANGLE. The element height is found as well, for without it off-plane sound seems to come late.
+    --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
@@ -172,7 +172,7 @@ def _print_table(report: CalibrationReport) -> None:
         )
     stdout.print(table)
     stdout.print(
-        f"[dim]{report.waves} of {report.frames} angles were heard well enough; what the fit leaves of them is "
+        f"[dim]{report.waves} of {report.frames} angles had a wave clear enough to be used; the residual of the fit is "
         f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
     )
     stdout.print(escape(report.rig_toml))

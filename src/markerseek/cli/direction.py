@@ -1,4 +1,4 @@
-"""Proves the sense of rotation of a rig: a source at a known angle must be found there, not at the mirrored angle."""
+"""Tests the sense of rotation of a rig: a source at a known angle must be found there, not at the mirrored angle."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Literal
 from markerseek.core import ConfigError
 
 LEAST_DEG = 5.0
-"""Least angle of a source that tells its side, in degrees."""
+"""Smallest angle of a source at which its two sides can be told apart, in degrees."""
 
 _NEAR_DEG = 5.0
-"""Most that the angle found may differ from one that is meant, in degrees; for small angles, half of the angle."""
+"""Largest accepted difference of the angle found, in degrees; at small angles half of the angle, if less."""
 
 Verdict = Literal["right", "mirrored", "neither"]
 
@@ -22,9 +22,9 @@ def verdict_of(found_deg: float, source_deg: float) -> Verdict:
     Parameters
     ----------
     found_deg
-        Where it was found, in degrees.
+        Angle found, in degrees.
     source_deg
-        Where it really stands, in degrees.
+        True angle, in degrees.
     """
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
     if abs(found_deg - source_deg) <= near_deg:
@@ -40,16 +40,16 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     path
         Rig file.
     source_deg
-        Where the source really stands, in degrees, by the probe's scale.
+        True angle of the source on the probe's scale, in degrees.
     arm
-        Whether the user armed the rig by an option; else whoever sits at the terminal is asked.
+        Whether the user armed the rig by an option; otherwise a question is asked on the terminal.
     as_json
         Whether a program reads the output.
 
     Raises
     ------
     ConfigError
-        If the source tells no side, or the mirrored angle is not searched.
+        If the source is too near to 0, or the mirrored angle is outside the search range.
     DeviceError
         If a device did not do its part.
     """

@@ -1,4 +1,4 @@
-"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and computes its result again."""
+"""``markerseek journal``: lists, prints, checks and recomputes the journals of runs."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
 NAME = "journal"
 
-app = typer.Typer(
-    help="List the journals of runs; look at one, check it, compute its result again.", no_args_is_help=True
-)
+app = typer.Typer(help="List, print, check and recompute the journals of runs.", no_args_is_help=True)
 app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
@@ -35,12 +33,12 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
 
 @app.command(epilog="Example:\n\n  markerseek journal show run.journal")
 def show(journal: _File, as_json: _Json = False) -> None:
-    """Print what happened, entry by entry; of a damaged journal as much as is whole, then the error."""
+    """Print all entries; of a damaged journal those before the damage, then the error."""
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
-    # Frames are half a megabyte each, and are only looked at here to say how large they are.
+    # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
     on_entry = (lambda entry: objects.append(_as_object(entry))) if as_json else None
     held, damage = salvage(journal, frames=False, on_entry=on_entry)
     if as_json:
@@ -63,7 +61,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: _Json = False) -> None:
-    """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
+    """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
     from markerseek.cli.terminal import one_line, print_json, stdout
     from markerseek.records.journal import verify as verify_journal
 
@@ -79,7 +77,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
-    """Compute the readings again, let a new search decide on them, and compare; exit code 1 if anything differs."""
+    """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
     from markerseek.runs import differences, rebuild_policy, rebuild_reader
@@ -129,7 +127,7 @@ def _print_table(held: RecordedRun) -> None:
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(said)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
-        # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
+        # Escaped, because Rich reads a unit in brackets as markup; the last column may be long, and wraps.
         table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
@@ -139,7 +137,7 @@ def _print_table(held: RecordedRun) -> None:
 
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:
-    """What happened, where, how strong, and what else there is to say."""
+    """Event, angle, intensity and remark of an entry."""
     from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
     from markerseek.records import answer_name
     from markerseek.records.journal import Checked, Interrupted, Resuming
@@ -163,4 +161,4 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             flank = "" if flank_deg is None else f", checks {flank_deg:.3f} deg as well"
             return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
         case Checked(reading=reading, difference=difference):
-            return "checked", "", f"{reading.intensity:.4g}", difference or "heard as before"
+            return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"

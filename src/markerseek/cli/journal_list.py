@@ -1,4 +1,4 @@
-"""``markerseek journal list``: which runs were kept, and how they ended."""
+"""``markerseek journal list``: lists the journals of a folder."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def command(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
     ] = None,
-    last: Annotated[int, typer.Option(min=1, help="So many of the newest are read.")] = 20,
+    last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """List the journals of a folder, the newest last: when, what searched, how it ended, and how much room they take.
+    """List the journals of a folder, the newest last, with time, method, result and size.
 
-    Nothing removes a journal by itself: delete the files that nobody needs any more.
+    Journals are never deleted automatically: delete the files that you no longer need.
     """
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary

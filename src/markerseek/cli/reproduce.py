@@ -1,4 +1,4 @@
-"""``markerseek reproduce``: the paper's figures and tables, with the paper's numbers beside ours."""
+"""``markerseek reproduce``: the paper's figures and tables, next to the numbers of the paper."""
 
 from __future__ import annotations
 

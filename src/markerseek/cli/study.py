@@ -1,4 +1,4 @@
-"""``markerseek study``: many searches, one table."""
+"""``markerseek study``: runs many simulated searches and summarises them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES = (
 def command(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of its files; by default out/ and the name of the study file.")
+        Path | None, typer.Option(help="Folder for its files; by default out/ and the name of the study file.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes of this machine; by default as many as it has cores.")
@@ -96,7 +96,7 @@ def command(
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
-    """Say how to continue, and end the command as after Ctrl-C."""
+    """Print how to continue, and end the command as after Ctrl-C."""
     from markerseek.cli.terminal import print_json, stderr
 
     said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"

@@ -1,4 +1,4 @@
-"""Figures as files: PNG, SVG, and PNG inside a page."""
+"""Saves figures as PNG, SVG, or PNG embedded in a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def require_room_for_pictures(folder: Path) -> None:
-    """Make the folder, and refuse it if no picture can be written there; called before anything is measured.
+    """Make the folder and test that pictures can be written to it; called before anything is measured.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def require_room_for_pictures(folder: Path) -> None:
     new_figure(width_in=1.0, height_in=1.0)
     templates()
     if folder.is_file():
-        raise ConfigError(f"{folder}: no picture can be written there: it is a file and no folder; name another --out")
+        raise ConfigError(f"{folder}: no picture can be written there: it is a file, not a folder; name another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -42,7 +42,7 @@ def require_room_for_pictures(folder: Path) -> None:
 
 
 def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; the folder is made if need be.
+    """Write a figure as PNG; its folder is made if missing.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def _save(figure: Figure, path: Path, **how: Any) -> None:
 
 
 def png_data_uri(figure: Figure) -> str:
-    """The figure as a PNG inside a ``data:`` address, for a page that loads no other file."""
+    """The figure as a PNG ``data:`` URI, for a page that loads no other file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=120, format="png")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

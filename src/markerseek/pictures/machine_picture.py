@@ -1,4 +1,4 @@
-"""Pictures of files of an ultrasound machine: B-mode images, and radio-frequency lines."""
+"""Figures of the files of an ultrasound machine: B-mode images and radio-frequency lines."""
 
 from __future__ import annotations
 

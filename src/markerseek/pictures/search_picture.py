@@ -1,4 +1,4 @@
-"""The picture of a search: intensity over angle, the probe's track, and the photoacoustic image at the end."""
+"""Figure of a search: intensity over angle, the probe's track, and the final photoacoustic image."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 """Points and their labels."""
 
 _ROOM = (0.013, 0.05)
-"""Room for a digit, as shares of the width and the height of its axes, the narrower ones beside an image."""
+"""Size of a digit relative to the width and height of the axes, in the narrower layout with an image."""
 
 
 def search_figure(
@@ -47,7 +47,7 @@ def search_figure(
     title
         What was searched, with what; says "simulated" where it was. None where the page around it says so.
     start_deg
-        Where the probe stood at first, in degrees.
+        Angle of the probe at the start, in degrees.
     truth_deg, reference_deg
         Angle of the marker in degrees in a simulation, or found otherwise; None where it is not known.
     confirmation
@@ -115,7 +115,7 @@ def _draw_curve(
 
 
 def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
-    """Points and the numbers of their acquisitions; one that was measured again, as in a replay, is named once."""
+    """Points and the numbers of their acquisitions; repeated points (as in a replay) get one label."""
     numbers: dict[tuple[float, float], list[int]] = {}
     for number, place in enumerate(zip(angles_deg, intensities, strict=True), start=1):
         numbers.setdefault(place, []).append(number)

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, figures that need no display, headings, grids of panels.
+"""Style of all figures: colours, figures without a display, headings, grids of panels.
 
 Everything else is drawn with Matplotlib directly. Matplotlib is an extra; it is imported when the first figure is made.
 """

@@ -50,7 +50,7 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
     if isinstance(recipe, BenchRecipe):
         if bench_settings is None:
             raise ConfigError(
-                "the journal is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+                "the journal is of a rig of devices, which is not taken from a journal; name the rig file: "
                 "markerseek resume FILE --rig RIG.toml --arm"
             )
         from markerseek.rigs import bench
