@@ -1,7 +1,7 @@
 """The command line: one file per command, `app` with all of them, and `main`, which handles every error.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 nobody armed the rig, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
+read, 4 the rig was not armed, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def main() -> NoReturn:
         # Path.exists() itself fails for a name that is too long, or in a folder without permission.
         _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
     except MemoryError as problem:
-        said = str(problem) or "no more can be had"
-        _end(f"not enough memory: {said}; close other programs, or ask for less", kind="MemoryError", code=1)
+        message = str(problem) or "the system grants no more"
+        _end(f"not enough memory: {message}; close other programs, or ask for less", kind="MemoryError", code=1)
     except Exception as problem:  # noqa: BLE001  the last resort
         _end_of_defect(problem)
     sys.exit(0)
@@ -61,20 +61,20 @@ def _end_of_defect(problem: Exception) -> NoReturn:
         import traceback
 
         traceback.print_exception(problem)
-    said = " ".join(str(problem).split())[:500] or "no more is known"
+    message = " ".join(str(problem).split())[:500] or "no message"
     _end(
-        f"a defect of markerseek {__version__}: {kind}: {said}; please report it with the traceback, which the same "
+        f"a defect of markerseek {__version__}: {kind}: {message}; please report it with the traceback, which the same "
         f"command shows with {SHOW_TRACEBACK}=1",
         kind=kind,
         code=DEFECT,
     )
 
 
-def _end(said: str, *, kind: str, code: int) -> NoReturn:
+def _end(message: str, *, kind: str, code: int) -> NoReturn:
     """Print how a command ended, with the standard library only: imports or memory may be missing."""
-    sys.stderr.write(f"error: {said}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
+    sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
         # Bytes of a file's name that are no Unicode come out as escapes.
-        sys.stdout.write(json.dumps({"error": said, "kind": kind}) + "\n")
+        sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
         sys.stdout.flush()
     sys.exit(code)

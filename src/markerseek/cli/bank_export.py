@@ -96,6 +96,7 @@ def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, 
     if not isinstance(bank, FrameBank):
         write_mcap(to, None, series=series)
         return
+    # One scale for all images, so that their brightness can be compared between angles.
     strongest = bank_image(bank, intensities.index(max(intensities)), probe=probe)
     images = _shown(bank_images(bank, probe=probe, order=series.order), len(series.order))
     # An image of zeros is black with any scale.

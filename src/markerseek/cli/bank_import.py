@@ -82,6 +82,7 @@ def command(
     if probe is not None and not isinstance(bank, FrameBank):
         raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
     held_hz = bank.facts.sampling_hz
+    # A contradiction is an error, because a wrong rate scales every depth.
     if sampling_mhz is not None and held_hz is not None and not math.isclose(given["sampling_hz"], held_hz):
         raise ConfigError(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"

@@ -188,6 +188,7 @@ def _dark(report: BankReport) -> str:
 def _date(unix_s: float) -> str:
     try:
         return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    # A foreign file can contain any number, and datetime ends with the year 9999.
     except (OverflowError, ValueError, OSError):
         return f"{unix_s:g} s after 1970"
 

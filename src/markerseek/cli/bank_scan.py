@@ -95,6 +95,7 @@ def command(
         except StoppedBySignal as stop:
             stopped = stop
         finally:
+            # Also after an error: the user must know what the file contains.
             if 0 < taken < angles:
                 _print_what_is_left(out, planned=angles)
         if stopped is not None:

@@ -166,6 +166,7 @@ def _print_table(report: CalibrationReport) -> None:
     )
     for name, number, scale, unit in rows:
         low, high = (scale * end for end in number.interval95)
+        # Two significant digits of the standard deviation.
         digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
         table.add_row(
             f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit

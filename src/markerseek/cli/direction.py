@@ -17,7 +17,7 @@ Verdict = Literal["right", "mirrored", "neither"]
 
 
 def verdict_of(found_deg: float, source_deg: float) -> Verdict:
-    """Whether a source was found where it stands, at the mirrored angle, or elsewhere.
+    """Whether a source was found at its true angle, at the mirrored angle, or elsewhere.
 
     Parameters
     ----------
@@ -26,6 +26,7 @@ def verdict_of(found_deg: float, source_deg: float) -> Verdict:
     source_deg
         True angle, in degrees.
     """
+    # With the full tolerance a source at 5 deg could be found at 0, which is neither side.
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
     if abs(found_deg - source_deg) <= near_deg:
         return "right"
@@ -74,11 +75,11 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     result = session.result()
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
-    said = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
+    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
     match verdict_of(result.angle_deg, source_deg):
         case "right":
-            return True, f"{said}: the stage turns the right way"
+            return True, f"{found}: the stage turns the right way"
         case "mirrored":
-            return False, f"{said}, the mirrored angle: the stage turns the other way round; change stage.direction"
+            return False, f"{found}, the mirrored angle: the stage turns the other way round; change stage.direction"
         case "neither":
-            return False, f"{said}: check --source-deg, zero_deg and stage.direction, and calibrate again"
+            return False, f"{found}: check --source-deg, zero_deg and stage.direction, and calibrate again"

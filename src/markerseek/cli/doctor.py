@@ -165,6 +165,7 @@ def _search(method: str) -> Finding:
     from markerseek.search import build
 
     began_s = time.perf_counter()
+    # A warning of NumPy or Numba here hints at a broken installation: it is printed with the result.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
@@ -172,6 +173,7 @@ def _search(method: str) -> Finding:
         found_deg = math.nan
         for event in run(policy, rig.scanner, dark_frames=rig.dark_frames):
             if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
+                # Compiles the kernels of `markerseek frame`, too, which a search does not use.
                 rig.imaging.findings(event.sample.frame)
             elif isinstance(event, Finished):
                 found_deg = event.estimate.mean_deg

@@ -90,6 +90,7 @@ def command(
         return
     if number != 1:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
+    # The public data set was recorded with one probe, which its files do not name.
     probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
     for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
         if value is not None and not 0 <= value <= _MOST_MM:

@@ -55,6 +55,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
     if damage is not None:
         from markerseek.cli.terminal import print_error
 
+        # The JSON object above has it already.
         print_error(damage, as_json=False)
         raise typer.Exit(damage.exit_code)
 
@@ -122,9 +123,9 @@ def _print_table(held: RecordedRun) -> None:
     plan, facts = held.configuration.plan, held.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.kind} rig: {one_line(facts.description)}")
-    said = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+    versions = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
-    stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(said)}[/]")
+    stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
         # Escaped, because Rich reads a unit in brackets as markup; the last column may be long, and wraps.

@@ -63,6 +63,7 @@ def command(
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     announce_compilation()
+    # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
     if probe is not None and assembled.imaging is None:

@@ -81,6 +81,7 @@ def command(
             workers=default_workers() if workers is None else workers,
             progress=watch.progress,
         )
+        # Before hours of computation, not after them.
         require_room_for_pictures(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]

@@ -57,6 +57,7 @@ def command(
     from markerseek.runs import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    # Frames are needed for the picture only, and have half a megabyte each.
     held = read_journal(journal, frames=plot)
     state = run_state(held.entries)
     if state.state == "finished":
@@ -119,6 +120,7 @@ def _resume(
     from markerseek.records.journal import Journal
     from markerseek.runs import rebuild_rig, resumed_session
 
+    # Read again under the lock: another program may have continued the run while the user was asked.
     kept, held = Journal.reopen(journal)
     with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
         session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)

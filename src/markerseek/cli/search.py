@@ -62,7 +62,9 @@ def command(
     from markerseek.runs import new_session, plan_on
     from markerseek.search import method_named
 
+    # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    # An unknown method is an error before devices are opened.
     method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
         plan = plan_on(

@@ -68,6 +68,7 @@ def command(
         _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound)
         _show_row(settings, row, as_json=as_json)
         return
+    # A file that cannot be read is an error now, not after the study.
     for path in beside or []:
         read_study(path)
     folder = out or Path("out") / study.stem
@@ -99,10 +100,10 @@ def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
     """Print how to continue, and end the command as after Ctrl-C."""
     from markerseek.cli.terminal import print_json, stderr
 
-    said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
-    stderr.print(said)
+    message = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
+    stderr.print(message)
     if as_json:
-        print_json({"error": said, "kind": "Stopped"})
+        print_json({"error": message, "kind": "Stopped"})
     raise Stopped(STOPPED) from None
 
 

@@ -130,6 +130,7 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
 def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
     """A progress bar on standard error; hidden if that is not a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    # In a log file, Rich would write one line for each update.
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)
         yield progress

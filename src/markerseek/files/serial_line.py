@@ -47,8 +47,10 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
             baudrate=baud,
             parity=parity,
             rtscts=rtscts,
+            # Drivers wait by their own clock, which also renews the supervisor's lease.
             timeout=0,
             write_timeout=write_timeout_s,
+            # Two programs on one line would each receive a part of the answers.
             exclusive=True,
         )
     except (*SERIAL_ERRORS, ValueError) as error:

@@ -50,6 +50,7 @@ def bank_figure(
     axes.plot(angles_deg, intensities, color=SIGNAL, marker="o", markersize=2.5, linewidth=1, label="acquisitions")
     top = max(intensities)
     if cen_deg is not None and fwhm_deg is not None:
+        # Drawn at half of the maximum, where the width is measured.
         ends = (cen_deg - fwhm_deg / 2, cen_deg + fwhm_deg / 2)
         axes.plot(ends, (top / 2, top / 2), color=QUIET, marker="|", markersize=9, label=f"fwhm {fwhm_deg:.2f}°")
     axes.axvline(max_deg, color=ACCENT, linewidth=1, label=f"max {max_deg:.2f}°")

@@ -45,7 +45,7 @@ def search_figure(
     estimate
         The answer.
     title
-        What was searched, with what; says "simulated" where it was. None where the page around it says so.
+        Method and rig, with "simulated" if it is; None if the page around the figure has them.
     start_deg
         Angle of the probe at the start, in degrees.
     truth_deg, reference_deg
@@ -58,6 +58,7 @@ def search_figure(
     figure = new_figure(width_in=11.0, height_in=6.4)
     if title is not None:
         put_heading(figure, title)
+    # Without an image the right column is narrow, not absent: the left panels are the same in both.
     columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
     curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)

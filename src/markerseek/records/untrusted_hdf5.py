@@ -206,5 +206,5 @@ def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
     except RecordError:
         raise
     except Exception as problem:
-        said = str(problem).strip("'\"") or type(problem).__name__
-        raise RecordError(f"{path}: no {what} that can be read: {said}; {cure}") from problem
+        reason = str(problem).strip("'\"") or type(problem).__name__
+        raise RecordError(f"{path}: no {what} that can be read: {reason}; {cure}") from problem

@@ -111,6 +111,7 @@ def bench(settings: BenchSettings) -> Rig:
     imaging = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz)
     devices = OpenDevices(settings)
     try:
+        # An error or Ctrl-C while connecting must not leave the lines locked.
         return _assembled(settings, devices, imaging)
     except BaseException:
         devices.close()

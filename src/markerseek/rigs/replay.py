@@ -99,7 +99,11 @@ def replayed(
         world=receiver,
         distinct_angles=None if interpolated else len(bank.angles_deg),
         recipe=ReplayedRecipe(
-            path=str(path.absolute()), probe=preset.name, reference_deg=reference_deg, between=between
+            # Absolute, because `resume` may be started in another folder.
+            path=str(path.absolute()),
+            probe=preset.name,
+            reference_deg=reference_deg,
+            between=between,
         ),
     )
 

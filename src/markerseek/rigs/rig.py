@@ -133,4 +133,5 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}
         plain = {"angles_deg": of.angles_deg, "intensities": of.intensities, "facts": known}
+    # 128 bits exclude a coincidence, and fit into one line of a table.
     return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()[:32]

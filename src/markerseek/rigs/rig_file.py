@@ -40,6 +40,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     table = read_toml(path, what="rig file")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
+    # Removed here, because it selects the dataclass that knows the other keys.
     kind = table.pop("kind")
     if not isinstance(kind, str) or kind not in _SETTINGS:
         raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")

@@ -151,7 +151,7 @@ def _heights(
         frame = frame_at(angle_deg)
         peaks = _separate(reader.picture(frame))
         if peaks:
-            # the reader finds its peak between the columns; the others stand in about the same place between them
+            # The reader interpolates its peak between columns; the others are scaled by the same factor.
             heights[row, : len(peaks)] = np.array(peaks) * (reader.read(frame).intensity / peaks[0])
     return heights
 
@@ -161,6 +161,7 @@ def _separate(picture: PaImage) -> list[float]:
     largest = float(picture.envelope.max())
     kept: list[tuple[float, float, float]] = []
     if largest > 0:
+        # 64 candidates, because one resolution cell has several local maxima.
         for row, column in strongest_peaks(picture.envelope, level=largest / 10, limit=64):
             depth_m, lateral_m = float(picture.depth_m[row]), float(picture.lateral_m[column])
             if all(

@@ -104,6 +104,7 @@ def _recipe(configuration: Configuration) -> Recipe | None:
         recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    # The kind decides whether a person is asked to arm: it must be that of the settings.
     if recipe is not None and recipe.__struct_config__.tag != configuration.facts.kind:
         raise RecordError(
             f"the journal says that its rig is {configuration.facts.kind} and holds the settings of another kind, "

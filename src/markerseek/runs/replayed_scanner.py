@@ -96,6 +96,7 @@ class ReplayedScanner:
         self._refused_frame: Frame | None = None
         self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
         self._clock = ReplayedClock(first.clock_s)
+        # Never armed, so that it refuses every permit.
         idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
         self._guard = idle if live is None else live.guard
 

@@ -78,6 +78,7 @@ def resumed(
     pending = deque(repeated)
     events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
     with closing_run(events, scanner.clock, journal):
+        # A run that died before its first event has nothing to repeat.
         if not pending:
             step.take()
         for event in events:
@@ -92,19 +93,7 @@ def resumed(
 
 
 class _StepToRig:
-    """The switch from the journal to the rig, made once, after the last replayed entry.
-
-    Parameters
-    ----------
-    rig, journal, held
-        As in `resumed`.
-    repeated
-        Entries that are replayed.
-    by
-        Name of the person who arms the rig.
-    attempts
-        How often one acquisition is tried when its frames are refused.
-    """
+    """The switch from the journal to the rig, made once, after the last replayed entry; arguments of `resumed`."""
 
     def __init__(
         self, rig: Rig, journal: Journal, held: RecordedRun, repeated: tuple[Entry, ...], *, by: str, attempts: int
@@ -195,6 +184,7 @@ def _last_checkpoint(rig: Rig, held: RecordedRun) -> bytes | None:
 
 
 def _require_same(now: Event, then: Entry, held: RecordedRun) -> None:
+    # Exact equality of floats: the same code and data must decide the same, bit for bit.
     if now != then.event:
         begun = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
         raise RecordError(

@@ -66,7 +66,8 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
         If a key of `SAME` differs, or the journal searches another range than the rig file.
     """
     found = differences_of_benches(recorded, named)
-    refused = [said for key, said in found.items() if key.startswith(SAME)]
+    refused = [difference for key, difference in found.items() if key.startswith(SAME)]
+    # The journal states the range twice, in the recipe and in the facts; both must be that of the file.
     if not refused and configuration.facts.search != named.limits.search:
         refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.facts.search}"]
     if refused:

@@ -97,11 +97,9 @@ def _otherwise(path: Path) -> str:
 
 
 def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-    """Channels, shape (128, samples), without the padding at their end.
-
-    The layout is that of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is
-    (32, AlignedSampleNum, 4), and channel c stands in row c mod 32 of bank c div 32.
-    """
+    """Channels of a ``.mat``, shape (128, samples), without the padding at their end."""
+    # Layout of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is (32, AlignedSampleNum, 4),
+    # and channel c is in row c mod 32 of bank c div 32.
     frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
         found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
@@ -161,6 +159,7 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
             )
         pulses = sonixdaq.decode_samples(body, first)
         # The connector permutes the channels: file numbers are not element numbers.
+        # In float64: the sum of many int16 pulses overflows int16.
         samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
     return samples, first.frames
 

@@ -48,6 +48,7 @@ def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
         If the file is locked or no database.
     """
     uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"
+    # A short timeout, for a reader that is just opening it: a writer keeps its lock for a whole run.
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=0.5, check_same_thread=True)
     try:
         # A journal may come from anyone: no SQL functions in its schema, and damaged pages are errors.

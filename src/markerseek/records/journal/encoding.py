@@ -99,6 +99,7 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
     if kind not in _KINDS:
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
     try:
+        # Any of these errors means that `encode` did not write the row.
         event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), samples)
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
         raise RecordError(f"an entry that cannot be read: {problem}") from problem

@@ -85,6 +85,7 @@ def copied(connection: sqlite3.Connection, path: Path) -> Path:
 
 def _identity(path: Path) -> tuple[int, int] | None:
     try:
+        # Links were resolved on opening: a link at this path now is another file.
         found = path.stat(follow_symlinks=False)
     except FileNotFoundError:
         return None

@@ -42,6 +42,7 @@ def require_keepable(path: Path, sample: Sample, *, layout: Layout | None, angle
     if sample.angle_deg in angles_deg:
         raise RecordError(f"{path}: the angle {sample.angle_deg:g} deg appears twice; keep one of them")
     intensity = sample.reading.intensity
+    # NaN beside a frame is allowed, because the intensity can be computed from it later.
     if not (0 <= intensity < math.inf or (math.isnan(intensity) and isinstance(sample.frame, ChannelFrame))):
         raise RecordError(
             f"{path}: the intensity at {sample.angle_deg:g} deg is {intensity:g}, it must be finite and not negative, "

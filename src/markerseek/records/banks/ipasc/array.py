@@ -78,7 +78,7 @@ def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Eleme
     if not off_m[worst] <= TOLERANCE * pitch_m:
         x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
         raise RecordError(
-            f"{path}: element {worst + 1} of {elements} stands at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
+            f"{path}: element {worst + 1} of {elements} is at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
             f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
             f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
         )

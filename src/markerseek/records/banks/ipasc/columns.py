@@ -16,6 +16,7 @@ from markerseek.records.banks.ipasc.rows import row_sum
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 _MOST_ANGLES = 1_000_000
+# In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
 
 

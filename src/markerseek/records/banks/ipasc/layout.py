@@ -120,6 +120,7 @@ def _copy_frames(item: h5py.Dataset, copy: h5py.File, count: int) -> None:
     _reserve(copy, name, item.shape[:-1], count)
     for row in range(count if 0 not in item.shape else 0):
         place = (*(0 for _ in item.shape[:-1]), row)
+        # Raw chunks, so that the counts are copied without a conversion.
         write_frame(copy[name], place, item.id.read_direct_chunk(place)[1])
 
 

@@ -19,6 +19,7 @@ from markerseek.records.banks.ipasc.rows import frame_sum
 from markerseek.records.sandbox import probe_in_child
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
+# 4 TiB: frames are read one at a time, so that the size of the file is harmless.
 _LARGEST_BYTES = 1 << 42
 
 

@@ -1,6 +1,6 @@
 """Pose and checksums of one measurement of a bank.
 
-Poses lie in the coordinates of IPASC, in the array as it was at the first measurement: x1 along it from its centre (y
+Poses are in the coordinates of IPASC, those of the array at the first measurement: x1 along it from its centre (y
 of the TRUS home frame), x3 out of it, and x2 = x3 × x1. The probe turns about an axis parallel to x1, which lies the
 face's radius behind the face. Each measurement has two CRC-32: one of its numbers, checked when the bank is opened,
 and one that continues it over the ADC counts, checked when the frame is read.
