@@ -103,6 +103,7 @@ def command(
     ):
         for sample in bank_samples(bank, probe=probe):
             writer.add(sample)
+            # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"
     if as_json:

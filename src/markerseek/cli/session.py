@@ -29,11 +29,13 @@ def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None
         Rig file of the search; for a rig of devices, the command that resumes it names this file.
     """
     journal = session.journal
+    # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
     with stopped_by_signals():
         try:
             _watch(session)
         except StoppedBySignal as stop:
+            # Further signals are still ignored here, while the journal is written.
             _note_interruption(stop, journal, rig_file)
             end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
         except MarkerseekError:

@@ -33,6 +33,7 @@ def require_room_for_pictures(folder: Path) -> None:
         raise ConfigError(f"{folder}: no picture can be written there: it is a file, not a folder; name another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # Access rights are unreliable on network disks and in containers: only a write shows it.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as problem:

@@ -160,6 +160,7 @@ class UntrustedHdf5:
             return None
         item = self.dataset(name)
         kind = h5py.check_string_dtype(item.dtype)
+        # A longer text would be read in full before it could be cut.
         if kind is None or item.shape != () or (kind.length or 0) > _MOST_TEXT:
             return None
         raw = item[()]

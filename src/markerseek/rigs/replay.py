@@ -78,6 +78,7 @@ def replayed(
         reader=imaging or IntensityReader(),
         clock=VirtualClock(),
         guard=guard,
+        # Nothing here emits light, so that no person is needed.
         arms_itself=True,
     )
     facts = RigFacts(

@@ -128,6 +128,7 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
         received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
+        # Rounded like a real frame, at an amplitude at which rounding does not matter.
         counts = np.clip(np.rint(received), -32767, 32767).astype(np.int16)
         return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
 

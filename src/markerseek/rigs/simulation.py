@@ -94,6 +94,7 @@ def simulated(
         start_deg=settings.start_deg,
         rng=rng,
     )
+    # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     return in_world(
         world,
@@ -222,6 +223,7 @@ def in_world(
         clock=clock,
         guard=Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()),
         pulses=settings.laser.pulses,
+        # Nothing here emits light, so that no person is needed.
         arms_itself=True,
     )
     facts = RigFacts(

@@ -78,6 +78,7 @@ def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> in
     for entry in entries:
         match entry.event:
             case Asked(role=role):
+                # A dark acquisition fires no pulse.
                 lit = role != "dark"
                 permits += lit
             case Refused():

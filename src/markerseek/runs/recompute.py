@@ -34,6 +34,7 @@ def differences(held: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
     if not again:
         return []
     search = held.configuration.facts.search
+    # A journal does not hold the limits of travel; nothing moves here.
     scanner = ReplayedScanner(again, limits=Limits(search=search, travel=search))
     events = run_plan(policy, scanner, held.configuration.plan)
     with closing(events):

@@ -111,6 +111,7 @@ def plan_on(
         acquisitions=acquisitions,
         as_published=as_published,
         start_deg=start_deg,
+        # The paper's methods measure no noise floor.
         dark_frames=0 if as_published else rig.dark_frames,
         stay=stay,
         closing_dark=rig.closing_dark,

@@ -31,6 +31,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+            # Python's csv ends lines with CR LF by default, also on Linux.
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(COLUMNS)
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))

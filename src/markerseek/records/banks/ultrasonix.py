@@ -15,6 +15,7 @@ from markerseek.wire import ultrasonix
 ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
 """Suffixes of Ultrasonix's files, read or refused by type; without .m, which is MATLAB's suffix for programs."""
 
+# 64 GiB: hours of frames, which are read one at a time.
 _LARGEST_BYTES = 1 << 36
 
 _MOST_FRAME_BYTES = 64 * MIB

@@ -105,6 +105,7 @@ class _Log:
         for number, (angle_deg, time_s, intensity, image) in enumerate(
             zip(series.angles_deg, series.times_s, intensities, images, strict=True)
         ):
+            # With the first acquisition, because the log begins at its time.
             if not self._connections:
                 self._put_bank_facts(series, image, brightest=brightest)
             at_ns = messages.time_ns(time_s)

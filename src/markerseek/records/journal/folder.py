@@ -23,6 +23,7 @@ def default_journal(*, method: str) -> Path:
     method
         What searches.
     """
+    # With microseconds, so that two searches begun in one second get two names.
     now = datetime.now(UTC)
     return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
 

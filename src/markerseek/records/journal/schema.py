@@ -140,6 +140,7 @@ def require_schema(connection: sqlite3.Connection) -> None:
             "install a newer one"
         )
     # A view or a trigger in a hostile file would run when it is read.
+    # Three rows at most are read: a third one is already too many.
     tables = connection.execute("SELECT sql FROM sqlite_master ORDER BY rowid LIMIT 3").fetchall()
     if version != VERSION or tables != [(sql,) for sql in TABLES]:
         raise RecordError(f"its tables are none of a journal of version {version}; it is damaged or foreign")

@@ -66,6 +66,7 @@ def summary(path: Path) -> JournalSummary:
     try:
         held, damage = salvage(path, frames=False)
     except RecordError as problem:
+        # One unreadable file must not hide the others of the list.
         return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
     state = run_state(held.entries)
     last = held.entries[-1].event if held.entries else None
