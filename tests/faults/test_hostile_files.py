@@ -384,7 +384,7 @@ def test_a_child_that_takes_too_long_is_a_refusal(tmp_path, monkeypatch, decoder
 @pytest.mark.parametrize("name", ["a.hdf5", "a.csv", "a.h5"])
 def test_pipes_are_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
-    with pytest.raises(RecordError, match="no regular file"):
+    with pytest.raises(RecordError, match="not a regular file"):
         read_bank(tmp_path / name)
 
 

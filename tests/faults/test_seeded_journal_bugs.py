@@ -62,8 +62,8 @@ JOURNAL_BUGS = {
     ),
     "an event handed out before it is kept": Bug(
         where="runs.journalled:journalled",
-        old="keep(event, clock, rig, journal)\n            yield event",
-        new="yield event\n            keep(event, clock, rig, journal)",
+        old="commit_event(event, clock, rig, journal)\n            yield event",
+        new="yield event\n            commit_event(event, clock, rig, journal)",
         check=what_is_handed_out_is_on_the_disk,
     ),
     "a transaction that is not committed": Bug(

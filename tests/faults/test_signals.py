@@ -26,7 +26,7 @@ from markerseek.cli.emulate import _rig_toml
 from markerseek.core import RecordError
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators.bench import EmulatedBench, serve
-from markerseek.records.journal import Recording, is_journal, read_journal
+from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 
 pytestmark = pytest.mark.real_time
@@ -147,7 +147,7 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
     )
 
 
-def _held(journal: Path) -> Recording | None:
+def _held(journal: Path) -> RecordedRun | None:
     """What the journal holds; None where the run was struck before it had begun."""
     try:
         return read_journal(journal)

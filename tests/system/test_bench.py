@@ -19,7 +19,7 @@ from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.serial_port import SerialPort, SerialSettings
 from markerseek.records.banks.frames import load_frame
-from markerseek.records.journal import Checked, Recording, read_journal
+from markerseek.records.journal import Checked, RecordedRun, read_journal
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -135,7 +135,7 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
         code, out, _ = shell("resume", journal, "--json")
         assert (code, json.loads(out)["acquisitions"]) == (4, len(before))
         code, out, err = shell("resume", journal, "--arm", "--json")
-        assert (code, "a journal does not bring its own rig" in err) == (2, True)
+        assert (code, "which is not taken from a journal" in err) == (2, True)
         code, out, err = shell("resume", journal, "--rig", devices.rig, "--arm", "--json")
         assert code in (0, 3), err
         result = json.loads(out)
@@ -158,7 +158,7 @@ def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_p
         assert (code, json.loads(out)[key]) == (0, True), (out, err)
 
 
-def times_and_kinds(held: Recording) -> list[tuple[float, str]]:
+def times_and_kinds(held: RecordedRun) -> list[tuple[float, str]]:
     return [(entry.clock_s, type(entry.event).__name__) for entry in held.entries]
 
 
@@ -251,10 +251,10 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--tissue", "liver"), "--tissue liver: only a simulated rig has this, and .*rig.toml is one of devices"),
-        (("--pace", "1"), "--pace 1.0: only a simulated rig has this"),
-        (("--seed", "1"), "--seed 1: only a simulated rig has this"),
-        (("--seed", "3", "--tissue", "liver"), "--seed 3 and --tissue liver: only a simulated rig has this"),
+        (("--tissue", "liver"), "--tissue liver: only for a simulated rig, and .*rig.toml is one of devices"),
+        (("--pace", "1"), "--pace 1.0: only for a simulated rig"),
+        (("--seed", "1"), "--seed 1: only for a simulated rig"),
+        (("--seed", "3", "--tissue", "liver"), "--seed 3 and --tissue liver: only for a simulated rig"),
         ((), "serial port /nowhere/laser cannot be opened|line .*cannot be opened|No such file"),
     ],
 )
@@ -278,5 +278,5 @@ def test_a_scan_of_devices_has_no_seed_either(shell: Shell, tmp_path: Path) -> N
         f'[receiver]\nfolder = "{tmp_path}"\n'
     )
     code, _, err = shell("bank", "scan", tmp_path / "scan.hdf5", "--rig", rig, "--seed", "1")
-    assert (code, "--seed 1: only a simulated rig has this" in err) == (2, True)
+    assert (code, "--seed 1: only for a simulated rig" in err) == (2, True)
     assert not (tmp_path / "scan.hdf5").exists()

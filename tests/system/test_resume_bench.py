@@ -94,11 +94,11 @@ def test_without_a_rig_file_a_journal_of_devices_is_not_armed(shell: Shell, tmp_
     path, _ = journal_and_rig(tmp_path, hostile(tmp_path))
     code, _, err = shell("resume", path, "--arm")
     assert code == 2
-    assert f"a journal does not bring its own rig; name the rig file: markerseek resume {path} --rig RIG.toml" in err
+    assert f"which is not taken from a journal; name the rig file: markerseek resume {path} --rig RIG.toml" in err
     assert "elsewhere" not in err  # nothing was opened
     code, out, _ = shell("resume", path)
     assert code == 4
-    assert f"go on with: markerseek resume {path} --rig RIG.toml --arm" in out
+    assert f"continue with: markerseek resume {path} --rig RIG.toml --arm" in out
     code, out, _ = shell("resume", path, "--json")
     assert (code, json.loads(out)["rig_file_needed"], json.loads(out)["armed"]) == (4, True, False)
 
@@ -216,5 +216,5 @@ def test_the_numbers_of_a_simulated_journal_are_checked_like_any_settings(shell:
 
 
 def test_from_python_too_a_journal_does_not_bring_its_own_rig(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="does not bring its own rig"):
+    with pytest.raises(ConfigError, match="is not taken from a journal"):
         rebuild_rig(begun_with(hostile(tmp_path)))

@@ -8,7 +8,7 @@ from pathlib import Path
 from changed_configuration import changed
 from markerseek import rigs
 from markerseek.core import AcquisitionError, Event, Frame, Policy, Reader, Reading, SearchPlan
-from markerseek.records.journal import Checked, Configuration, Journal, Recording, Resuming
+from markerseek.records.journal import Checked, Configuration, Journal, RecordedRun, Resuming
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.resume import resumed
@@ -77,5 +77,5 @@ def go_on(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> l
         return list(resumed(policy, rig or same, journal, held, by="a person", reset_fault=reset_fault))
 
 
-def times_and_events(held: Recording) -> list[tuple[object, float]]:
+def times_and_events(held: RecordedRun) -> list[tuple[object, float]]:
     return [(entry.event, entry.clock_s) for entry in held.entries if not isinstance(entry.event, Resuming | Checked)]

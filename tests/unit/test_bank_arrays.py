@@ -62,7 +62,7 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"intensity": HEARD}, "angle_deg is missing, it holds intensity float64"),
         ({"angle_deg": ANGLES}, "intensity or frames expected"),
         ({"angle_deg": ANGLES[:2], "intensity": HEARD[:2]}, "2 angles, at least 3"),
-        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": HEARD}, "-1 deg stands there twice"),
+        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": HEARD}, "-1 deg appears twice"),
         ({"angle_deg": ANGLES * np.nan, "intensity": HEARD}, "an angle is nan deg, it must be finite"),
         ({"angle_deg": ANGLES * 1e4, "intensity": HEARD}, "within one turn"),
         ({"angle_deg": ANGLES, "intensity": HEARD[:3]}, "for 4 angles"),

@@ -66,7 +66,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg,intensity\n1,2\n1,1\n3,4\n", "average repeated angles"),
         ("angle_deg,intensity\n9,2\n2,1\n3,4\n", "line 3: the angle 2 deg is out of order beside 3 deg"),
         ("angle_deg;intensity\n1;2\n2;1\n3;4\n", "must read angle_deg,intensity, with commas"),
-        ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg stands there more than once"),
+        ("angle_deg,intensity,angle_deg\n1,2,3\n2,1,3\n3,4,3\n", "angle_deg appears more than once"),
         ("angle_deg,intensity\n1,2\n2,1\n", "it holds 2 angles, at least 3"),
         ('angle_deg,intensity\n"1,2\n2,1\n', "cannot be read as a CSV"),
     ],
@@ -115,8 +115,8 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
         ((), "there is no scan in this folder"),
         (("1", "2", "scan 3 of 7"), "cannot be read"),
         (("1", "2", "dark"), "cannot be read"),
-        (("left_5", "left_6", "right_5"), "right_5: it is named by another word than left_5"),
-        (("1", "2", "1.0"), "was given before"),
+        (("left_5", "left_6", "right_5"), "right_5: its name has another word than left_5"),
+        (("1", "2", "1.0"), "the angle 1 deg is that of"),
         (("1", "2"), "it holds 2 angles"),
     ],
 )
@@ -181,7 +181,7 @@ def test_a_folder_and_a_file_of_one_angle_are_refused(tmp_path: Path) -> None:
     for name in ("-5", "1", "2"):
         (tmp_path / name).mkdir()
     (tmp_path / "-5.mat").touch()
-    with pytest.raises(RecordError, match=r"-5\.mat: the angle -5 deg was given before, by -5"):
+    with pytest.raises(RecordError, match=r"-5\.mat: the angle -5 deg is that of -5"):
         read_bank(tmp_path)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import ConfigError, MarkerseekError, RecordError
-from markerseek.files import open_input, read_input, replaced, require_input, require_new
+from markerseek.files import open_input, read_input, replace_file, require_input, require_new
 from markerseek.files.settings import read_toml
 from markerseek.pictures import write_page
 from markerseek.records.banks import read_bank
@@ -52,7 +52,7 @@ def make_socket(path: Path) -> None:
 @pytest.mark.parametrize("make", [os.mkfifo, make_socket, lambda path: path.symlink_to("/dev/zero")])
 def test_each_reader_refuses_what_is_no_regular_file(name: str, make: Callable[[Path], None], tmp_path: Path) -> None:
     make(tmp_path / name)
-    with pytest.raises(MarkerseekError, match=f"({name}|/dev/zero): it is no regular file") as refused:
+    with pytest.raises(MarkerseekError, match=f"({name}|/dev/zero): it is not a regular file") as refused:
         READERS[name][0](tmp_path / name)
     assert refused.value.exit_code == 2
 
@@ -128,7 +128,7 @@ def test_nothing_is_written_through_a_link_or_a_pipe(make: Callable[[Path, Path]
     make(place, target)
     with pytest.raises(RecordError, match=r"search\.html: it is a symbolic link, a pipe or a device"):
         write_page(place, title="", note=None, facts=[], picture_uri="", alt="", rows=[[]], json="")
-    with pytest.raises(RecordError), replaced(place) as part:
+    with pytest.raises(RecordError), replace_file(place) as part:
         part.write_text("another")
     assert target.read_text() == "precious"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["precious", "search.html"]

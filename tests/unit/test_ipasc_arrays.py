@@ -64,11 +64,11 @@ CURVED_M = np.column_stack((0.04 * np.sin(ROW_M[:, 0] / 0.04), np.zeros(8), 0.04
 @pytest.mark.parametrize(
     ("positions_m", "message"),
     [
-        (ROW_M[[0, 1, 2, 4, 3, 5, 6, 7]], r"element 4 of 8 stands at \(0.215, 0, 0\) mm, 0.43 mm from its place"),
-        (ROW_M[[1, 0, 2, 3, 4, 5, 6, 7]], r"element [12] of 8 stands at"),
+        (ROW_M[[0, 1, 2, 4, 3, 5, 6, 7]], r"element 4 of 8 is at \(0.215, 0, 0\) mm, 0.43 mm from its place"),
+        (ROW_M[[1, 0, 2, 3, 4, 5, 6, 7]], r"element [12] of 8 is at"),
         (
             CURVED_M,
-            r"element 1 of 8 stands at .* 0.0\d+ mm from its place in a straight row of pitch 0.4\d* mm along",
+            r"element 1 of 8 is at .* 0.0\d+ mm from its place in a straight row of pitch 0.4\d* mm along",
         ),
         (ROW_M[:, [1, 0, 2]], "same coordinate along x1"),
         (np.zeros((8, 3)), "same coordinate along x1"),
@@ -120,5 +120,5 @@ def test_a_row_is_taken_up_to_the_tolerance_and_not_beyond(elements, pitch_m, fa
     positions_m[which] += 0.9 * TOLERANCE * pitch_m * direction
     assert row_of(positions_m, elements=elements).pitch_m == pytest.approx(pitch_m)
     positions_m[which] += 0.2 * TOLERANCE * pitch_m * direction
-    with pytest.raises(RecordError, match=f"element {which + 1} of {elements} stands at"):
+    with pytest.raises(RecordError, match=f"element {which + 1} of {elements} is at"):
         row_of(positions_m, elements=elements)

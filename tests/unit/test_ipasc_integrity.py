@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
-from markerseek.files import published
+from markerseek.files import create_atomically
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import read_probed
@@ -239,9 +239,9 @@ def test_a_disk_without_second_names_gets_the_file_all_the_same(tmp_path, monkey
 
     monkeypatch.setattr(os, "link", no_links)
     path = tmp_path / "a"
-    with published(path) as part:
+    with create_atomically(path) as part:
         part.write_text("1")
-    with pytest.raises(RecordError, match="there is a file already"), published(path) as part:
+    with pytest.raises(RecordError, match="there is a file already"), create_atomically(path) as part:
         part.write_text("2")
     assert (path.read_text(), list(tmp_path.iterdir())) == ("1", [path])
 

@@ -23,7 +23,7 @@ from markerseek.records.banks.ipasc.reading import read_probed
         (put("meta_data/markerseek_bank_version", 3), "the bank has version 3, this one reads 1; install a newer"),
         (put("meta_data/markerseek_bank_version", 0.5), "version 0.5"),
         (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
-        (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg stands there twice"),
+        (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg appears twice"),
         (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, np.nan, np.nan])), "2 angles, at least 3"),
         (
             put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])),
@@ -88,8 +88,8 @@ def spoilt(**changes):
         (spoilt(frame=ChannelFrame(header=sample(1.0).frame.header, samples=counts(0), sampling_hz=20e6)), "2e.07 Hz"),
         (spoilt(angle_deg=math.nan), "the angle is nan deg, it must be finite and within one turn, -360 to 360 deg"),
         (spoilt(angle_deg=-360.1), "the angle is -360.1 deg"),
-        (spoilt(angle_deg=0.0), "the angle 0 deg comes twice"),
-        (spoilt(angle_deg=-0.0), "comes twice"),
+        (spoilt(angle_deg=0.0), "the angle 0 deg appears twice"),
+        (spoilt(angle_deg=-0.0), "appears twice"),
         (spoilt(reading=Reading(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
         (spoilt(reading=Reading(intensity=math.inf)), "is inf"),
     ],
@@ -149,5 +149,5 @@ def test_all_the_room_is_taken_with_the_first_frame(tmp_path):
 
 def test_a_pipe_or_a_device_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "a.hdf5")
-    with pytest.raises(RecordError, match="no regular file"):
+    with pytest.raises(RecordError, match="not a regular file"):
         read_bank(tmp_path / "a.hdf5")

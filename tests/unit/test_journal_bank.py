@@ -14,13 +14,13 @@ from journalled_runs import begin
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
 from markerseek.records.banks import IntensityBank
-from markerseek.records.journal import Journal, Recording, read_journal
+from markerseek.records.journal import Journal, RecordedRun, read_journal
 from markerseek.runs.bank_of_journal import JournalBank, journal_bank
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.search import build
 
 
-def measured(held: Recording) -> Iterator[Sample]:
+def measured(held: RecordedRun) -> Iterator[Sample]:
     return (entry.event.sample for entry in held.entries if isinstance(entry.event, Measured))
 
 

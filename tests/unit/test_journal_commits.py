@@ -123,7 +123,7 @@ def test_a_journal_that_is_read_cannot_be_written_meanwhile(tmp_path: Path) -> N
             other.execute("DELETE FROM events")
         refused.append("locked")
 
-    assert salvage(path, see=try_to_write)[1] is None
+    assert salvage(path, on_entry=try_to_write)[1] is None
     assert len(refused) == len(read_journal(path).entries)
 
 

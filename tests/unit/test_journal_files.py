@@ -84,7 +84,7 @@ def hostile_view(path: Path) -> None:
         (foreign_database, "no journal of a run"),
         (hostile_view, "tables are none of a journal"),
         (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
-        (os.mkfifo, "it is no regular file"),
+        (os.mkfifo, "it is not a regular file"),
         (lambda _: None, "no such journal"),
     ],
     ids=["empty", "text", "foreign", "view", "folder", "pipe", "missing"],

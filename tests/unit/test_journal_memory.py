@@ -60,7 +60,7 @@ def test_all_but_the_frames_is_the_same(tmp_path: Path) -> None:
         for event in journal_events():
             journal.commit(event, clock_s=0.5, checkpoint=b"{}")
     seen: list[Entry] = []
-    held, damage = salvage(path, frames=False, see=seen.append)
+    held, damage = salvage(path, frames=False, on_entry=seen.append)
     assert damage is None
     whole = read_journal(path)
     assert (held.configuration, held.last_checksum) == (whole.configuration, whole.last_checksum)

@@ -95,7 +95,7 @@ def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -
     assert differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration)) == []
     elsewhere.rename(scan)
     scan.write_text(scan.read_text().replace("0,", "0,1", 1))
-    with pytest.raises(RecordError, match="the recording is not what it was"):
+    with pytest.raises(RecordError, match="the recording has changed since the run began"):
         rebuild_rig(held.configuration)
 
 

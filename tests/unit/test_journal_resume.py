@@ -131,7 +131,7 @@ def test_a_policy_that_decides_otherwise_is_refused_before_it_fires(tmp_path: Pa
     moved: list[float] = []
     rig.laser.fire = fired.append  # type: ignore[assignment, method-assign]
     rig.stage.move_to = moved.append  # type: ignore[assignment, method-assign]
-    with journal, pytest.raises(RecordError, match=r"decides otherwise .* resume with what it was begun with"):
+    with journal, pytest.raises(RecordError, match=r"decides differently .* resume with its first versions"):
         list(resumed(other, rig, journal, held, by="a person"))
     assert times_and_events(read_journal(path)) == times_and_events(held)
     assert rig.scanner.guard.state is State.DISARMED

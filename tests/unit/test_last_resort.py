@@ -35,7 +35,7 @@ def raising(error: BaseException) -> Callable[[], None]:
         (TypeError("an integer is required"), 70, "a defect of markerseek"),
         (RecursionError("maximum recursion depth exceeded"), 70, "RecursionError: maximum recursion depth exceeded"),
         (ZeroDivisionError("float\ndivision"), 70, "ZeroDivisionError: float division; please report it"),
-        (KeyError(), 70, "KeyError: no more is known"),
+        (KeyError(), 70, "KeyError: no message"),
         (MemoryError(), 1, "not enough memory"),
         (MemoryError("Unable to allocate 119. GiB"), 1, "Unable to allocate 119. GiB"),
         (BrokenPipeError(32, "Broken pipe"), 1, "the output cannot be written: Broken pipe"),

@@ -89,5 +89,5 @@ def test_what_is_not_in_the_file_is_refused(tmp_path):
     with pytest.raises(RecordError, match="check the name"):
         open_ultrasonix(tmp_path / "b.rf")
     os.mkfifo(tmp_path / "c.rf")
-    with pytest.raises(RecordError, match="no regular file"):
+    with pytest.raises(RecordError, match="not a regular file"):
         open_ultrasonix(tmp_path / "c.rf")

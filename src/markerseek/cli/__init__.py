@@ -1,7 +1,7 @@
-"""The command line: one file a command, `app`, which gathers them, and `main`, which no error gets past.
+"""The command line: one file per command, `app` with all of them, and `main`, which handles every error.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 nobody armed the rig, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
+read, 4 the rig was not armed, 70 a defect of this program, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NoReturn
 from markerseek._version import __version__
 
 DEFECT = 70
-"""Exit code after an error that nobody foresaw; EX_SOFTWARE of sysexits.h."""
+"""Exit code after an unexpected error; EX_SOFTWARE of sysexits.h."""
 
 STOPPED_BY_USER = 130
 """Exit code after Ctrl-C, as shells have it."""
@@ -24,17 +24,17 @@ _OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of standard output, which names no file: a pipe that was closed, a disk that is full."""
 
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
-"""Variable of the environment that has the traceback of such an error printed."""
+"""Environment variable that makes the command print the traceback of an unexpected error."""
 
 
 def main() -> NoReturn:
-    """Run the command line, and end the process with its exit code; whatever happens is said in one sentence."""
+    """Run the command line and end the process with its exit code; every error becomes one line."""
     try:
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
             sys.stdout.write(f"{__version__}\n")
             sys.exit(0)
-        # Imported here, so that Ctrl-C while it is imported is met below.
+        # Imported here, so that Ctrl-C during the import is handled below.
         from markerseek.cli.app import run
 
         run()
@@ -44,37 +44,37 @@ def main() -> NoReturn:
         if problem.filename is None:
             what = "the output cannot be written" if problem.errno in _OUTPUT else "reading or writing failed"
             _end(f"{what}: {problem.strerror or problem}", kind="OSError", code=1)
-        # Already the question whether there is a file fails for a name that is too long, or a folder without leave.
+        # Path.exists() itself fails for a name that is too long, or in a folder without permission.
         _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
     except MemoryError as problem:
-        said = str(problem) or "no more can be had"
-        _end(f"not enough memory: {said}; close other programs, or ask for less", kind="MemoryError", code=1)
+        message = str(problem) or "the system grants no more"
+        _end(f"not enough memory: {message}; close other programs, or ask for less", kind="MemoryError", code=1)
     except Exception as problem:  # noqa: BLE001  the last resort
         _end_of_defect(problem)
     sys.exit(0)
 
 
 def _end_of_defect(problem: Exception) -> NoReturn:
-    """Say what was not foreseen, and where its traceback is to be had."""
+    """Report an unexpected error, and how to print its traceback."""
     kind = type(problem).__name__
     if os.environ.get(SHOW_TRACEBACK) == "1":
         import traceback
 
         traceback.print_exception(problem)
-    said = " ".join(str(problem).split())[:500] or "no more is known"
+    message = " ".join(str(problem).split())[:500] or "no message"
     _end(
-        f"a defect of markerseek {__version__}: {kind}: {said}; please report it with the traceback, which the same "
+        f"a defect of markerseek {__version__}: {kind}: {message}; please report it with the traceback, which the same "
         f"command shows with {SHOW_TRACEBACK}=1",
         kind=kind,
         code=DEFECT,
     )
 
 
-def _end(said: str, *, kind: str, code: int) -> NoReturn:
-    """Say how a command ended without what it may not have imported, or has no memory for."""
-    sys.stderr.write(f"error: {said}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
+def _end(message: str, *, kind: str, code: int) -> NoReturn:
+    """Print how a command ended, with the standard library only: imports or memory may be missing."""
+    sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
         # Bytes of a file's name that are no Unicode come out as escapes.
-        sys.stdout.write(json.dumps({"error": said, "kind": kind}) + "\n")
+        sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
         sys.stdout.flush()
     sys.exit(code)

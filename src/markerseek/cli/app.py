@@ -1,4 +1,4 @@
-"""The application: all commands under one name, and the exit codes of what ends them on purpose."""
+"""The Typer application with all commands, and the exit codes of expected errors."""
 
 from __future__ import annotations
 
@@ -60,9 +60,10 @@ def run() -> None:
     SystemExit
         Always, unless something happens that was not foreseen.
     """
+    # Warnings as one line: the default prints a line of source code that says nothing to a user.
     warnings.showwarning = print_warning
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that knows no degree sign gets a question mark, and not an error in place of the answer.
+        # A terminal without a degree sign in its encoding gets a question mark instead of an error.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     as_json = "--json" in sys.argv

@@ -1,4 +1,4 @@
-"""``markerseek bank``: make, describe and convert banks, the scans of many angles that `replay` searches."""
+"""``markerseek bank``: scan, describe, import and export banks (scans of many angles)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``markerseek bank export``: a bank for 3D Slicer and PLUS, for ROS 2, or as a table."""
+"""``markerseek bank export``: writes a bank for 3D Slicer and PLUS, for ROS 2, or as a CSV table."""
 
 from __future__ import annotations
 
@@ -41,9 +41,7 @@ class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def command(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
-    to: Annotated[
-        Path, typer.Argument(help="File to be written: .igs.mha, .mcap or .csv; it must not exist.", metavar="TO")
-    ],
+    to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap or .csv.", metavar="TO")],
     probe: Annotated[
         str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
     ] = None,
@@ -98,9 +96,10 @@ def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, 
     if not isinstance(bank, FrameBank):
         write_mcap(to, None, series=series)
         return
+    # One scale for all images, so that their brightness can be compared between angles.
     strongest = bank_image(bank, intensities.index(max(intensities)), probe=probe)
     images = _shown(bank_images(bank, probe=probe, order=series.order), len(series.order))
-    # Where there is nothing but zeros, all is black in any case.
+    # An image of zeros is black with any scale.
     write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
 
 
@@ -113,7 +112,7 @@ def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius
 
 
 def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
-    """Facts of a bank with the distance given; says where frames cannot be placed for want of it."""
+    """Facts of a bank with the face radius given; warns if images cannot be placed without it."""
     from markerseek.records.banks import FrameBank
     from markerseek.runs import described
 
@@ -122,14 +121,14 @@ def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: f
         return replace(facts, face_radius_m=face_radius_mm / 1e3)
     if facts.face_radius_m is None and isinstance(bank, FrameBank):
         stderr.print(
-            "[yellow]where the images lie is left out: the bank does not say how far the array's face is from the axis "
-            "of rotation; give --face-radius-mm[/]"
+            "[yellow]the export has no positions of the images: the bank does not hold the distance of the array's "
+            "face from the axis of rotation; give --face-radius-mm[/]"
         )
     return facts
 
 
 def _shown(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """The same items, with a bar."""
+    """The items, with a progress bar."""
     with progress_bar(count, what="exporting") as progress:
         for item in items:
             yield item

@@ -1,4 +1,4 @@
-"""``markerseek bank import``: other people's recordings, or the frames of a journal, as a bank in IPASC HDF5."""
+"""``markerseek bank import``: converts recordings, or the frames of a journal, to a bank in IPASC HDF5."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def command(
             metavar="FROM",
         ),
     ],
-    to: Annotated[Path, typer.Argument(help="File to be written, .hdf5; it must not exist.", metavar="TO")],
+    to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
     probe: Annotated[
         str | None, typer.Option(help="Preset of the imaging chain that computes the intensities of frames.")
     ] = None,
@@ -55,7 +55,7 @@ def command(
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
-    reference_deg: Annotated[float | None, typer.Option(help="Angle of the marker that is known otherwise.")] = None,
+    reference_deg: Annotated[float | None, typer.Option(help="Known angle of the marker, in degrees.")] = None,
     face_radius_mm: Annotated[
         float | None, typer.Option(help="Distance of the array's face from the axis of rotation.")
     ] = None,
@@ -82,6 +82,7 @@ def command(
     if probe is not None and not isinstance(bank, FrameBank):
         raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
     held_hz = bank.facts.sampling_hz
+    # A contradiction is an error, because a wrong rate scales every depth.
     if sampling_mhz is not None and held_hz is not None and not math.isclose(given["sampling_hz"], held_hz):
         raise ConfigError(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
@@ -92,16 +93,17 @@ def command(
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
-        stderr.print("[yellow]the recording does not hold its sampling frequency: 40 MHz is taken (--sampling-mhz)[/]")
+        stderr.print("[yellow]the recording has no sampling frequency; 40 MHz is assumed (--sampling-mhz)[/]")
     facts = described(bank, probe=probe)
     if frames and probe is None and bank.facts.probe is None:
-        stderr.print(f"[yellow]the recording does not name its probe: {facts.probe} is taken (--probe)[/]")
+        stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (
         whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
         for sample in bank_samples(bank, probe=probe):
             writer.add(sample)
+            # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"
     if as_json:

@@ -1,4 +1,4 @@
-"""``markerseek bank info``: what is in a bank, its curve, and the statistics of its peak."""
+"""``markerseek bank info``: prints the contents of a bank and the statistics of its peak."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def command(
         Path, typer.Argument(help="IPASC HDF5, CSV of angle_deg,intensity, or folder with one frame per angle.")
     ],
     probe: Annotated[
-        str | None, typer.Option(help="Compute the intensities anew with this preset of the imaging chain.")
+        str | None, typer.Option(help="Compute the intensities again with this preset of the imaging chain.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
     out: Annotated[
@@ -158,7 +158,7 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
         ("angles", f"{report.angles}{cut}"),
         ("range", f"{report.first_deg:g}° to {report.last_deg:g}°, steps of at most {report.largest_step_deg:.3g}°"),
         ("dark frames", None if report.dark_frames == 0 else _dark(report)),
-        ("intensities", None if computed_with is None else f"computed anew with the preset {computed_with}"),
+        ("intensities", None if computed_with is None else f"computed again with the preset {computed_with}"),
         ("max", f"{report.max_intensity:.4g} at {report.max_deg:.3f}°"),
         ("com, centre of mass", f"{report.com_deg:.3f}°"),
         ("cen, middle at half height", _number(report.cen_deg, "{:.3f}°")),
@@ -188,6 +188,7 @@ def _dark(report: BankReport) -> str:
 def _date(unix_s: float) -> str:
     try:
         return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    # A foreign file can contain any number, and datetime ends with the year 9999.
     except (OverflowError, ValueError, OSError):
         return f"{unix_s:g} s after 1970"
 

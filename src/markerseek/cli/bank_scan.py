@@ -1,4 +1,4 @@
-"""``markerseek bank scan``: a bank from a rig."""
+"""``markerseek bank scan``: scans the search range of a rig and writes a bank."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def command(
-    out: Annotated[Path, typer.Argument(help="File to be written, .hdf5; it must not exist.")],
+    out: Annotated[Path, typer.Argument(help="New file, .hdf5.")],
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
@@ -50,15 +50,15 @@ def command(
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
-    wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, to be written down.")] = None,
+    wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, stored in the bank.")] = None,
     pulse_energy_mj: Annotated[
-        float | None, typer.Option(help="Energy of one laser pulse, to be written down.")
+        float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
 
-    Stopped at any moment, the file holds what was taken.
+    If stopped early, the file has all acquisitions so far.
     """
     from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.records.banks.ipasc import require_new_bank
@@ -95,8 +95,9 @@ def command(
         except StoppedBySignal as stop:
             stopped = stop
         finally:
+            # Also after an error: the user must know what the file contains.
             if 0 < taken < angles:
-                _say_what_is_left(out, planned=angles)
+                _print_what_is_left(out, planned=angles)
         if stopped is not None:
             end_stopped(stopped, as_json=as_json, kept=out if taken else None)
     if as_json:
@@ -115,8 +116,8 @@ def command(
         stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.kind} rig in {escape(str(out))}")
 
 
-def _say_what_is_left(path: Path, *, planned: int) -> None:
-    """Say what a scan that was cut short left behind, having read it."""
+def _print_what_is_left(path: Path, *, planned: int) -> None:
+    """Print how many angles the file of an interrupted scan has, by reading it."""
     from markerseek.records.banks import read_bank
 
     try:

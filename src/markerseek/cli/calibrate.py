@@ -59,7 +59,7 @@ def command(
     probe: Annotated[
         str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
     ] = None,
-    source_deg: Annotated[float, typer.Option(help="Where the point source really stands, in degrees.")] = 0.0,
+    source_deg: Annotated[float, typer.Option(help="True angle of the point source, in degrees.")] = 0.0,
     zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
     direction: Annotated[
         Literal["forward", "reverse"],
@@ -71,7 +71,7 @@ def command(
 
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
-    --source-deg ANGLE. The element height is found as well, for without it off-plane sound seems to come late.
+    --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
@@ -166,13 +166,14 @@ def _print_table(report: CalibrationReport) -> None:
     )
     for name, number, scale, unit in rows:
         low, high = (scale * end for end in number.interval95)
+        # Two significant digits of the standard deviation.
         digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
         table.add_row(
             f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
         )
     stdout.print(table)
     stdout.print(
-        f"[dim]{report.waves} of {report.frames} angles were heard well enough; what the fit leaves of them is "
+        f"[dim]{report.waves} of {report.frames} angles had a wave clear enough to be used; the residual of the fit is "
         f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
     )
     stdout.print(escape(report.rig_toml))

@@ -1,4 +1,4 @@
-"""Proves the sense of rotation of a rig: a source at a known angle must be found there, not at the mirrored angle."""
+"""Tests the sense of rotation of a rig: a source at a known angle must be found there, not at the mirrored angle."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from typing import Literal
 from markerseek.core import ConfigError
 
 LEAST_DEG = 5.0
-"""Least angle of a source that tells its side, in degrees."""
+"""Smallest angle of a source at which its two sides can be told apart, in degrees."""
 
 _NEAR_DEG = 5.0
-"""Most that the angle found may differ from one that is meant, in degrees; for small angles, half of the angle."""
+"""Largest accepted difference of the angle found, in degrees; at small angles half of the angle, if less."""
 
 Verdict = Literal["right", "mirrored", "neither"]
 
 
 def verdict_of(found_deg: float, source_deg: float) -> Verdict:
-    """Whether a source was found where it stands, at the mirrored angle, or elsewhere.
+    """Whether a source was found at its true angle, at the mirrored angle, or elsewhere.
 
     Parameters
     ----------
     found_deg
-        Where it was found, in degrees.
+        Angle found, in degrees.
     source_deg
-        Where it really stands, in degrees.
+        True angle, in degrees.
     """
+    # With the full tolerance a source at 5 deg could be found at 0, which is neither side.
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
     if abs(found_deg - source_deg) <= near_deg:
         return "right"
@@ -40,16 +41,16 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     path
         Rig file.
     source_deg
-        Where the source really stands, in degrees, by the probe's scale.
+        True angle of the source on the probe's scale, in degrees.
     arm
-        Whether the user armed the rig by an option; else whoever sits at the terminal is asked.
+        Whether the user armed the rig by an option; otherwise a question is asked on the terminal.
     as_json
         Whether a program reads the output.
 
     Raises
     ------
     ConfigError
-        If the source tells no side, or the mirrored angle is not searched.
+        If the source is too near to 0, or the mirrored angle is outside the search range.
     DeviceError
         If a device did not do its part.
     """
@@ -74,11 +75,11 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     result = session.result()
     if not result.found:
         return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
-    said = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
+    found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg"
     match verdict_of(result.angle_deg, source_deg):
         case "right":
-            return True, f"{said}: the stage turns the right way"
+            return True, f"{found}: the stage turns the right way"
         case "mirrored":
-            return False, f"{said}, the mirrored angle: the stage turns the other way round; change stage.direction"
+            return False, f"{found}, the mirrored angle: the stage turns the other way round; change stage.direction"
         case "neither":
-            return False, f"{said}: check --source-deg, zero_deg and stage.direction, and calibrate again"
+            return False, f"{found}: check --source-deg, zero_deg and stage.direction, and calibrate again"

@@ -1,4 +1,4 @@
-"""``markerseek doctor``: whether everything is here that a search needs."""
+"""``markerseek doctor``: checks the installation, and optionally a rig."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "de
 
 
 _NAP_S, _NAPS = 0.01, 100
-"""One second of short waits, in which a computer shows how late it can be."""
+"""One second of short waits, to measure how late this computer wakes up."""
 
 _MARKER_DEG = 10.0
-"""Where the marker of the short searches is."""
+"""Angle of the marker in the two simulated searches, in degrees."""
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that was looked at."""
+    """Result of one check."""
 
     what: str
     state: Literal["ok", "missing", "broken"]
@@ -50,16 +50,16 @@ def command(
     ] = None,
     source_deg: Annotated[
         float | None,
-        typer.Option(help="Where a point source really stands, in degrees: search it, to prove the sense of rotation."),
+        typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Look at the installation and at a rig, and run two simulated searches (which compiles the kernels if need be).
+    """Check the installation and a rig, and run two simulated searches (which compiles the kernels if necessary).
 
     With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
-    be found there. A probe that is mounted the other way round finds it at the mirrored angle, which nothing else
-    shows. Place it at least 5 degrees off 0, and elsewhere than the source by which zero_deg was calibrated.
+    be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
+    this. Place it at least 5 degrees from 0, at another angle than the source used to calibrate zero_deg.
     """
     from markerseek.cli.terminal import print_json, stdout
 
@@ -91,6 +91,7 @@ def _packages() -> list[Finding]:
     import importlib.util
 
     found = [Finding(what="Python", state="ok", detail=platform.python_version())]
+    # Installed in any case: without them this command would not have started.
     found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():
         if importlib.util.find_spec(package) is None:
@@ -124,7 +125,7 @@ def _direction(path: Path, source_deg: float, *, arm: bool, as_json: bool) -> Fi
 
 
 def _lease_s(path: Path) -> float | None:
-    """Longest silence of the control loop that a rig's devices bear, in seconds; None if they are simulated."""
+    """Supervisor's lease in a rig file, in seconds; None for a simulated rig."""
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import read_rig_file
 
@@ -133,12 +134,13 @@ def _lease_s(path: Path) -> float | None:
 
 
 def _punctuality(lease_s: float) -> Finding:
-    """Whether this computer wakes a control loop in time to renew the lease of the laser."""
+    """Whether this computer wakes up in time to renew the supervisor's lease."""
     longest_s = max(_timed_nap() for _ in range(_NAPS)) - _NAP_S
     detail = (
         f"a wait of {1e3 * _NAP_S:.0f} ms ends up to {1e3 * longest_s:.1f} ms late (longest of {_NAPS}); the laser "
         f"goes off after {lease_s:g} s of silence"
     )
+    # A third, because a loaded computer during a search is later than this idle test.
     if longest_s <= lease_s / 3:
         return Finding(what="scheduling", state="ok", detail=detail)
     cure = "; close other programs, switch power saving off, or run the search with a higher priority (nice, chrt)"
@@ -146,7 +148,7 @@ def _punctuality(lease_s: float) -> Finding:
 
 
 def _timed_nap() -> float:
-    """How long a nap really takes, in seconds."""
+    """Measured duration of one short wait, in seconds."""
     from markerseek.drivers import SystemClock
 
     clock = SystemClock()
@@ -163,6 +165,7 @@ def _search(method: str) -> Finding:
     from markerseek.search import build
 
     began_s = time.perf_counter()
+    # A warning of NumPy or Numba here hints at a broken installation: it is printed with the result.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
@@ -170,6 +173,7 @@ def _search(method: str) -> Finding:
         found_deg = math.nan
         for event in run(policy, rig.scanner, dark_frames=rig.dark_frames):
             if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
+                # Compiles the kernels of `markerseek frame`, too, which a search does not use.
                 rig.imaging.findings(event.sample.frame)
             elif isinstance(event, Finished):
                 found_deg = event.estimate.mean_deg

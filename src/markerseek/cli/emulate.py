@@ -1,4 +1,4 @@
-"""``markerseek emulate``: a rig at the level of bytes, for drivers to be tried on without any hardware."""
+"""``markerseek emulate``: emulates the devices of a rig byte by byte, to test drivers without hardware."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def command(
     ] = None,
     pace: Annotated[
         float,
-        typer.Option(help="Time that daq and bench take to write channel files, over the settings': 0.01 to 1."),
+        typer.Option(help="Factor on the readout time of the settings (daq, bench), 0.01 to 1."),
     ] = 1.0,
     mirrored: Annotated[
         bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
@@ -49,7 +49,7 @@ def command(
         int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
     ] = 6,
 ) -> None:
-    """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then tell the truth about them."""
+    """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
 
     from markerseek.cli.terminal import stderr
@@ -71,6 +71,7 @@ def command(
     )
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # A flag and no exception: the loop ends between two messages, never in the middle of one.
         signal.signal(number, lambda received, _frame: stop.append(received))
     _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
@@ -80,13 +81,13 @@ def command(
 def _serve(
     emulated: EmulatedBench, device: Device, folder: Path, settings: SimulatedSettings, *, pace: float, stop: list[int]
 ) -> None:
-    """Open what was asked for, say how to use it, and serve it."""
+    """Open the ports, print how to use them, and serve until stopped."""
     from contextlib import ExitStack
 
     from markerseek.cli.terminal import stdout
     from markerseek.drivers import SystemClock
     from markerseek.emulators import serve
-    from markerseek.files import replaced
+    from markerseek.files import replace_file
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -101,10 +102,10 @@ def _serve(
         if device != "kdc101":
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
-            place = folder / "rig.toml"
-            with replaced(place) as part:
+            rig_file = folder / "rig.toml"
+            with replace_file(rig_file) as part:
                 part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
-            stdout.print(f"try: markerseek search --rig {place} --arm")
+            stdout.print(f"try: markerseek search --rig {rig_file} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
         stdout.print("Ctrl-C ends it")
@@ -128,24 +129,25 @@ _PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
 
 
 _READOUT_SPARE_S = 0.5
-"""What a busy computer may add to the time in which the channel files are written, in seconds."""
+"""Margin on the time to write the channel files on a busy computer, in seconds."""
 
 
 def _free(link: Path) -> Path:
-    """The place of a link, without one that an emulator left there when it was killed."""
+    """The path of a link; removes a dangling link that a killed emulator left."""
     if link.is_symlink() and not link.exists():
         link.unlink()
     return link
 
 
 def _typed_line() -> bool:
-    """Whether a line has been typed since the last call."""
+    """Whether the user has typed a line since the last call."""
     ready, _, _ = select.select([sys.stdin], [], [], 0)
     return bool(ready) and bool(sys.stdin.readline())
 
 
 def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float) -> str:
-    """Rig file of the emulated devices; what it leaves out has its default."""
+    """Text of the rig file for the emulated devices."""
+    # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
     limits = settings.limits
@@ -185,7 +187,7 @@ high_deg = {limits.travel.high_deg}
 
 
 def _truth(emulated: EmulatedBench, device: Device) -> list[str]:
-    """What really was, which no driver could know."""
+    """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
     truth = []
     if device in ("kdc101", "bench"):

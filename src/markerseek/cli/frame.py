@@ -1,4 +1,4 @@
-"""``markerseek frame``: where the source is in one frame of channel data, how strong, or that there is none."""
+"""``markerseek frame``: finds the sources in one frame of channel data."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class OtherArrival(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FrameReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What one frame says; if no source was found, the position is that of the largest peak, which is not claimed."""
+    """Result of one frame; if no source was found, the position is that of the largest peak."""
 
     found: bool
     reason: str
@@ -69,8 +69,8 @@ def command(
             show_default="L3-8 of a .mat, else BPL9-5/55",
         ),
     ] = None,
-    min_depth_mm: Annotated[float | None, typer.Option(help="Look no nearer than this.")] = None,
-    max_depth_mm: Annotated[float | None, typer.Option(help="Look no deeper than this.")] = None,
+    min_depth_mm: Annotated[float | None, typer.Option(help="Smallest depth of a source.")] = None,
+    max_depth_mm: Annotated[float | None, typer.Option(help="Largest depth of a source.")] = None,
     number: Annotated[int, typer.Option(min=1, help="Which frame of an Ultrasonix file, counted from 1.")] = 1,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Annotated[
@@ -90,6 +90,7 @@ def command(
         return
     if number != 1:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
+    # The public data set was recorded with one probe, which its files do not name.
     probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
     for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
         if value is not None and not 0 <= value <= _MOST_MM:
@@ -113,7 +114,7 @@ def command(
 
 
 def _require_none(**given: object) -> None:
-    """Refuse options that say nothing of an Ultrasonix file."""
+    """Refuse options that do not apply to an Ultrasonix file."""
     for name, value in given.items():
         if value is not None:
             option = f"--{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""``markerseek journal``: lists the journals of runs, looks at one, checks it, and computes its result again."""
+"""``markerseek journal``: lists, prints, checks and recomputes the journals of runs."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import typer
 from markerseek.cli import journal_list
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Entry, Recording
+    from markerseek.records.journal import Entry, RecordedRun
 
 NAME = "journal"
 
-app = typer.Typer(
-    help="List the journals of runs; look at one, check it, compute its result again.", no_args_is_help=True
-)
+app = typer.Typer(help="List, print, check and recompute the journals of runs.", no_args_is_help=True)
 app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
@@ -35,14 +33,14 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
 
 @app.command(epilog="Example:\n\n  markerseek journal show run.journal")
 def show(journal: _File, as_json: _Json = False) -> None:
-    """Print what happened, entry by entry; of a damaged journal as much as is whole, then the error."""
+    """Print all entries; of a damaged journal those before the damage, then the error."""
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
-    # Frames are half a megabyte each, and are only looked at here to say how large they are.
-    see = (lambda entry: objects.append(_as_object(entry))) if as_json else None
-    held, damage = salvage(journal, frames=False, see=see)
+    # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
+    on_entry = (lambda entry: objects.append(_as_object(entry))) if as_json else None
+    held, damage = salvage(journal, frames=False, on_entry=on_entry)
     if as_json:
         print_json(
             {
@@ -57,17 +55,18 @@ def show(journal: _File, as_json: _Json = False) -> None:
     if damage is not None:
         from markerseek.cli.terminal import print_error
 
+        # The JSON object above has it already.
         print_error(damage, as_json=False)
         raise typer.Exit(damage.exit_code)
 
 
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: _Json = False) -> None:
-    """Check pages, checksums and the order of what happened; exit code 1 if something is wrong."""
+    """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
     from markerseek.cli.terminal import one_line, print_json, stdout
-    from markerseek.records.journal import verify as look_over
+    from markerseek.records.journal import verify as verify_journal
 
-    finding = look_over(journal)
+    finding = verify_journal(journal)
     if as_json:
         print_json({"ok": not finding.faults, "entries": finding.entries, "faults": finding.faults})
     else:
@@ -79,7 +78,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: _Json = False) -> None:
-    """Compute the readings again, let a new search decide on them, and compare; exit code 1 if anything differs."""
+    """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
     from markerseek.runs import differences, rebuild_policy, rebuild_reader
@@ -114,7 +113,7 @@ def _as_object(entry: Entry) -> dict[str, object]:
     }
 
 
-def _print_table(held: Recording) -> None:
+def _print_table(held: RecordedRun) -> None:
     from rich.markup import escape
     from rich.table import Table
 
@@ -124,22 +123,22 @@ def _print_table(held: Recording) -> None:
     plan, facts = held.configuration.plan, held.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.kind} rig: {one_line(facts.description)}")
-    said = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
+    versions = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
-    stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(said)}[/]")
+    stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, justify in _COLUMNS:
-        # Unescaped, a unit in brackets would be taken for markup; whatever is said at the end may be long.
+        # Escaped, because Rich reads a unit in brackets as markup; the last column may be long, and wraps.
         table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
-    stands = run_state(held.entries)
-    stdout.print(f"state: {stands.state}" + ("" if stands.fault is None else f": {one_line(stands.fault)}"))
+    state = run_state(held.entries)
+    stdout.print(f"state: {state.state}" + ("" if state.fault is None else f": {one_line(state.fault)}"))
 
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:
-    """What happened, where, how strong, and what else there is to say."""
+    """Event, angle, intensity and remark of an entry."""
     from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
     from markerseek.records import answer_name
     from markerseek.records.journal import Checked, Interrupted, Resuming
@@ -163,4 +162,4 @@ def _line(entry: Entry) -> tuple[str, str, str, str]:
             flank = "" if flank_deg is None else f", checks {flank_deg:.3f} deg as well"
             return "resuming", "" if check_deg is None else f"{check_deg:.3f}", "", f"armed by {by}{flank}"
         case Checked(reading=reading, difference=difference):
-            return "checked", "", f"{reading.intensity:.4g}", difference or "heard as before"
+            return "checked", "", f"{reading.intensity:.4g}", difference or "unchanged"

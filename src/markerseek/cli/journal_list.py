@@ -1,4 +1,4 @@
-"""``markerseek journal list``: which runs were kept, and how they ended."""
+"""``markerseek journal list``: lists the journals of a folder."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def command(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
     ] = None,
-    last: Annotated[int, typer.Option(min=1, help="So many of the newest are read.")] = 20,
+    last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """List the journals of a folder, the newest last: when, what searched, how it ended, and how much room they take.
+    """List the journals of a folder, the newest last, with time, method, result and size.
 
-    Nothing removes a journal by itself: delete the files that nobody needs any more.
+    Journals are never deleted automatically: delete the files that you no longer need.
     """
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
@@ -32,23 +32,23 @@ def command(
     # Before the first search there is no such folder.
     paths = journals_in(place) if folder is not None or place.exists() else []
     total_bytes = sum(map(size_bytes_of, paths))
-    outlines = [summary(path) for path in paths[-last:]]
+    summaries = [summary(path) for path in paths[-last:]]
     if as_json:
         print_json(
-            {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": outlines},
+            {"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries},
         )
     else:
-        _print(outlines, place, count=len(paths), total_bytes=total_bytes)
+        _print(summaries, place, count=len(paths), total_bytes=total_bytes)
 
 
-def _print(outlines: list[JournalSummary], place: Path, *, count: int, total_bytes: int) -> None:
+def _print(summaries: list[JournalSummary], place: Path, *, count: int, total_bytes: int) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import one_line, stdout
 
-    for each in outlines:
+    for each in summaries:
         stdout.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
-    shown = "" if len(outlines) == count else f", the newest {len(outlines)} are listed (--last)"
+    shown = "" if len(summaries) == count else f", the newest {len(summaries)} are listed (--last)"
     stdout.print(f"{count} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
 
 

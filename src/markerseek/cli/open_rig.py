@@ -1,4 +1,4 @@
-"""Opens the rig of a command, simulated or of devices, and arms the devices in the name of a person."""
+"""Opens the rig of a command, and arms it in the name of the user."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ if TYPE_CHECKING:
     from markerseek.rigs import Rig
 
 _USUAL_SEED = 1
-"""Seed of a simulation that nobody seeded."""
+"""Default seed of a simulation."""
 
 NOT_ARMED = 4
-"""Exit code of a run that nobody armed: nothing moved, nothing was fired."""
+"""Exit code if the rig was not armed: nothing moved, nothing was fired."""
 
 
 @contextmanager
 def open_rig(
     path: Path | None, *, seed: int | None = None, tissue: str | None = None, pace: float = 0.0
 ) -> Iterator[tuple[Rig, float]]:
-    """The rig of a rig file, and where its probe stands, in degrees; its devices are released at the end.
+    """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     Parameters
     ----------
     path
         Rig file; None for the simulated rig with its defaults.
     seed, tissue, pace
-        Of a simulation; without a seed, 1. A rig of devices takes none of them.
+        Options of a simulated rig (default seed 1); an error for a rig of devices.
 
     Raises
     ------
     ConfigError
         If the file or an option cannot be used.
     DeviceError
-        If a device does not answer, or is not fit for use.
+        If a device does not answer, or is not ready.
     """
     from markerseek import rigs
     from markerseek.drivers import BenchSettings
@@ -69,24 +69,24 @@ def _require_none(path: Path | None, options: dict[str, object]) -> None:
     given = [f"{name} {value}" for name, value in options.items() if value is not None]
     if given:
         raise ConfigError(
-            f"{' and '.join(given)}: only a simulated rig has this, and {path} is one of devices (kind bench); leave "
+            f"{' and '.join(given)}: only for a simulated rig, and {path} is one of devices (kind bench); leave "
             "it out, or name the rig file of a simulated rig"
         )
 
 
 def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
-    """Arm a rig of devices in the user's name, or end the command; nothing to do for a rig without hardware.
+    """Arm a rig of devices in the user's name, or end the command; does nothing for a rig without hardware.
 
     Parameters
     ----------
     rig
         The rig.
     arm
-        Whether the user has said so already; else whoever sits at the terminal is asked.
+        Whether the user gave --arm; otherwise a question is asked on the terminal.
     what
         What will be done, for the question: "search".
     as_json
-        Whether a program reads that it was not armed.
+        Whether to print JSON if it is not armed.
     """
     from rich.markup import escape
 
@@ -101,6 +101,7 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     if isinstance(rig.recipe, BenchRecipe):
         print_permissions(rig.recipe.settings)
         stderr.print(escape(exposure_line(rig.recipe.settings.laser)))
+    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser.
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
         stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
         if as_json:
@@ -110,7 +111,7 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
 
 
 def print_permissions(settings: BenchSettings) -> None:
-    """Say what a rig of devices may do once it is armed: where it turns, what it fires, which program it starts.
+    """Print what a rig of devices may do once it is armed: limits, pulses, budgets and the program it starts.
 
     Parameters
     ----------
@@ -139,5 +140,6 @@ def person() -> str:
     """Name of the user, for journal and guard."""
     try:
         return getpass.getuser()
+    # A container can run under a user number without a name.
     except (KeyError, OSError):
         return "a user without a name"

@@ -1,4 +1,4 @@
-"""``markerseek replay``: a search on a recorded scan."""
+"""``markerseek replay``: searches a recorded scan."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def command(
         ),
     ] = None,
     reference_deg: Annotated[
-        float | None, typer.Option(help="Reference angle of the marker, to be compared with, in degrees.")
+        float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     journal: Annotated[
@@ -50,8 +50,8 @@ def command(
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
 
-    What was not recorded is not made up: a search gets the nearest recorded angle. With --as-published intensities are
-    interpolated between recorded angles, as in the paper's offline analysis.
+    A search gets the data of the nearest recorded angle. With --as-published, intensities are interpolated between
+    recorded angles, as in the paper's offline analysis.
     """
     from markerseek import rigs
     from markerseek.cli.session import run_new_session
@@ -63,6 +63,7 @@ def command(
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     announce_compilation()
+    # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
     if probe is not None and assembled.imaging is None:
@@ -70,6 +71,7 @@ def command(
     recorded = assembled.distinct_angles
     if acquisitions is None:
         usual = method_named(method).acquisitions
+        # More acquisitions than recorded angles would only repeat some of them.
         acquisitions = usual if recorded is None else min(usual, recorded)
     elif recorded is not None and acquisitions > recorded:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""``markerseek reproduce``: the paper's figures and tables, with the paper's numbers beside ours."""
+"""``markerseek reproduce``: the paper's figures and tables, next to the numbers of the paper."""
 
 from __future__ import annotations
 
@@ -81,6 +81,7 @@ def command(
             workers=default_workers() if workers is None else workers,
             progress=watch.progress,
         )
+        # Before hours of computation, not after them.
         require_room_for_pictures(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = list(reproduction.makers) if what == "all" else [what]

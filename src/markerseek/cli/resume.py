@@ -14,7 +14,7 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.drivers import BenchSettings
     from markerseek.records import Recorder
-    from markerseek.records.journal import Recording
+    from markerseek.records.journal import RecordedRun
     from markerseek.signals import ImageReader
 
 NAME = "resume"
@@ -29,12 +29,12 @@ EXAMPLES = (
 def command(
     journal: Annotated[Path, typer.Argument(help="Journal of the run.")],
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML) of the devices; a journal of devices is not armed without.")
+        Path | None, typer.Option(help="Rig file (TOML); needed to resume a journal of a rig of devices.")
     ] = None,
-    arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and go on, without being asked.")] = False,
+    arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and continue without being asked.")] = False,
     reset_fault: Annotated[
         bool,
-        typer.Option("--reset-fault", help="Reset a fault that ended the run; look at the rig before."),
+        typer.Option("--reset-fault", help="Reset the fault that ended the run; inspect the rig first."),
     ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
     out: Annotated[
@@ -42,14 +42,13 @@ def command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Go on with a search after any end: the same next angle, the same result.
+    """Continue a search after any interruption, with the same next angle and the same result.
 
-    Nothing moves and nothing is fired until a person arms the rig: by --arm, or by saying so when asked on a terminal.
-    Without either it prints where the run stands, and ends with exit code 4. Armed, it measures the strongest angle so
-    far and one on a flank again, and goes on only if both are as before. A simulated or recorded rig is that of the
-    journal. Devices are those of the rig file named by --rig: limits, budgets and start_command are taken from there
-    and never from the journal, and its differences to the journal's rig are printed. The result of a run that is over
-    is printed.
+    Nothing moves and nothing is fired until a person arms the rig: by --arm, or by answering yes on a terminal.
+    Otherwise the state of the run is printed, and the exit code is 4. Once armed, the strongest angle so far and one on
+    a flank are measured again, and the search continues only if both are unchanged. A simulated or recorded rig is made
+    from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
+    from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
     from markerseek.cli.open_rig import NOT_ARMED
     from markerseek.cli.show_result import Output, conclude
@@ -58,6 +57,7 @@ def command(
     from markerseek.runs import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    # Frames are needed for the picture only, and have half a megabyte each.
     held = read_journal(journal, frames=plot)
     state = run_state(held.entries)
     if state.state == "finished":
@@ -73,7 +73,7 @@ def command(
     conclude(recorder, held.configuration, output, imaging=imaging)
 
 
-def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettings | None:
+def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
     from markerseek.cli.open_rig import print_permissions
     from markerseek.cli.session import resume_command
@@ -91,7 +91,7 @@ def _bench_named(held: Recording, rig: Path | None, *, arm: bool) -> BenchSettin
         )
     if recorded is not None and rig is None and arm:
         raise ConfigError(
-            f"{held.path}: it is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+            f"{held.path}: it is of a rig of devices, which is not taken from a journal; name the rig file: "
             f"{resume_command(held.path, Path('RIG.toml'))} --arm"
         )
     if recorded is not None and rig is not None:
@@ -120,6 +120,7 @@ def _resume(
     from markerseek.records.journal import Journal
     from markerseek.runs import rebuild_rig, resumed_session
 
+    # Read again under the lock: another program may have continued the run while the user was asked.
     kept, held = Journal.reopen(journal)
     with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
         session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
@@ -127,16 +128,16 @@ def _resume(
     return session.recorder, rig.imaging
 
 
-def _confirmed(held: Recording, bench: BenchSettings | None, *, as_json: bool) -> bool:
-    """Print the state of the run, and ask whoever sits at the terminal whether to continue; a program is not asked."""
+def _confirmed(held: RecordedRun, bench: BenchSettings | None, *, as_json: bool) -> bool:
+    """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
     rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
     can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
     _print_state(held, as_json=as_json, rig_file_needed=rig_file_needed, can_ask=can_ask)
-    return can_ask and typer.confirm("Arm the laser and go on?", default=False)
+    return can_ask and typer.confirm("Arm the laser and continue?", default=False)
 
 
-def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
-    """What is kept, where the next acquisition would be, what would be measured again, and how to continue."""
+def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
+    """Print the state of the run: acquisitions, next angle, angles to measure again, and how to continue."""
     from markerseek.cli.session import resume_command
     from markerseek.cli.terminal import print_json, stdout
     from markerseek.records.journal import run_state
@@ -167,16 +168,16 @@ def _print_state(held: Recording, *, as_json: bool, rig_file_needed: bool, can_a
         lines.append(f"before it, {' and '.join(f'{each:.3f}°' for each in checks_deg)} will be measured again")
     if rig_file_needed:
         lines.append(
-            "not armed: nothing moved and nothing was fired; a journal does not bring its own rig, go on with: "
+            "not armed: nothing moved and nothing was fired; the rig file is needed; continue with: "
             f"{resume_command(held.path, Path('RIG.toml'))} --arm"
         )
     elif not can_ask:
-        lines.append("not armed: nothing moved and nothing was fired; add --arm to go on")
+        lines.append("not armed: nothing moved and nothing was fired; add --arm to continue")
     for line in lines:
         stdout.print(escape(line))
 
 
-def _imaging(held: Recording) -> ImageReader | None:
+def _imaging(held: RecordedRun) -> ImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
     from markerseek.runs import rebuild_reader
     from markerseek.signals import ImageReader

@@ -1,4 +1,4 @@
-"""``markerseek search``: a search on a rig."""
+"""``markerseek search``: searches for the marker on a rig."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command(
     ] = None,
     tissue: Annotated[
         str | None,
-        typer.Option(help="Simulated stand-in for a material, instead of the rig's; an unknown name lists all."),
+        typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all."),
     ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
@@ -39,20 +39,22 @@ def command(
         int | None,
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
     ] = None,
-    pace: Annotated[float, typer.Option(help="Real seconds for a virtual one; 0 does not wait, 1 is real speed.")] = 0,
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     journal: Annotated[
         Path | None,
         typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
     ] = None,
-    no_journal: Annotated[bool, typer.Option("--no-journal", help="Keep no journal: it cannot be resumed.")] = False,
+    no_journal: Annotated[
+        bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
+    ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
-    """Find the marker on a rig: turn, fire, listen, decide; then turn to it and confirm."""
+    """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
     from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
@@ -60,7 +62,9 @@ def command(
     from markerseek.runs import new_session, plan_on
     from markerseek.search import method_named
 
+    # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    # An unknown method is an error before devices are opened.
     method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
         plan = plan_on(

@@ -24,16 +24,18 @@ def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None
     session
         The search.
     as_json
-        Whether a program reads of an interruption.
+        Whether to print an interruption as JSON.
     rig_file
         Rig file of the search; for a rig of devices, the command that resumes it names this file.
     """
     journal = session.journal
+    # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
     with stopped_by_signals():
         try:
             _watch(session)
         except StoppedBySignal as stop:
+            # Further signals are still ignored here, while the journal is written.
             _note_interruption(stop, journal, rig_file)
             end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
         except MarkerseekError:
@@ -49,7 +51,7 @@ def run_new_session(
     keep: bool = True,
     rig_file: Path | None = None,
 ) -> Session:
-    """Run a new search to its end, kept in a new journal; the session with that journal comes back.
+    """Run a new search to its end with a new journal; returns the session with that journal.
 
     Parameters
     ----------
@@ -89,7 +91,7 @@ def _watch(session: Session) -> None:
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
-    """The command that resumes a journal, as a shell takes it.
+    """The shell command that resumes a journal.
 
     Parameters
     ----------
@@ -109,45 +111,46 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     line = f"[dim]journal:[/] {escape(str(journal.path))}"
     command = escape(resume_command(journal.path, rig_file))
     if isinstance(journal.last, Failed):
-        line += f"; once the rig is well: {command} --reset-fault"
+        line += f"; once the fault is repaired: {command} --reset-fault"
+    # After a check that failed the rig has changed: only a new search can help.
     elif not isinstance(journal.last, Checked):
-        line += f"; go on with: {command}"
+        line += f"; continue with: {command}"
     stderr.print(line)
 
 
 def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file: Path | None) -> None:
-    """Note in the journal what stopped the run, once the rig has been stopped."""
+    """Record the interruption in the journal, once the rig has been stopped."""
     if journal is None:
         return
     try:
         journal.interrupt(stop.name)
     except RecordError as problem:
         print_warning(str(problem))
-    print_warning(f"go on with: {resume_command(journal.path, rig_file)}")
+    print_warning(f"continue with: {resume_command(journal.path, rig_file)}")
 
 
 def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:
     """Journal of a search that is about to begin; None where there is none.
 
-    A journal that was named and cannot be written is an error, before anything moves. Where none was named and the
-    user's data folder cannot be written, a search without hardware continues with a warning, and one with hardware does
-    not begin: going without a record there must be asked for.
+    If a named journal cannot be written, that is an error before anything moves. If the user's data folder cannot be
+    written, a search without hardware continues with a warning; one with hardware is refused, because exposure of
+    tissue without a record must be asked for (--no-journal).
 
     Parameters
     ----------
     named
         The user's file; None for one in the data folder.
     configuration
-        What the search is begun with.
+        Plan and rig of the search.
     wanted
-        Whether to keep one at all.
+        Whether a journal is wanted.
 
     Raises
     ------
     RecordError
         If it cannot be written.
     ConfigError
-        If one was named and none is wanted.
+        If one is named although none is wanted.
     """
     if not wanted:
         if named is not None:
@@ -163,8 +166,8 @@ def new_journal(named: Path | None, configuration: Configuration, *, wanted: boo
         reason = problem.strerror if isinstance(problem, OSError) else str(problem)
         if configuration.facts.kind == "bench":
             raise RecordError(
-                f"{path}: no journal can be kept there ({reason}); name another place with --journal FILE, or go "
-                "without a record by --no-journal"
+                f"{path}: no journal can be written there ({reason}); name another with --journal FILE, or search "
+                "without one by --no-journal"
             ) from problem
         print_warning(f"no journal is kept: {path}: {reason}; name another place with --journal FILE")
         return None
@@ -172,7 +175,7 @@ def new_journal(named: Path | None, configuration: Configuration, *, wanted: boo
 
 @contextmanager
 def closed_at_end(journal: Journal | None) -> Iterator[None]:
-    """Close a journal at the end; where it cannot be closed, that is a warning, and the answer is shown all the same.
+    """Close a journal at the end; a failure to close it is a warning only, so that the answer is still shown.
 
     Parameters
     ----------

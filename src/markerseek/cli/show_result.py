@@ -1,4 +1,4 @@
-"""Shows the result of a search: a table or JSON, a picture and a page."""
+"""Prints the result of a search as a table or JSON, and writes its picture and HTML page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FOUND, OTHER_ANSWER = 0, 3
 
 
 def facts(result: SearchResult) -> list[tuple[str, str]]:
-    """Names and values of a result, as people read them."""
+    """Names and formatted values of a result, for the table and the page."""
     rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
     if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
         low, high = result.interval95_deg
@@ -76,13 +76,13 @@ class Output:
     Attributes
     ----------
     name
-        Of the command; its pictures are called after it.
+        Name of the command, and of its picture files.
     as_json
-        One object for programs instead of a table for people.
+        Print JSON instead of a table.
     plot
         Whether to write a picture and a page.
     folder
-        Where they go, from `markerseek.cli.terminal.picture_folder`.
+        Folder of both, from `markerseek.cli.terminal.picture_folder`.
     """
 
     name: str
@@ -104,9 +104,9 @@ def conclude(
     Parameters
     ----------
     recorder
-        It received all events of the search.
+        Recorder of all events of the search.
     configuration
-        What the search was begun with.
+        Plan and rig of the search.
     output
         How the result is shown.
     imaging
@@ -116,7 +116,7 @@ def conclude(
     """
     result = recorder.result(configuration.plan, configuration.facts)
     title = f"{_method_in_words(result)} on a {result.rig} rig: {configuration.facts.description}"
-    # The answer first: a picture that cannot be drawn must not take it away.
+    # The answer first: a failure to draw the picture must not hide it.
     if output.as_json:
         print_json(result)
     else:
@@ -140,7 +140,7 @@ def _print_table(result: SearchResult, description: str) -> None:
 def _draw(
     recorder: Recorder, result: SearchResult, title: str, imaging: ImageReader | None, stem: Path
 ) -> tuple[Path, ...]:
-    """Write a picture and a page beside one another; their paths, none where nothing was measured."""
+    """Write picture and page; returns their paths, none if nothing was measured."""
     from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
 
     finished = recorder.finished
@@ -172,7 +172,7 @@ def _draw(
 
 
 def _rows(result: SearchResult) -> list[tuple[str, ...]]:
-    """Headings, the acquisitions in order, and the confirmation; where the source was only if any of them say so."""
+    """Table rows of the page: headings, acquisitions, confirmation; positions only if any are known."""
     taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
     if result.confirmation is not None:
         taken.append(("confirmation", result.confirmation))

@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP end a search in the same way: rig stopped, laser disarmed, journal closed."""
+"""Handles SIGINT, SIGTERM and SIGHUP: the rig is stopped, the laser disarmed, the journal closed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") i
 
 
 class StoppedBySignal(KeyboardInterrupt):
-    """A signal came; the cleaning up is done by whoever is interrupted, as after Ctrl-C.
+    """Raised by a signal; the interrupted code cleans up, as after Ctrl-C.
 
     Attributes
     ----------
     name
         "SIGINT" or the like.
     exit_code
-        Of the process, as shells have it.
+        Exit code of the process, 128 + signal number.
     """
 
     def __init__(self, number: int) -> None:
@@ -32,18 +32,18 @@ class StoppedBySignal(KeyboardInterrupt):
 
 
 class Stopped(SystemExit):
-    """The command ends because of a signal, and all has been said."""
+    """Ends the command after a signal whose message has been printed."""
 
 
 def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None) -> NoReturn:
-    """Say that a rig was stopped, to people and to programs, and end the command.
+    """Print that the rig was stopped, and end the command.
 
     Parameters
     ----------
     stop
         The signal.
     as_json
-        Whether a program listens.
+        Whether to print JSON.
     kept
         File that holds what was measured; None where none does.
     """
@@ -59,12 +59,13 @@ def stopped_by_signals() -> Iterator[None]:
 
     def stop(number: int, _frame: FrameType | None) -> None:
         for each in _STOPPING:
+            # A second Ctrl-C must not interrupt the code that disarms the laser.
             signal.signal(each, signal.SIG_IGN)
         raise StoppedBySignal(number)
 
     before = {each: signal.getsignal(each) for each in _STOPPING}
     for each, handler in before.items():
-        # Whoever started us under nohup wants to outlive the terminal.
+        # nohup ignores SIGHUP, so that the command survives its terminal: that must stay so.
         if handler is not signal.SIG_IGN:
             signal.signal(each, stop)
     try:

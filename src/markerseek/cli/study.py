@@ -1,4 +1,4 @@
-"""``markerseek study``: many searches, one table."""
+"""``markerseek study``: runs many simulated searches and summarises them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES = (
 def command(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of its files; by default out/ and the name of the study file.")
+        Path | None, typer.Option(help="Folder for its files; by default out/ and the name of the study file.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes of this machine; by default as many as it has cores.")
@@ -68,6 +68,7 @@ def command(
         _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound)
         _show_row(settings, row, as_json=as_json)
         return
+    # A file that cannot be read is an error now, not after the study.
     for path in beside or []:
         read_study(path)
     folder = out or Path("out") / study.stem
@@ -96,13 +97,13 @@ def command(
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
-    """Say how to continue, and end the command as after Ctrl-C."""
+    """Print how to continue, and end the command as after Ctrl-C."""
     from markerseek.cli.terminal import print_json, stderr
 
-    said = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
-    stderr.print(said)
+    message = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
+    stderr.print(message)
     if as_json:
-        print_json({"error": said, "kind": "Stopped"})
+        print_json({"error": message, "kind": "Stopped"})
     raise Stopped(STOPPED) from None
 
 

@@ -1,4 +1,4 @@
-"""The summary of a study in the terminal."""
+"""Prints the summary of a study as tables."""
 
 from __future__ import annotations
 
@@ -120,12 +120,13 @@ def _table(*names: str) -> Table:
 
 
 def _mean(mean: Mean, *, least: float = 0.0) -> str:
-    """A mean with its interval, which ends at the least possible value: the magnitude of an error is not negative."""
+    """A mean with its interval, clipped at the least possible value."""
     if mean.mean is None:
         return "–"
     if mean.interval95 is None:
         return f"{mean.mean:.3g}°"
     low, high = mean.interval95
+    # The interval is symmetric; the magnitude of an error is never negative.
     return f"{mean.mean:.3g}° [{max(low, least):.3g}, {high:.3g}]"
 
 
@@ -141,7 +142,7 @@ def _share(share: Share, *, interval: bool) -> str:
 
 
 def _rare(share: Share) -> str:
-    """A share that should be small, with the upper end of its interval."""
+    """A share that should be small, with the upper end of its interval only."""
     if share.share is None or share.interval95 is None:
         return "–"
     return f"{_percent(share.share)} % ≤{_percent(share.interval95[1])}"

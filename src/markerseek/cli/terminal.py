@@ -1,4 +1,4 @@
-"""What all commands share: standard output and error, JSON for programs, and progress bars.
+"""Output of all commands: standard output and error, JSON, and progress bars.
 
 Programs read one JSON object on standard output (``--json``); progress, warnings and errors go to standard error.
 """
@@ -23,11 +23,11 @@ from rich.text import Text
 from markerseek.core import ConfigError, MarkerseekError
 
 _CONTROL = frozenset({"Cc", "Cf", "Zl", "Zp"})
-"""Unicode categories of what a terminal obeys instead of showing it: control, formatting, line and paragraph ends."""
+"""Unicode categories of control characters: control, formatting, line and paragraph separators."""
 
 
 def printable(text: str) -> str:
-    """A text with control characters as escapes, so that a file or a device cannot command the terminal.
+    """A text with control characters as escapes, so that a file or device cannot control the terminal.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 
 
 def one_line(text: str) -> str:
-    """A text of a file as markup for one line: line feeds and control characters as escapes, brackets as they are.
+    """A text escaped for one line of Rich markup: line feeds, control characters and brackets.
 
     Parameters
     ----------
@@ -55,13 +55,14 @@ def one_line(text: str) -> str:
 
 
 class SafeConsole(Console):
-    """A console that shows control characters in texts, also in those of tables, instead of obeying them."""
+    """A console that prints control characters as escapes, also in tables."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """The text, escaped, with its markup applied."""
         return super().render_str(printable(text), **options)
 
 
+# soft_wrap: a long path stays in one piece, to be copied.
 stdout = SafeConsole(highlight=False, soft_wrap=True)
 """Standard output, for people."""
 
@@ -70,9 +71,9 @@ stderr = SafeConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 def print_json(value: object) -> None:
-    """Write one JSON object on standard output; what is no Unicode in a file's name is written as escapes."""
+    """Write one JSON object to standard output; bytes of file names that are not Unicode become escapes."""
     text = msgspec.json.encode(_readable(value)).decode("utf-8")
-    # JSON escapes the control characters of ASCII itself, and leaves others, which terminals obey as well.
+    # msgspec escapes ASCII control characters only; terminals interpret others (C1, bidirectional marks) as well.
     sys.stdout.write(_escaped(text, lambda char: json.dumps(char)[1:-1]) + "\n")
     sys.stdout.flush()
 
@@ -90,7 +91,7 @@ def _readable(value: object) -> object:
 
 
 def quoted(path: Path) -> str:
-    """A path as a shell takes it."""
+    """A path quoted for a shell."""
     return shlex.quote(str(path))
 
 
@@ -100,11 +101,11 @@ def scaled(option: str, value: float | None, unit: float, *, most: float) -> flo
     Parameters
     ----------
     option, value
-        The option, and what was given.
+        Name of the option, and its value.
     unit
-        Its unit in SI units.
+        Factor to SI units.
     most
-        Largest value that can be meant, in its own unit.
+        Largest plausible value, in the unit of the option.
 
     Raises
     ------
@@ -119,7 +120,7 @@ def scaled(option: str, value: float | None, unit: float, *, most: float) -> flo
 
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:
-    """Say what went wrong: in words on standard error, and as an object on standard output for programs."""
+    """Print an error on standard error, and as a JSON object on standard output if asked."""
     stderr.print(f"[bold red]error:[/] {escape(str(error))}")
     if as_json:
         print_json({"error": str(error), "kind": type(error).__name__})
@@ -127,20 +128,21 @@ def print_error(error: MarkerseekError, *, as_json: bool) -> None:
 
 @contextmanager
 def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
-    """A bar on standard error with one task of so many steps; invisible where that is no terminal."""
+    """A progress bar on standard error; hidden if that is not a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    # In a log file, Rich would write one line for each update.
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)
         yield progress
 
 
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
-    """Say on standard error what Python warns of, without the line of code that it came from."""
+    """Print a warning on standard error, without the line of code that Python adds."""
     stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 
 def picture_folder(out: Path | None, *, plot: bool) -> Path:
-    """Folder for pictures, made and tried before anything is measured for them; the current one where none is named.
+    """Folder for pictures, made and tested before anything is measured; by default the current one.
 
     Raises
     ------
@@ -160,19 +162,20 @@ def picture_folder(out: Path | None, *, plot: bool) -> Path:
 
 
 def announce_compilation() -> None:
-    """Say that the first run of an installation compiles, before it does; once the code lies on disk, nothing."""
+    """Announce that the first run compiles the kernels; prints nothing if they are cached on disk."""
     from markerseek._compiled import KERNELS
 
     folders = {Path(kernel.stats.cache_path) for kernel in KERNELS if kernel.stats.cache_path is not None}
+    # Numba writes an .nbi index for each function in its cache.
     if folders and not any(index for folder in folders for index in folder.glob("*.nbi")):
         stderr.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
 
 
 @contextmanager
 def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """A bar on standard error for each stage of a long work; invisible where that is no terminal.
+    """A progress bar on standard error for each stage of a long task; hidden if that is not a terminal.
 
-    The function that comes back takes the name of a stage, how many of its steps are done, and how many there are.
+    Yields a function of the name of a stage, the number of finished steps, and the number of all steps.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=stderr, disable=not stderr.is_terminal) as progress:

@@ -1,6 +1,6 @@
-"""What ``markerseek frame`` says of Ultrasonix files: what they hold, and a picture of one frame.
+"""Describes and draws Ultrasonix files for ``markerseek frame``.
 
-They hold what the machine has beamformed already, so there are no channels in them to find a source with.
+They contain beamformed data without single channels, so that no source can be searched in them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What an Ultrasonix file holds; no source is looked for."""
+    """Contents of an Ultrasonix file."""
 
     content: Literal["b-mode", "rf"]
     frames: int
@@ -66,7 +66,7 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
         height=header.height,
         probe_number=header.probe,
         transmit_hz=header.transmit_hz,
-        # Of B-mode images this field says nothing of time.
+        # In B-mode files this field is not the rate of the pixels.
         sampling_hz=header.sampling_hz if header.kind == "rf" else None,
         frame_rate_hz=header.frame_rate_hz,
         line_density=header.line_density,

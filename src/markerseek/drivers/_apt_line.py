@@ -19,7 +19,7 @@ _LOST_AGES = 2
 class AptLine:
     """A line to one controller.
 
-    APT numbers neither requests nor answers. What arrived before a request is dropped; but a later answer may still be to
+    APT numbers neither requests nor answers. What arrived before a request is dropped; a later answer may still answer
     an earlier request, which was repeated because this computer or the line was slow. Answers keep the order of their
     requests, so each is at most as old as the first request that was open when it came. Where none comes within the age
     allowed, a late one is not waited for.

@@ -1,26 +1,27 @@
-"""Files as all readers and writers of this package open them.
+"""Opening and writing of files, for the whole package.
 
-`open_input` is the one way to open a file that somebody names: its kind and size are checked before a byte is read.
-`new_file`, `published` and `replaced` are the one way to write one: it is whole when its name is there.
+`open_input` opens a file that a user names, once its kind and size are checked. `new_file` and `replace_file` write a
+file under a temporary name and rename it when it is complete; `create_atomically` is the step that `new_file` adds
+checks to.
 """
 
 from markerseek.files.inputs import MIB, open_input, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
 from markerseek.files.settings import known_keys, read_toml, require_choice, require_key
-from markerseek.files.whole import new_file, published, replaced, require_new, sync_folder
+from markerseek.files.whole import create_atomically, new_file, replace_file, require_new, sync_folder
 
 __all__ = [
     "MIB",
     "SERIAL_ERRORS",
     "Parity",
+    "create_atomically",
     "known_keys",
     "new_file",
     "open_input",
     "open_serial",
-    "published",
     "read_input",
     "read_toml",
-    "replaced",
+    "replace_file",
     "require_choice",
     "require_input",
     "require_key",

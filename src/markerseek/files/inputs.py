@@ -1,6 +1,6 @@
-"""Opens files that somebody names: regular files only, of at most the size that their format can need.
+"""Opens files that a user names: only regular files, and none larger than its format can need.
 
-A pipe would block, a device would never end, and a sparse file of some kilobytes on the disk would fill the memory.
+A pipe would block, a device would never end, and a sparse file of a few kilobytes on disk could fill the memory.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
     OSError
         If it cannot be opened.
     """
-    # Before it is opened: to open a serial port is to raise its DTR line.
+    # Checked before opening, because opening a serial port already raises its DTR line.
     _require(path, path.stat(), most_bytes=most_bytes)
-    # After that a pipe that was put in its place meanwhile must not block.
+    # O_NONBLOCK, because the file may have been replaced by a pipe since the check.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
         _require(path, os.fstat(descriptor), most_bytes=most_bytes)
@@ -56,7 +56,7 @@ def read_input(path: Path, *, most_bytes: int) -> bytes:
 
 
 def require_input(path: Path, *, most_bytes: int) -> int:
-    """Size in bytes of a file that a library is to open by its name; parameters and errors as of `open_input`."""
+    """Size in bytes of a file that a library will open by name; parameters and errors as of `open_input`."""
     with open_input(path, most_bytes=most_bytes) as file:
         return os.fstat(file.fileno()).st_size
 
@@ -65,7 +65,7 @@ def _require(path: Path, status: os.stat_result, *, most_bytes: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise RecordError(f"{path}: it is a folder, and a file is expected; name a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise RecordError(f"{path}: it is no regular file, but a pipe, socket or device; copy its contents into one")
+        raise RecordError(f"{path}: it is not a regular file but a pipe, socket or device; copy its contents to one")
     if status.st_size > most_bytes:
         raise _too_large(path, status.st_size, most_bytes)
 

@@ -1,4 +1,4 @@
-"""Opens a serial port: 8 data bits, 1 stop bit, held by one program at a time. The one place that knows pyserial."""
+"""Opens a serial port: 8 data bits, 1 stop bit, locked against other programs. Only this file uses pyserial."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Parity: TypeAlias = Literal["N", "E", "O"]
 """Parity bit: none, even or odd."""
 
 SERIAL_ERRORS = (OSError, termios.error)
-"""What a line that is gone raises: pyserial's own errors are OSErrors, a broken pseudo-terminal gives termios.error."""
+"""Errors of a line that has been unplugged: pyserial's are OSErrors, a broken pseudo-terminal gives termios.error."""
 
 
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:
@@ -26,9 +26,9 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
     parity
         Parity bit.
     write_timeout_s
-        Longest time that a write may take, in seconds; 0: writes never block.
+        Longest time that a write may block, in seconds; 0: never.
     rtscts
-        Whether RTS and CTS say who may send.
+        Whether to use RTS/CTS flow control.
 
     Raises
     ------
@@ -47,12 +47,14 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
             baudrate=baud,
             parity=parity,
             rtscts=rtscts,
+            # Drivers wait by their own clock, which also renews the supervisor's lease.
             timeout=0,
             write_timeout=write_timeout_s,
+            # Two programs on one line would each receive a part of the answers.
             exclusive=True,
         )
     except (*SERIAL_ERRORS, ValueError) as error:
         raise NotConnectedError(
-            f"serial port {path} cannot be opened ({error}); plug the device in and switch it on, and end another "
-            "program that holds it"
+            f"serial port {path} cannot be opened ({error}); plug the device in, switch it on, and close "
+            "other programs that use it"
         ) from error

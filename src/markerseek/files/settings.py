@@ -1,6 +1,6 @@
-"""Reads settings from TOML by the names that they have in Python; rig files and studies both use it.
+"""Reads TOML settings into dataclasses whose fields have the same names; used for rig files and studies.
 
-A key that no setting has is refused, with the nearest one that exists: a misspelt limit must not become a default.
+An unknown key is an error that names the nearest known one: a misspelt limit must not fall back to its default.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
     path
         The file.
     what
-        What it is, for the message: "rig file".
+        Kind of file, for the message: "rig file".
 
     Raises
     ------
@@ -55,7 +55,7 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
         raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
-    # Of our checks, and of the parser where a whole number is too long for Python.
+    # From the checks below, and from Python's int() for a number with too many digits.
     except ValueError as problem:
         raise ConfigError(f"{path}: the {what} cannot be read: {problem}") from problem
     return table
@@ -68,7 +68,7 @@ def _require_short_lines(text: str) -> None:
 
 
 def _require_plain(value: object, *, depth: int = 0) -> None:
-    """Refuse nesting and whole numbers that no setting has, on which checks and messages further on would fail."""
+    """Refuse deep nesting and huge integers, on which later checks and messages would fail."""
     if depth > _MOST_DEPTH:
         raise ValueError(f"lists or tables are nested more than {_MOST_DEPTH} deep")
     if isinstance(value, dict | list):
@@ -79,7 +79,7 @@ def _require_plain(value: object, *, depth: int = 0) -> None:
 
 
 def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") -> dict[str, object]:
-    """The table with ``"none"`` made None, once each of its keys is known to be a field of the settings.
+    """The table with ``"none"`` replaced by None; every key must be a field of the settings.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
     settings
         Dataclass whose fields are the keys allowed; fields that are dataclasses themselves are checked likewise.
     prefix
-        Where the table stands, for the message, with its dot.
+        Dotted path of the table, for the message, with the final dot.
 
     Raises
     ------
@@ -108,24 +108,24 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
 
 
 def require_choice(value: object, hint: object, *, name: str) -> None:
-    """Refuse a value that is none of those that a ``Literal`` names; other types are not checked.
+    """Refuse a value that a ``Literal`` does not list; other types are not checked.
 
     Raises
     ------
     ConfigError
-        If it is none of them; the message lists them.
+        If it is not listed; the message lists the choices.
     """
     if typing.get_origin(hint) is typing.Literal and value not in typing.get_args(hint):
         raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
 
 
 def require_key(key: str, settings: type, *, prefix: str = "") -> str:
-    """The key, if the settings have it.
+    """The key, if the settings have a field of that name.
 
     Raises
     ------
     ConfigError
-        If they do not; the message names the nearest one.
+        If they have none; the message names the nearest one.
     """
     names = [field.name for field in dataclasses.fields(settings)]
     if key in names:

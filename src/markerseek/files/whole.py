@@ -1,7 +1,7 @@
-"""Files that are whole when their name is there: made beside it, handed to the disk, then named.
+"""Writes files atomically: under a temporary name in the same folder, flushed to disk, then renamed.
 
-A process that is killed in between leaves what had the name before, and a hidden neighbour ``.NAME.XXXXXXXX.part``,
-which may be deleted.
+A process that is killed before the rename leaves the previous file as it was, and a hidden file
+``.NAME.XXXXXXXX.part`` beside it, which may be deleted.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from markerseek.core import RecordError
 
 
 def require_new(path: Path) -> None:
-    """Refuse to write where there is something already, or no folder to write into.
+    """Refuse a path that exists already, or whose folder does not.
 
     Raises
     ------
     RecordError
-        If it is so.
+        If the path exists, or its folder does not.
     """
     if path.exists() or path.is_symlink():
-        raise _taken(path)
+        raise _exists_error(path)
     if path.parent.is_file():
         raise RecordError(f"{path}: it cannot be written: {path.parent} is no folder; name another place")
     if not path.parent.exists():
@@ -34,7 +34,7 @@ def require_new(path: Path) -> None:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """As `published`, of a path that is tried first; a disk that fails becomes a `RecordError`.
+    """`create_atomically` with the path checked first, and every failure of the disk as a `RecordError`.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def new_file(path: Path) -> Iterator[Path]:
     """
     require_new(path)
     try:
-        with published(path) as part:
+        with create_atomically(path) as part:
             yield part
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror or problem}; name another place") from (
@@ -52,36 +52,37 @@ def new_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def published(path: Path) -> Iterator[Path]:
-    """A place beside `path`; the file that is made there gets its name when the block ends well, and is gone if not.
+def create_atomically(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`; the file written there is renamed when the block succeeds, and deleted if not.
 
     Raises
     ------
     RecordError
-        If there is a file of that name by then; it stays as it is.
+        If a file of that name exists by then; it is not changed.
     OSError
         If the file cannot be made or named.
     """
-    with _beside(path) as part:
+    with _temporary(path) as part:
         yield part
         sync_file(part)
         try:
+            # link() fails where the name exists; rename() would replace a file that another process made meanwhile.
             os.link(part, path)
         except FileExistsError as problem:
-            raise _taken(path) from problem
+            raise _exists_error(path) from problem
         except OSError:
-            _claim(part, path)
+            _rename_without_links(part, path)
         sync_folder(path.parent)
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """The same for a name that may be taken: the new file replaces the one of that name in one step.
+def replace_file(path: Path) -> Iterator[Path]:
+    """A temporary path as in `create_atomically`; an existing file of that name is replaced in one step.
 
     Raises
     ------
     RecordError
-        If the name is that of a symbolic link, a pipe or a device, which may lead to a file of somebody else.
+        If the name is a symbolic link, a pipe or a device, which may lead to a file of another user.
     OSError
         If the file cannot be made or named.
     """
@@ -90,7 +91,7 @@ def replaced(path: Path) -> Iterator[Path]:
             f"{path}: it is a symbolic link, a pipe or a device, and nothing is written through it; "
             "remove it, or name another file"
         )
-    with _beside(path) as part:
+    with _temporary(path) as part:
         yield part
         sync_file(part)
         part.replace(path)
@@ -98,24 +99,27 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def sync_file(path: Path) -> None:
-    """Have the disk hold all of a file before this returns."""
+    """Flush a file to the disk."""
     with path.open("r+b") as file:
+        # Without this, a power cut after the rename can leave the new name with empty contents.
         os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the disk hold the names in a folder before this returns, where the system can do so."""
+    """Flush the names in a folder to the disk, where the system can do so; a rename is not durable before."""
+    # Windows cannot open a folder to flush it.
     if sys.platform == "win32":
         return
-    place = os.open(folder, os.O_RDONLY)
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(place)
+        os.fsync(descriptor)
     finally:
-        os.close(place)
+        os.close(descriptor)
 
 
 @contextmanager
-def _beside(path: Path) -> Iterator[Path]:
+def _temporary(path: Path) -> Iterator[Path]:
+    # Random, so that two processes that write the same file do not share a temporary one.
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         yield part
@@ -123,14 +127,14 @@ def _beside(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def _claim(part: Path, path: Path) -> None:
-    """Name a file on a disk that knows no second names: an empty file holds the name for a moment."""
+def _rename_without_links(part: Path, path: Path) -> None:
+    """Rename a file on a disk without hard links (FAT, some network disks), reserving the name by an empty file."""
     try:
         path.open("xb").close()
     except FileExistsError as problem:
-        raise _taken(path) from problem
+        raise _exists_error(path) from problem
     part.replace(path)
 
 
-def _taken(path: Path) -> RecordError:
+def _exists_error(path: Path) -> RecordError:
     return RecordError(f"{path}: there is a file already; name another, or delete it")

@@ -1,4 +1,4 @@
-"""Pictures of searches and frames, and pages, as files. Matplotlib and Jinja2 are imported when they are needed."""
+"""Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
 from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg

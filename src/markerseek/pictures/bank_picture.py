@@ -1,4 +1,4 @@
-"""The picture of a bank: intensity over angle with the statistics of its peak, and the image at the maximum."""
+"""Figure of a bank: intensity over angle with the statistics of its peak, and the image at the maximum."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bank_figure(
     max_deg, com_deg, cen_deg, fwhm_deg
         Statistics of the peak in degrees; None where the curve has none.
     reference_deg
-        Angle that is known otherwise, in degrees; None where there is none.
+        Known angle of the marker in degrees, or None.
     dark_level
         Largest intensity of a frame without laser; None where there is none.
     image
@@ -50,6 +50,7 @@ def bank_figure(
     axes.plot(angles_deg, intensities, color=SIGNAL, marker="o", markersize=2.5, linewidth=1, label="acquisitions")
     top = max(intensities)
     if cen_deg is not None and fwhm_deg is not None:
+        # Drawn at half of the maximum, where the width is measured.
         ends = (cen_deg - fwhm_deg / 2, cen_deg + fwhm_deg / 2)
         axes.plot(ends, (top / 2, top / 2), color=QUIET, marker="|", markersize=9, label=f"fwhm {fwhm_deg:.2f}°")
     axes.axvline(max_deg, color=ACCENT, linewidth=1, label=f"max {max_deg:.2f}°")
@@ -60,6 +61,7 @@ def bank_figure(
         axes.axvline(reference_deg, color=TRUTH, linestyle=":", label=f"reference {reference_deg:.2f}°")
     if dark_level is not None:
         axes.axhline(dark_level, color=QUIET, linestyle=":", label="largest without laser")
+    # At least 1e-12, because Matplotlib warns of a range from 0 to 0.
     axes.set_ylim(bottom=0, top=1.08 * max(top, dark_level or 0.0, 1e-12))
     axes.set_xlabel("probe angle [deg]")
     axes.set_ylabel("intensity (envelope peak)")

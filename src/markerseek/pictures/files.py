@@ -1,4 +1,4 @@
-"""Figures as files: PNG, SVG, and PNG inside a page."""
+"""Saves figures as PNG, SVG, or PNG embedded in a page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markerseek.core import ConfigError
-from markerseek.files import replaced
+from markerseek.files import replace_file
 from markerseek.pictures.page import templates
 from markerseek.pictures.style import new_figure
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def require_room_for_pictures(folder: Path) -> None:
-    """Make the folder, and refuse it if no picture can be written there; called before anything is measured.
+    """Make the folder and test that pictures can be written to it; called before anything is measured.
 
     Raises
     ------
@@ -30,9 +30,10 @@ def require_room_for_pictures(folder: Path) -> None:
     new_figure(width_in=1.0, height_in=1.0)
     templates()
     if folder.is_file():
-        raise ConfigError(f"{folder}: no picture can be written there: it is a file and no folder; name another --out")
+        raise ConfigError(f"{folder}: no picture can be written there: it is a file, not a folder; name another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # Access rights are unreliable on network disks and in containers: only a write shows it.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as problem:
@@ -42,7 +43,7 @@ def require_room_for_pictures(folder: Path) -> None:
 
 
 def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; the folder is made if need be.
+    """Write a figure as PNG; its folder is made if missing.
 
     Raises
     ------
@@ -74,14 +75,14 @@ def save_svg(figure: Figure, path: Path) -> None:
 def _save(figure: Figure, path: Path, **how: Any) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
+        with replace_file(path) as part:
             figure.savefig(part, **how)
     except OSError as problem:
         raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
 
 
 def png_data_uri(figure: Figure) -> str:
-    """The figure as a PNG inside a ``data:`` address, for a page that loads no other file."""
+    """The figure as a PNG ``data:`` URI, for a page that loads no other file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=120, format="png")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -1,4 +1,4 @@
-"""The picture of one frame: its photoacoustic image with the arrivals numbered."""
+"""Figure of one frame: its photoacoustic image with numbered arrivals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def frame_figure(
     draw_image(axes, envelope, lateral_m=lateral_m, depth_m=depth_m)
     placed: list[tuple[float, float]] = []
     for number, (lateral, depth) in enumerate(marks_m, start=1):
-        # Arrivals one behind the other would write their numbers one over the other: each next one steps aside.
+        # Labels of neighbouring arrivals would overlap, so that each further one is shifted to the left.
         close = sum(abs(lateral - other[0]) < 3e-3 and abs(depth - other[1]) < 4e-3 for other in placed)
         placed.append((lateral, depth))
         axes.plot(1e3 * lateral, 1e3 * depth, marker="o", markersize=7, markerfacecolor="none", color=ACCENT)

@@ -1,4 +1,4 @@
-"""A photoacoustic image in decibels, drawn as a B-mode image is: lateral across, depth downwards."""
+"""Draws a photoacoustic image in decibels, oriented like B-mode: lateral across, depth downwards."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def draw_image(
     # An image of zeros is drawn black instead of dividing by 0.
     peak = max(float(envelope.max()), float(np.finfo(np.float32).tiny))
     decibels = 20 * np.log10(np.maximum(envelope / peak, 10 ** (-DYNAMIC_RANGE_DB / 20)))
+    # The first row at the top: the depth axis runs downwards.
     extent = (1e3 * lateral_m[0], 1e3 * lateral_m[-1], 1e3 * depth_m[-1], 1e3 * depth_m[0])
     shown = axes.imshow(
         decibels, extent=extent, cmap="gray", vmin=-DYNAMIC_RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"

@@ -1,4 +1,4 @@
-"""Pictures of files of an ultrasound machine: B-mode images, and radio-frequency lines."""
+"""Figures of the files of an ultrasound machine: B-mode images and radio-frequency lines."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float |
     # The largest samples come from the skin: up to one in a hundred may be clipped.
     most = max(float(np.quantile(np.abs(lines.astype(np.float32)), 0.99)), 1.0)
     count = lines.shape[1] if sampling_hz is None else 1e6 * lines.shape[1] / sampling_hz
+    # From 0.5, so that each line is centred on its number.
     extent = (0.5, lines.shape[0] + 0.5, count, 0.0)
     shown = axes.imshow(
         lines.T, cmap="RdBu", vmin=-most, vmax=most, extent=extent, aspect="auto", interpolation="nearest"

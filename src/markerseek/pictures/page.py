@@ -1,4 +1,4 @@
-"""HTML pages that load no other file, from the templates beside this file (Jinja2; every value is escaped)."""
+"""Writes self-contained HTML pages from Jinja2 templates; every value is escaped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markerseek.core import ConfigError, MissingExtraError
-from markerseek.files import replaced
+from markerseek.files import replace_file
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @cache
 def templates() -> Environment:
-    """Environment of the templates; an unknown name in one of them is an error.
+    """Jinja2 environment of the templates; an undefined name in a template is an error.
 
     Raises
     ------
@@ -29,6 +29,7 @@ def templates() -> Environment:
         raise MissingExtraError(package="jinja2", extra="plot", purpose="a page") from problem
     return Environment(
         loader=PackageLoader("markerseek.pictures"),
+        # Descriptions and paths come from files of other people and could contain markup.
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -46,7 +47,7 @@ def write_from_template(path: Path, template: str, **values: object) -> None:
     template
         Name of the template.
     **values
-        What the template names.
+        Values of the names in the template.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def write_from_template(path: Path, template: str, **values: object) -> None:
     text = templates().get_template(template).render(values)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part:
+        with replace_file(path) as part:
             part.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ConfigError(f"{path}: the page cannot be written: {problem.strerror}; name another --out") from problem

@@ -1,4 +1,4 @@
-"""The picture of a search: intensity over angle, the probe's track, and the photoacoustic image at the end."""
+"""Figure of a search: intensity over angle, the probe's track, and the final photoacoustic image."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 """Points and their labels."""
 
 _ROOM = (0.013, 0.05)
-"""Room for a digit, as shares of the width and the height of its axes, the narrower ones beside an image."""
+"""Size of a digit relative to the width and height of the axes, in the narrower layout with an image."""
 
 
 def search_figure(
@@ -45,9 +45,9 @@ def search_figure(
     estimate
         The answer.
     title
-        What was searched, with what; says "simulated" where it was. None where the page around it says so.
+        Method and rig, with "simulated" if it is; None if the page around the figure has them.
     start_deg
-        Where the probe stood at first, in degrees.
+        Angle of the probe at the start, in degrees.
     truth_deg, reference_deg
         Angle of the marker in degrees in a simulation, or found otherwise; None where it is not known.
     confirmation
@@ -58,6 +58,7 @@ def search_figure(
     figure = new_figure(width_in=11.0, height_in=6.4)
     if title is not None:
         put_heading(figure, title)
+    # Without an image the right column is narrow, not absent: the left panels are the same in both.
     columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
     curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
@@ -115,7 +116,7 @@ def _draw_curve(
 
 
 def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
-    """Points and the numbers of their acquisitions; one that was measured again, as in a replay, is named once."""
+    """Points and the numbers of their acquisitions; repeated points (as in a replay) get one label."""
     numbers: dict[tuple[float, float], list[int]] = {}
     for number, place in enumerate(zip(angles_deg, intensities, strict=True), start=1):
         numbers.setdefault(place, []).append(number)

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, figures that need no display, headings, grids of panels.
+"""Style of all figures: colours, figures without a display, headings, grids of panels.
 
 Everything else is drawn with Matplotlib directly. Matplotlib is an extra; it is imported when the first figure is made.
 """
@@ -41,6 +41,7 @@ def new_figure(*, width_in: float, height_in: float) -> Figure:
         from matplotlib.figure import Figure
     except ImportError as problem:
         raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
+    # Not pyplot, which selects a display and keeps every figure in memory.
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
@@ -111,6 +112,7 @@ def panel_grid(
 def shared_legend(figure: Figure, *, columns: int = 6) -> None:
     """Put one legend below all panels, with each label once and at most so many columns."""
     entries = [entry for axes in figure.axes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
+    # Reversed, so that the first handle of a label is the one that stays.
     by_label = {label: handle for handle, label in reversed(entries)}
     labels = list(dict.fromkeys(label for _, label in entries))
     figure.legend(

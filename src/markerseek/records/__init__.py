@@ -1,4 +1,7 @@
-"""What was seen, on disk: frame files, banks and their replay, and the result of a search."""
+"""Recorded data: the result of a search, and the devices that replay a bank.
+
+Banks, journals and exports are the packages below this one.
+"""
 
 from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.records.result import Recorder, SearchResult, answer_name

@@ -1,4 +1,4 @@
-"""What a run was begun with: enough to repeat the same search on the same rig."""
+"""Configuration of a run: the plan, the rig and the versions of libraries, enough to repeat the search."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markerseek.core import RigFacts, SearchPlan
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on, bit for bit."""
+    """Versions of the libraries on which the last bit of a result depends."""
     return {
         "markerseek": __version__,
         "python": platform.python_version(),
@@ -33,22 +33,24 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     facts
         What was known of the rig.
     recipe
-        Settings of the rig in full, as JSON; null for a rig that was not put together from settings.
+        All settings of the rig, as JSON; null for a rig that was not assembled from settings.
     imaging
-        Preset of the rig's imaging chain in full, as JSON; null where there are intensities only.
+        Preset of the rig's imaging chain, as JSON; null where there are intensities only.
     versions
         See `versions`.
     """
 
     plan: SearchPlan
     facts: RigFacts
+    # Raw JSON, not decoded here: records may not import the settings of rigs and drivers.
     recipe: msgspec.Raw
     imaging: msgspec.Raw = msgspec.Raw(b"null")
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
     def flat(self) -> dict[str, object]:
-        """Plan and facts beside one another in one table, as programs read it; ``rig`` is the kind of the rig."""
+        """Plan and facts as one flat table for JSON output; ``rig`` is the kind of the rig."""
         plan: dict[str, object] = msgspec.to_builtins(self.plan)
         facts: dict[str, object] = msgspec.to_builtins(self.facts)
+        # Beside the keys of the plan, "kind" alone would not say of what.
         facts["rig"] = facts.pop("kind")
         return plan | facts | {"recipe": self.recipe, "imaging": self.imaging, "versions": self.versions}

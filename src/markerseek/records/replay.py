@@ -1,7 +1,7 @@
-"""A recorded scan as a rig: a stage that goes where something was recorded, and a receiver that hands it over.
+"""Devices that replay a recorded scan: a stage that moves to recorded angles, and a receiver that returns their data.
 
-The stage goes to the nearest angle that was recorded, and says so in its readback: what lies between was not measured.
-The paper's offline analysis (section 2.5) interpolates instead; of a bank of intensities that can be asked for.
+The stage moves to the nearest recorded angle and reports it as its readback, because nothing was measured in between.
+The paper's offline analysis (section 2.5) interpolates instead, which can be chosen for a bank of intensities.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from markerseek.records.banks import FrameBank, IntensityBank
 
 
 class ReplayStage:
-    """Stands at recorded angles only, or anywhere between them where the bank is to be interpolated.
+    """Stage that moves to recorded angles only, or to any angle where the bank is interpolated.
 
     Parameters
     ----------
     bank
-        What was recorded; the stage begins at its lowest angle.
+        The recorded scan; the stage starts at its lowest angle.
     between
-        Where to stand between two recorded angles: at the nearest, or, for intensities, where it is asked to.
+        Where to move between two recorded angles: to the nearest, or, for intensities, to the angle asked for.
     """
 
     def __init__(
@@ -49,11 +49,11 @@ class ReplayStage:
 
     @property
     def angle_deg(self) -> float:
-        """Angle at which it stands, in degrees."""
+        """Angle of the stage, in degrees."""
         return self._angle_deg
 
     def move_to(self, angle_deg: float) -> float:
-        """Go there, or to the nearest recorded angle, and return it in degrees.
+        """Move to an angle or the nearest recorded one, and return the angle reached, in degrees.
 
         Raises
         ------
@@ -66,23 +66,24 @@ class ReplayStage:
         return self._angle_deg
 
     def stop(self) -> None:
-        """Nothing to do: it does not move by itself."""
+        """Nothing to do: moves are instantaneous."""
 
 
 class ReplayLaser:
-    """Fired when the scan was recorded; agrees once to whatever is permitted."""
+    """Laser that fires nothing; it accepts each permit once."""
 
     def __init__(self) -> None:
         self._used: set[str] = set()
 
     def fire(self, permit: Permit) -> int:
-        """Pulses permitted: the recording holds its own.
+        """The number of pulses permitted; the recorded frames were fired when the scan was made.
 
         Raises
         ------
         LaserError
             If the permit was used before, or could never be used.
         """
+        # This laser has no clock; a permit that expires at minus infinity has expired on any.
         if permit.expires_s == -math.inf:
             raise LaserError(f"replay: the permit {permit.token!r} has expired")
         if permit.token in self._used:
@@ -95,7 +96,7 @@ class ReplayLaser:
 
 
 class _ReplayState(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a recording has been played back."""
+    """Position in a replayed recording."""
 
     angle_deg: float
     sequence: int
@@ -103,14 +104,14 @@ class _ReplayState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReplayReceiver:
-    """Hands over what was recorded where the stage stands.
+    """Receiver that returns the recorded data of the stage's angle.
 
     Parameters
     ----------
     stage
-        Where the probe is said to be.
+        The replayed stage.
     bank
-        What was recorded.
+        The recorded scan.
     """
 
     def __init__(self, *, stage: ReplayStage, bank: IntensityBank | FrameBank) -> None:
@@ -122,23 +123,24 @@ class ReplayReceiver:
         self._armed: Permit | None = None
 
     def settle(self) -> None:
-        """Nothing to wait for: all was recorded before."""
+        """Nothing to wait for: the data were recorded before."""
 
     def arm(self, permit: Permit) -> None:
-        """Get ready to hand over, and refuse what a recording cannot give.
+        """Prepare one acquisition.
 
         Raises
         ------
         ConfigError
-            If a dark frame is asked for and the bank has none, or no more.
+            If a dark frame is asked for and the bank has none left.
         """
         self._armed = permit
+        # Dark frames are handed out once each: the noise floor needs independent ones.
         if permit.pulses == 0 and self._dark >= self._dark_frames:
             held = f"{self._dark_frames} dark frames" if self._dark_frames else "no dark frames"
             raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame or intensity of the angle at which the stage stands.
+        """Frame or intensity of the stage's angle.
 
         Raises
         ------
@@ -157,6 +159,7 @@ class ReplayReceiver:
             token=permit.token,
             pulses=permit.pulses,
             commanded_deg=permit.angle_deg,
+            # Virtual time stands still in a replay; the recorded times stay in the bank.
             started_s=0.0,
             ended_s=0.0,
         )
@@ -164,24 +167,25 @@ class ReplayReceiver:
             if permit.pulses == 0:
                 self._dark += 1
                 return replace(self._bank.dark_frame(self._dark - 1), header=header)
+            # The header of the new acquisition: the guard compares it with the permit.
             return replace(self._bank.frame(self._bank.angles_deg.index(angle_deg)), header=header)
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
 
     def checkpoint(self) -> bytes:
-        """How far the recording has been played back, with the place of the stage, as JSON."""
+        """Position in the recording and angle of the stage, as JSON."""
         state = _ReplayState(angle_deg=self._stage.angle_deg, sequence=self._sequence, dark=self._dark)
         return msgspec.json.encode(state)
 
     def restore(self, checkpoint: bytes) -> None:
-        """Go back to a `checkpoint`.
+        """Return to a `checkpoint`.
 
         Raises
         ------
         RecordError
-            If it is none.
+            If it cannot be decoded.
         LimitError
-            If the stage stood at an angle that was not recorded.
+            If its angle was not recorded.
         """
         try:
             state = msgspec.json.decode(checkpoint, type=_ReplayState)
@@ -192,5 +196,5 @@ class ReplayReceiver:
 
 
 def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:
-    place = bisect.bisect_left(grid, angle_deg)
-    return min(grid[max(place - 1, 0) : place + 1], key=lambda angle: abs(angle - angle_deg))
+    index = bisect.bisect_left(grid, angle_deg)
+    return min(grid[max(index - 1, 0) : index + 1], key=lambda angle: abs(angle - angle_deg))

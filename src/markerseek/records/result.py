@@ -1,4 +1,4 @@
-"""The result of a search as programs read it: one object, units in the names of its keys."""
+"""Result of a search as one JSON object, with the units in the names of its keys."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from markerseek.core import (
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One acquisition of a result; what the frame did not contain is None."""
+    """One acquisition of a result; values that the frame does not give are None."""
 
     angle_deg: float
     intensity: float
@@ -58,11 +58,11 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
 class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """What a search found and how.
 
-    ``angle_deg`` is where the method points, also when it does not claim a marker there. ``rig`` says whether any
-    hardware was involved. ``truth_deg`` is known of simulated markers only, ``reference_deg`` is what the user compares
-    with, and ``error_deg`` the distance to either. ``confirmed`` says whether the acquisition at the angle found
-    confirms it (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which
-    does not judge it. ``configuration`` is the same for runs on equal rigs.
+    ``angle_deg`` is the method's best angle, even when it does not claim a marker there. ``rig`` is the kind of rig.
+    ``truth_deg`` is known for simulated markers only, ``reference_deg`` was given by the user or the bank, and
+    ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
+    (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
+    test it. ``configuration`` is the rig's fingerprint, the same for equal rigs.
     """
 
     found: bool
@@ -93,7 +93,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Recorder:
-    """Collects from the events of a run what the result needs."""
+    """Collects the samples and the answer of a run from its events."""
 
     def __init__(self) -> None:
         self.samples: list[Sample] = []
@@ -103,7 +103,7 @@ class Recorder:
         self._refused = 0
 
     def add(self, event: Event) -> None:
-        """Take in one event of `markerseek.scan.run`."""
+        """Add one event of `markerseek.scan.run`."""
         match event:
             case Started(start_deg=start_deg):
                 self.start_deg = start_deg
@@ -154,6 +154,7 @@ class Recorder:
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
+            # A replay takes no time, and the durations of the original scan say nothing of this search.
             elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
             confirmed=None if self.confirmation is None or estimate.floor is None else isinstance(estimate, Found),
@@ -169,9 +170,11 @@ class Recorder:
     def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
         """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""
         measured = [*self.samples, *([self.confirmation] if self.confirmation else [])]
+        # The strongest frame has the best peak SNR, and so the smallest error of lateral position and depth.
         strongest = max(measured, key=lambda sample: sample.reading.intensity).reading
         if face_radius_m is None or strongest.depth_m is None or strongest.lateral_m is None:
             return None
+        # Depth counts from the array's face, which rotates at this distance about the probe's axis.
         radius_m = face_radius_m + strongest.depth_m
         angle = math.radians(found.mean_deg)
         return radius_m * math.sin(angle), strongest.lateral_m, radius_m * math.cos(angle)
@@ -180,7 +183,7 @@ class Recorder:
 def answer_name(
     estimate: Found | NotFound | Ambiguous | AtBound | Unsure,
 ) -> Literal["found", "not found", "ambiguous", "at bound", "unsure"]:
-    """Kind of an answer in words."""
+    """Name of an answer in the JSON output."""
     match estimate:
         case Found():
             return "found"

@@ -2,7 +2,7 @@
 
 The child (``python -P -m markerseek.records.sandbox``; without ``-P`` a file in the current folder could take the place
 of a library) calls a reader of this package, under limits of memory and processor time, and hands plain arrays back.
-A reader is a function of a module, which takes a path and returns arrays by name. One child serves many files.
+A reader is a module-level function that takes a path and returns arrays by name. One child reads many files.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ LIMIT_S, PROCESSOR_LIMIT_S = 60.0, 5
 """Longest time for one file, and of it on the processor, in seconds."""
 
 MOST_PER_BYTE = 32
-"""Bytes that may be read into memory for each byte of a file."""
+"""Most bytes of memory for each byte of a file; a compressed file that needs more is refused."""
 
 _ROOM_BYTES = 1 << 29
-"""Memory for the libraries themselves, which are loaded with the first file."""
+"""Memory for the libraries themselves (h5py, SciPy), which are imported with the first file."""
 
 _LONGEST_LINE = 1 << 20
 _CHUNK_BYTES = 1 << 20
@@ -59,7 +59,7 @@ class _Array(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What the child says of a file: arrays, whose bytes follow, or an error."""
+    """Answer of the child for one file: descriptions of arrays, whose bytes follow, or an error."""
 
     arrays: tuple[_Array, ...] = ()
     error: str | None = None
@@ -67,9 +67,9 @@ class _Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Sandbox:
-    """A child process for foreign files, started with the first and again after one that it did not survive.
+    """A child process that reads foreign files, started with the first file and restarted after a crash.
 
-    A context manager that ends the child; an object that is forgotten ends it as well.
+    A context manager that ends the child; garbage collection ends it too.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Sandbox:
         self._owner = 0
 
     def read(self, reader: Reader, path: Path) -> dict[str, np.ndarray]:
-        """Arrays that a reader finds in a file.
+        """Arrays that a reader returns for a file.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Sandbox:
         Raises
         ------
         RecordError
-            If the reader refuses the file, or the child dies of it, takes too long, or wants too much memory.
+            If the reader refuses the file, or the child crashes, takes too long or needs too much memory.
         MissingExtraError
             If the reader needs a package that is not installed.
         """
@@ -99,6 +99,7 @@ class Sandbox:
         child = self._running(path)
         if child.stdin is None or child.stdout is None:
             raise RuntimeError("the child of a sandbox has no pipes")
+        # RLIMIT_CPU does not count a read that blocks, on a network disk for example; this timer does.
         expired = threading.Event()
         timer = threading.Timer(LIMIT_S, _expire, (child, expired))
         timer.start()
@@ -130,6 +131,7 @@ class Sandbox:
             return
         child.kill()
         for pipe in (child.stdin, child.stdout):
+            # Unclosed pipes would keep descriptors until the garbage collector runs.
             if pipe is not None:
                 try:
                     pipe.close()
@@ -178,7 +180,7 @@ class Sandbox:
 
 
 def probe_in_child(reader: Reader, path: Path) -> None:
-    """Refuse a file on which libraries break down, by a reader that goes through it; errors as `Sandbox.read`."""
+    """Run a reader on a file in a child, to refuse files that crash a library; errors as `Sandbox.read`."""
     with Sandbox() as sandbox:
         sandbox.read(reader, path)
 
@@ -189,11 +191,12 @@ def _expire(child: subprocess.Popen[bytes], expired: threading.Event) -> None:
 
 
 def _received(stream: IO[bytes], *, most_bytes: int) -> tuple[_Answer, dict[str, np.ndarray]]:
-    """Answer of the child with the arrays; it is checked as if the child had been taken over by the file."""
+    """Answer and arrays of the child, checked as untrusted input: the file may control the child."""
     line = stream.readline(_LONGEST_LINE)
     if not line.endswith(b"\n"):
         raise EOFError("the child ended")
     answer = msgspec.json.decode(line, type=_Answer)
+    # No object arrays: their bytes would be pointers into our memory.
     if any(np.dtype(each.dtype).kind not in "biuf" or min(each.shape, default=0) < 0 for each in answer.arrays):
         raise ValueError("an array of another kind")
     if sum(each.nbytes for each in answer.arrays) > most_bytes:
@@ -213,7 +216,8 @@ def _received(stream: IO[bytes], *, most_bytes: int) -> tuple[_Answer, dict[str,
 
 
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """The child: read one file for each request, until there are no more."""
+    """Main loop of the child: one file for each request, until its input ends."""
+    # PYTHONWARNINGS of the user could turn a harmless warning of a library into an error.
     warnings.simplefilter("ignore")
     while line := requests.readline(_LONGEST_LINE):
         answer, arrays = _answered(msgspec.json.decode(line, type=_Request))
@@ -235,7 +239,7 @@ def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
         return _Answer(missing=getattr(problem, "name", None) or "h5py"), []
     except MemoryError:
         return _Answer(error=f"{path}: reading it takes far more memory than it has bytes; it is damaged"), []
-    # What damaged bytes make of a library cannot be listed.
+    # Damaged bytes raise errors of any kind in these libraries.
     except Exception as problem:  # noqa: BLE001
         reason = str(problem).strip("'\"") or type(problem).__name__
         return _Answer(error=f"{path}: it cannot be read: {reason}; it is damaged: fetch or save it again"), []
@@ -244,10 +248,11 @@ def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
 
 
 def _limit(size_bytes: int) -> None:
-    """Allow the next file little more memory and time than was used so far, where the system can limit them."""
+    """Limit memory and processor time for the next file, relative to what is used already."""
     try:
         import resource
 
+        # RLIMIT_AS limits the whole address space, so that what is mapped already must be added.
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except (ImportError, OSError, ValueError):
         return
@@ -260,7 +265,7 @@ def _limit(size_bytes: int) -> None:
 
 
 def _main() -> None:
-    # Whatever a library prints must not get between the answers.
+    # Libraries may print to standard output, which would corrupt the answers.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     _serve(sys.stdin.buffer, answers)

@@ -1,8 +1,8 @@
-"""Arrays by name from files that NumPy or MATLAB saved: ``.npy``, ``.npz``, and ``.mat`` of versions 4 to 7.3.
+"""Reads arrays by name from files of NumPy and MATLAB: ``.npy``, ``.npz``, and ``.mat`` of versions 4 to 7.3.
 
 `arrays_in` asks a `Sandbox`; the readers below it run in the sandbox's child. A ``.mat`` of version 7.3 is HDF5 behind
-512 bytes of MATLAB's own. MATLAB counts along the first axis first and HDF5 along the last, so the axes of each array
-are reversed. Cells, structures, texts, logical, sparse and complex arrays are left out.
+512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5 the last, so the axes of each array are
+reversed. Cells, structures, texts, logical, sparse and complex arrays are left out.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 
 _HEAD_BYTES = 520
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# MATLAB writes 512 bytes of text before the HDF5; other programs write none.
 _HDF5_STARTS = (0, 512)
 _MATLAB_TYPES: dict[str, np.dtype[Any]] = {
     "double": np.dtype("f8"),
@@ -45,7 +46,7 @@ def arrays_in(path: Path, sandbox: Sandbox, *, most_bytes: int) -> dict[str, np.
     path
         The file.
     sandbox
-        Reads it.
+        Process that reads it.
     most_bytes
         Largest file that is read.
 
@@ -72,9 +73,10 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
     """The array of an ``.npy``, under an empty name."""
     try:
         with path.open("rb") as file:
+            # Unpickling would run code of the file.
             array = np.load(file, allow_pickle=False)
             more = file.read(1)
-    # The header is a Python literal, and a hostile one upsets NumPy's parser, and Python's, in many ways.
+    # The header is a Python literal; a hostile one raises errors of many kinds in NumPy's parser.
     except Exception as problem:
         raise RecordError(f"{path}: it is no .npy, or cut off: {problem}; save it again with numpy.save") from problem
     if not isinstance(array, np.ndarray):
@@ -89,6 +91,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz``."""
     try:
         with zipfile.ZipFile(path) as archive:
+            # A zip bomb declares its true sizes, or zipfile stops at the size that it declares.
             unpacked_bytes = sum(each.file_size for each in archive.infolist())
         too_large = unpacked_bytes > MOST_PER_BYTE * path.stat().st_size
         with np.load(path, allow_pickle=False) as archive:
@@ -113,7 +116,7 @@ def _require_numbers(path: Path, array: object) -> None:
 
 
 def read_mat(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a ``.mat`` of versions 4 to 7, by SciPy, in the classes that they had in MATLAB."""
+    """The arrays of a ``.mat`` of versions 4 to 7, read by SciPy, in the types that they had in MATLAB."""
     from scipy.io import loadmat, whosmat
 
     with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
@@ -125,8 +128,8 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
             )
         names = [name for name, _, _ in found]
         loaded = loadmat(path, appendmat=False, variable_names=names)
-        # Small numbers may be stored in fewer bytes than their class has. SciPy's mat_dtype would restore the class,
-        # and drop imaginary parts without a word.
+        # MATLAB stores small numbers in fewer bytes than their class has. SciPy's mat_dtype would restore the class,
+        # but silently drop imaginary parts.
         return {
             name: loaded[name].astype(_MATLAB_TYPES[kind], copy=False)
             for name, _, kind in found
@@ -135,7 +138,7 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_mat73(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a ``.mat`` of version 7.3, by h5py."""
+    """The arrays of a ``.mat`` of version 7.3, read by h5py."""
     with (
         as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
         UntrustedHdf5(path) as file,
@@ -149,6 +152,7 @@ def _matlab_arrays(path: Path, file: UntrustedHdf5) -> Iterator[tuple[str, h5py.
         item = file.opened[name]
         if not _is_numeric(item):
             continue
+        # One budget for all arrays together, because all of them come back at once.
         left_bytes -= math.prod(item.shape) * item.dtype.itemsize
         if left_bytes < 0:
             raise RecordError(
@@ -159,14 +163,15 @@ def _matlab_arrays(path: Path, file: UntrustedHdf5) -> Iterator[tuple[str, h5py.
 
 
 def _is_numeric(item: h5py.Dataset) -> bool:
-    """Whether it holds real numbers and, where it says what it was in MATLAB, was an array of such there."""
+    """Whether a dataset holds real numbers, also by the class that it had in MATLAB."""
     kind = item.attrs.get("MATLAB_class", b"double")
     word = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     return word in _MATLAB_TYPES and item.shape is not None and item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
 
 
 def _matlab_values(item: h5py.Dataset) -> np.ndarray:
-    """Values with the axes as in MATLAB; of an empty array HDF5 holds the shape instead."""
+    """Values with the axes as in MATLAB."""
+    # Of an empty array the dataset holds the shape, not values.
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
     return np.asarray(item[()], dtype=item.dtype.newbyteorder("=")).T

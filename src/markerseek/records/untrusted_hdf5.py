@@ -1,8 +1,7 @@
-"""Reads HDF5 that somebody else may have made to do harm.
+"""Reads untrusted HDF5 files: no links to other files, no unusual filters, no huge allocations.
 
-The library follows links to other files, loads filters, and allocates what a header declares. Here only hard links are
-followed, only the usual compressions are undone, and nothing is read that would take much more memory than the file
-has bytes. Damaged bytes can make the library itself crash or hang, so `sandbox` probes a file in a child first.
+The library itself follows links to other files, loads filter plugins, and allocates what a header declares. Damaged
+bytes can also make it crash or hang, so `sandbox` reads a file in a child process first.
 """
 
 from __future__ import annotations
@@ -22,17 +21,18 @@ from markerseek.records.sandbox import MOST_PER_BYTE
 if TYPE_CHECKING:
     import h5py
 
+# Any other filter would make the library load a plugin, that is, run code from a search path.
 _FILTERS = frozenset({"gzip", "lzf", None})
 _MOST_TEXT = 10_000
 
 
 def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
-    """Say what to install where h5py is missing.
+    """Refuse to continue without h5py, and name the extra to install.
 
     Parameters
     ----------
     purpose
-        What needs it.
+        What it is needed for.
 
     Raises
     ------
@@ -46,9 +46,9 @@ def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
 
 
 class UntrustedHdf5:
-    """An HDF5 file, opened once, of which only harmless parts are handed out.
+    """An HDF5 file opened for reading, whose methods return harmless parts only.
 
-    A context manager that closes it; an object that is forgotten closes it as well.
+    A context manager that closes it; garbage collection closes it too.
 
     Parameters
     ----------
@@ -82,20 +82,21 @@ class UntrustedHdf5:
         return type(self), (self._path,)
 
     def datasets(self) -> list[str]:
-        """Names of the datasets that lie in the file itself, not in a group of it."""
+        """Names of the datasets at the top level of the file."""
         import h5py
 
         file = self.opened
+        # Link types are asked for first: opening a soft or external link would already follow it.
         hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
         return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
 
     def has(self, name: str) -> bool:
-        """Whether there is anything of that name, be it harmless or not."""
+        """Whether the name exists, harmless or not."""
         group, last = self._parent(name)
         return group is not None and last in group
 
     def names(self, name: str) -> list[str]:
-        """Names in a group, sorted; none where it is missing or no group."""
+        """Sorted names in a group; empty where it is missing or is not a group."""
         import h5py
 
         group, last = self._parent(name)
@@ -108,7 +109,7 @@ class UntrustedHdf5:
         Raises
         ------
         ValueError
-            If it is missing, leads elsewhere, or would take much more memory than the file has bytes.
+            If it is missing, is a link to another file, or needs much more memory than the file has bytes.
         """
         import h5py
 
@@ -118,22 +119,24 @@ class UntrustedHdf5:
         item = _followed(group, last)
         if not isinstance(item, h5py.Dataset):
             raise TypeError(f"{name} is no dataset")
+        # Virtual and external datasets read other files, without any link.
         if item.is_virtual or item.external:
             raise ValueError(f"{name} lies in another file")
         if item.compression not in _FILTERS or item.scaleoffset is not None:
             raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
+        # The library unpacks a whole chunk for a single number of it.
         chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
         if chunk > self._most:
             raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MOST_PER_BYTE} times the file")
         return item
 
     def require_room(self, count: int, *, name: str) -> None:
-        """Refuse to read that many bytes of a dataset at once where they are far more than the file holds."""
+        """Refuse to read more bytes at once than `MOST_PER_BYTE` times the file."""
         if count > self._most:
             raise ValueError(f"{name} unpacks to {count} bytes, more than {MOST_PER_BYTE} times the file")
 
     def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
-        """All numbers of a dataset in one row, whatever its shape."""
+        """All numbers of a dataset, flattened."""
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
@@ -141,7 +144,7 @@ class UntrustedHdf5:
         return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
 
     def number(self, name: str) -> float | None:
-        """The one number of a dataset; None where it is missing, not finite, or the word ``None`` stands for it."""
+        """The single number of a dataset; None where it is missing, not finite, or the text ``None``."""
         if not self.has(name) or self.text(name) == "None":
             return None
         values = self.numbers(name)
@@ -150,13 +153,14 @@ class UntrustedHdf5:
         return float(values[0]) if math.isfinite(values[0]) else None
 
     def text(self, name: str) -> str | None:
-        """The text of a dataset; None where it is missing or no text."""
+        """The text of a dataset; None where it is missing or is not text."""
         import h5py
 
         if not self.has(name):
             return None
         item = self.dataset(name)
         kind = h5py.check_string_dtype(item.dtype)
+        # A longer text would be read in full before it could be cut.
         if kind is None or item.shape != () or (kind.length or 0) > _MOST_TEXT:
             return None
         raw = item[()]
@@ -169,6 +173,7 @@ class UntrustedHdf5:
         *folders, last = name.split("/")
         group: h5py.Group = self.opened
         for folder in folders:
+            # Component by component, because a path given to h5py follows links in its middle.
             if folder not in group:
                 return None, last
             inner = _followed(group, folder)
@@ -188,19 +193,19 @@ def _followed(group: h5py.Group, name: str) -> object:
 
 @contextmanager
 def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
-    """Turn whatever the library says of a file into a `RecordError`; what damaged bytes make of it cannot be listed.
+    """Turn any error of the library into a `RecordError`; damaged bytes raise errors of many kinds.
 
     Parameters
     ----------
     path, what
         The file, and what it should have been.
     cure
-        What to say at the end.
+        Advice at the end of the message.
     """
     try:
         yield
     except RecordError:
         raise
     except Exception as problem:
-        said = str(problem).strip("'\"") or type(problem).__name__
-        raise RecordError(f"{path}: no {what} that can be read: {said}; {cure}") from problem
+        reason = str(problem).strip("'\"") or type(problem).__name__
+        raise RecordError(f"{path}: no {what} that can be read: {reason}; {cure}") from problem

@@ -1,7 +1,7 @@
-"""Puts the parts of a rig together, and reads rig files; what happens on a rig over time is in `markerseek.runs`.
+"""Assembles rigs and reads rig files; runs on a rig are in `markerseek.runs`.
 
 `simulated` makes a rig of a simulated world, `of_intensities` one of its intensity curve alone, `replayed` one of a
-recorded scan, and `bench` one of real devices. All run under the same `Scanner`. Each is imported at its first use.
+recorded scan, and `bench` one of real devices. All have the same `Scanner`. Each is imported at its first use.
 """
 
 import lazy_loader

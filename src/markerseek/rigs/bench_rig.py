@@ -1,4 +1,4 @@
-"""A rig of real devices, or of what emulates them byte for byte: drivers, guard, and supervised lines."""
+"""Assembles a rig of real or emulated devices: drivers, guard and supervised serial lines."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from markerseek.wire import Port, apt
 from markerseek.wire import laserbox as laserbox_wire
 
 DARK_ALARM = 1e-6
-"""Probability with which the noise of one dark frame is taken for a source: 7.3 standard deviations for an image."""
+"""False-alarm probability of one dark frame: a threshold of 7.3 standard deviations for an image."""
 
 
 class OpenDevices:
-    """The lines of a bench, as long as it is used.
+    """The open serial lines of a bench, with or without a supervisor.
 
     Parameters
     ----------
     settings
-        Which lines, and whether a supervisor holds them.
+        Gives the ports, and whether a supervisor owns them.
 
     Raises
     ------
@@ -64,6 +64,7 @@ class OpenDevices:
                 for line in lines:
                     serial = SerialSettings(path=line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
                     self._ports[line.name] = opening.enter_context(SerialPort(serial))
+            # Only now: if the second line fails to open, the first is closed by the inner stack.
             self._stack = opening.pop_all()
 
     @property
@@ -77,31 +78,31 @@ class OpenDevices:
         return self._ports["laser"]
 
     def arm(self) -> None:
-        """Let writes through, also after the supervisor has closed the lines to them."""
+        """Enable writes, also after the supervisor has blocked them."""
         if self.supervisor is not None:
             self.supervisor.arm()
 
     def close(self) -> None:
-        """Close the lines; a supervisor sends each one's last message first. Allowed twice."""
+        """Close the lines; a supervisor sends each line's safe command first. Allowed twice."""
         self._stack.close()
 
 
 def bench(settings: BenchSettings) -> Rig:
     """A rig of real devices; connecting to them moves nothing and fires nothing.
 
-    It must be armed in a person's name (`Rig.arm`) before each search; use it as a context manager, which closes it.
+    A person must arm it (`Rig.arm`) before each search. Use it as a context manager, which closes it.
 
     Parameters
     ----------
     settings
-        Which devices, and what they may do.
+        Devices, ports, limits and budgets.
 
     Raises
     ------
     NotConnectedError
-        If a device does not answer, or is another one.
+        If a device does not answer, or is of another model.
     DeviceError
-        If a device is not fit for use: a stage that is not homed, or stands outside its limits.
+        If a device is not ready: the stage is not homed, or is outside its limits.
     ConfigError
         If a setting cannot be used.
     MissingExtraError
@@ -110,6 +111,7 @@ def bench(settings: BenchSettings) -> Rig:
     imaging = imaging_of(settings.probe, sampling_hz=settings.receiver.sampling_hz)
     devices = OpenDevices(settings)
     try:
+        # An error or Ctrl-C while connecting must not leave the lines locked.
         return _assembled(settings, devices, imaging)
     except BaseException:
         devices.close()
@@ -117,6 +119,7 @@ def bench(settings: BenchSettings) -> Rig:
 
 
 def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageReader) -> Rig:
+    # Each wait of the control loop renews the supervisor's lease; a hung loop does not, and is stopped.
     clock = SystemClock(beat=devices.supervisor.beat if devices.supervisor else None)
     laser = _laser(settings, devices.laser, clock)
     stage_settings = StageSettings(travel=settings.limits.travel, **_values(settings.stage, StageKeys))
@@ -161,6 +164,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         scanner=scanner,
         imaging=imaging,
         dark_frames=DARK_FRAMES,
+        # If the receiver's frames come one acquisition late, a final dark frame contains light, and shows it.
         closing_dark=True,
         recipe=BenchRecipe(settings=settings),
         devices=devices,
@@ -168,7 +172,8 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
 
 
 def _lines(settings: BenchSettings) -> list[Line]:
-    """The two serial lines, each with what leaves its device harmless; the laser's first."""
+    """The two serial lines, each with the command that makes its device safe."""
+    # The laser first: the supervisor sends the safe commands in this order.
     laser, stage = settings.laser, settings.stage
     box = laserbox_wire.encode(laserbox_wire.Disarm())
     return [
@@ -194,7 +199,7 @@ def _laser(settings: BenchSettings, port: Port, clock: Clock) -> Laser:
 
 
 def _values(settings: StageKeys | SonixDaqKeys, keys: type[StageKeys] | type[SonixDaqKeys]) -> dict[str, Any]:
-    """The values of a rig file that a driver's settings share with it."""
+    """Values of a rig file that a driver's settings have under the same names."""
     return {field.name: getattr(settings, field.name) for field in fields(keys)}
 
 

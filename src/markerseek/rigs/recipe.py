@@ -1,4 +1,4 @@
-"""The settings from which a rig was made, so that the same one can be made again."""
+"""Recipes: the arguments from which a rig was made, stored in a journal to make the same rig again."""
 
 from __future__ import annotations
 
@@ -39,4 +39,4 @@ class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
 
 
 Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
-"""Any of them."""
+"""Recipe of any kind of rig."""

@@ -1,4 +1,4 @@
-"""A recorded scan as a rig."""
+"""Assembles a rig that replays a recorded scan."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def replayed(
     probe
         Preset of the imaging chain, for channel data; None: the one that the bank names, else the first of all.
     reference_deg
-        Angle of the marker that was found otherwise, in degrees, to be compared with; None: the one in the bank.
+        Reference angle of the marker in degrees, for comparison; None: the one in the bank.
     between
-        What a search gets between two recorded angles: the nearest recorded one, or an intensity interpolated from both
-        neighbours, as in the paper. Frames are never interpolated.
+        Data between two recorded angles: those of the nearest, or an intensity interpolated from both neighbours, as in
+        the paper. Frames are never interpolated.
 
     Raises
     ------
@@ -64,10 +64,11 @@ def replayed(
     interpolated = between == "interpolated" and not frames
     guard = Guard(
         limits=Limits(search=bank.range, travel=bank.range),
-        # Nothing is fired, and time stands still.
+        # Time stands still, so that all pulses fall into one second; nothing is fired.
         firing=FiringLimits(pulses_per_second=FiringLimits().pulses_per_session),
-        # What was recorded cannot be taken again: saturation, dead channels and repeated data are borne.
+        # A recorded frame cannot be repeated, so that saturation, dead channels and repeated data are accepted.
         admission=Admission(saturated_limit=1.0, dead_limit=1.0, noise_ratio=math.inf, repeats=True),
+        # The stage goes to the nearest recorded angle, at most half the largest step away.
         arrival_deg=1e-9 if interpolated else max(np.diff(bank.angles_deg)) / 2 * (1 + 1e-9),
     )
     scanner = Scanner(
@@ -77,6 +78,7 @@ def replayed(
         reader=imaging or IntensityReader(),
         clock=VirtualClock(),
         guard=guard,
+        # Nothing here emits light, so that no person is needed.
         arms_itself=True,
     )
     facts = RigFacts(
@@ -98,13 +100,17 @@ def replayed(
         world=receiver,
         distinct_angles=None if interpolated else len(bank.angles_deg),
         recipe=ReplayedRecipe(
-            path=str(path.absolute()), probe=preset.name, reference_deg=reference_deg, between=between
+            # Absolute, because `resume` may be started in another folder.
+            path=str(path.absolute()),
+            probe=preset.name,
+            reference_deg=reference_deg,
+            between=between,
         ),
     )
 
 
 def preset_of(bank: IntensityBank | FrameBank, probe: str | None) -> ProbePreset:
-    """Preset by which a bank's frames are imaged; what the bank says of array, sampling and sound speed goes first.
+    """Preset for imaging a bank's frames; array, sampling and sound speed of the bank replace those of the preset.
 
     Parameters
     ----------
@@ -116,9 +122,9 @@ def preset_of(bank: IntensityBank | FrameBank, probe: str | None) -> ProbePreset
     Raises
     ------
     ConfigError
-        If the preset is unknown, or does not go with what the bank says.
+        If the preset is unknown, or does not fit the bank.
     RecordError
-        If a frame is needed to know the array, and cannot be read.
+        If a frame is needed for the number of elements, and cannot be read.
     """
     facts = bank.facts
     preset = probe_preset(probe or facts.probe or PRESET_NAMES[0])

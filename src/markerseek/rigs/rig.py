@@ -1,4 +1,4 @@
-"""An assembled rig: its devices, its scanner and its facts; and the fingerprint, which is the same for equal rigs."""
+"""The type of an assembled rig (devices, scanner, facts), and the fingerprint of its settings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from markerseek.sim import SimulatedSettings
 
 
 class Checkpointed(Protocol):
-    """A world whose state can be kept and restored."""
+    """A simulated world whose state can be saved and restored."""
 
     def checkpoint(self) -> bytes:
         """State now, as JSON."""
@@ -30,18 +30,18 @@ class Checkpointed(Protocol):
 
 
 class Devices(Protocol):
-    """The lines to real devices."""
+    """Open lines to real devices."""
 
     def arm(self) -> None:
-        """Let commands through."""
+        """Enable commands."""
 
     def close(self) -> None:
-        """Release them; allowed twice."""
+        """Close them; allowed twice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """Everything that a search needs.
+    """An assembled rig.
 
     Attributes
     ----------
@@ -54,16 +54,15 @@ class Rig:
     imaging
         Imaging chain of its channel data; None where there are intensities only.
     dark_frames
-        Frames without laser that a search should begin with; 0 where it cannot take any.
+        Number of dark frames at the start of a search; 0 if the rig cannot take any.
     closing_dark
         Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices.
     distinct_angles
-        Number of angles at which anything can be measured; None where it is any.
+        Number of angles that can be measured; None if any angle can.
     recipe
-        How to put the same rig together again; None where that cannot be said.
+        Arguments to make the same rig again; None if unknown.
     world
-        A simulated world, or a recording that is played back, whose state a journal keeps with each commit; None where
-        the world is real.
+        Simulated world or replayed recording, whose state a journal stores with each commit; None for real devices.
     devices
         The lines to real devices; None where no hardware is involved.
     """
@@ -82,7 +81,7 @@ class Rig:
     devices: Devices | None = None
 
     def arm(self, *, by: str) -> None:
-        """Allow it to move and fire, in the name of a person who stands beside it; a fault must be reset first."""
+        """Allow it to move and fire, in the name of a person who is present; a fault must be reset first."""
         self.scanner.guard.arm(by=by)
         if self.devices is not None:
             self.devices.arm()
@@ -100,7 +99,7 @@ class Rig:
 
     @property
     def limits(self) -> Limits:
-        """Where it may look, and where the probe may be."""
+        """Limits of search and travel."""
         return self.scanner.limits
 
     @property
@@ -110,7 +109,7 @@ class Rig:
 
 
 def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
-    """The facts, those of the probe taken from an imaging chain; unchanged where there are intensities only."""
+    """The facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
     if imaging is None:
         return facts
     preset = imaging.preset
@@ -124,14 +123,15 @@ def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
 
 
 def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:
-    """First half of the SHA-256 of the settings, or of what a recording says of itself, as JSON.
+    """First half of the SHA-256 of the settings, or of the metadata of a recording, as JSON.
 
-    Frames are not looked at. What is not known of a recording is left out, so that the fingerprint stays the same when
-    more can be known of one.
+    Frames are not included. Unknown metadata are left out, so that the fingerprint does not change when a later version
+    adds a field.
     """
     plain: object = of
     if isinstance(of, IntensityBank | FrameBank):
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}
         plain = {"angles_deg": of.angles_deg, "intensities": of.intensities, "facts": known}
+    # 128 bits exclude a coincidence, and fit into one line of a table.
     return hashlib.sha256(msgspec.json.encode(plain)).hexdigest()[:32]

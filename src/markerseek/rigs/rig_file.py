@@ -1,4 +1,4 @@
-"""Reads a rig file (TOML): the settings of a rig, by the names that they have in Python."""
+"""Reads a rig file (TOML) into the settings of a rig; keys have the names of the Python fields."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     ----------
     path
         TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other keys
-        are those of `SimulatedSettings` or `BenchSettings`. The word ``"none"`` stands for a value that is left out on
-        purpose, such as a lens. A receiver's folder is taken from where the file lies.
+        are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
+        receiver's folder is relative to the rig file.
 
     Raises
     ------
@@ -40,6 +40,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     table = read_toml(path, what="rig file")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
+    # Removed here, because it selects the dataclass that knows the other keys.
     kind = table.pop("kind")
     if not isinstance(kind, str) or kind not in _SETTINGS:
         raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
@@ -49,6 +50,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     except (ConfigError, msgspec.ValidationError) as problem:
         raise ConfigError(f"{path}: {problem}") from problem
     if isinstance(settings, BenchSettings):
+        # Relative to the file, so that the command works from any current folder.
         folder = path.parent / settings.receiver.folder
         return replace(settings, receiver=replace(settings.receiver, folder=str(folder)))
     return settings

@@ -1,6 +1,6 @@
-"""Scene of a simulated rig: marker, light spot and clutter drawn from settings, and their intensity curve.
+"""Draws the scene of a simulated rig (marker, light spot, clutter, noise) from settings, and computes its curve.
 
-`draw_scene` is the only place where settings become absorbers and noise; rigs of frames and of curves both begin here.
+`draw_scene` is the only place where settings become absorbers and noise, for rigs of frames and of intensities.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, prob
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
 _MOST_COUNTS = 25_000
-"""Height to which the noise-free frame is blown up to measure its image without rounding errors, in counts."""
+"""Amplitude to which a noise-free frame is scaled, in counts, so that rounding to int16 has no effect on its image."""
 
 _NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
 _OFF_PLANE_DEG = np.concatenate(
     [np.arange(0, 4, 0.2), np.arange(4, 12, 0.5), np.arange(12, 40, 1.0), np.arange(40, 80.1, 2.5)]
 )
-"""Angles at which a curve is computed, to one side: finer where it is steep."""
+"""Angles off the marker at which a curve is computed, on one side: finer where it is steep."""
 
 _PEAKS = 6
-"""Separate peaks of an image that a curve keeps."""
+"""Number of separate peaks of an image that a curve stores."""
 
 _APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
-"""Peaks that are nearer to one another than this, about a resolution cell, share their noise and count once."""
+"""Peaks nearer than this, about a resolution cell, have the same noise and count as one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Sources of sound, and how they are received.
+    """Sound sources of a simulated world, and the model of their reception.
 
     Attributes
     ----------
     description
-        The material in words.
+        Description of the material.
     model
-        How the probe receives it.
+        Acoustic model of probe and medium.
     marker
-        The marker's place.
+        Position of the marker.
     absorbers
-        What sounds, in counts: the spot, if there is a marker, and clutter.
+        Absorbers with strengths in counts: the spot, if there is a marker, and clutter.
     noise
         Noise of one acquisition, in counts.
     peak
-        Envelope peak of the marker's image without noise, with the probe on it, in counts; also where it is absent.
+        Noise-free envelope peak with the probe on the marker, in counts; also if the marker is absent.
     """
 
     description: str
@@ -64,16 +64,16 @@ class Scene:
 
 @lru_cache(maxsize=8)
 def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
-    """Imaging chain of a simulated probe; it keeps its tables, so that there is one of each.
+    """Imaging chain of a simulated probe; cached, because its tables are expensive to compute.
 
-    Array and sampling are those of the rig, which a user would know; speed of sound, band and aperture are those of the
-    usual preset, whatever the tissue's are.
+    Array and sampling are those of the rig, which a user knows; sound speed, band and aperture are those of the first
+    preset even if the tissue differs, because a user would not know.
     """
     return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
 
 
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
-    """Scene of the settings; what they leave open is drawn.
+    """Draw a scene; values that the settings leave open are random.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
-        scale = settings.receiver.peak_counts / _loudness([marker], model, marker)
+        scale = settings.receiver.peak_counts / _largest_count([marker], model, marker)
         absorbers = absorbers + [replace(weak, strength=weak.strength * scale) for weak in clutter]
     return Scene(
         description=material.description,
@@ -123,14 +123,16 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
         Largest count of the marker in one channel, as in the settings from which the scene was drawn.
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
-    louder = _MOST_COUNTS / peak_counts
-    absorbers = [replace(absorber, strength=absorber.strength * louder) for absorber in scene.absorbers]
+    gain_to_counts = _MOST_COUNTS / peak_counts
+    absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
         received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
+        # Rounded like a real frame, at an amplitude at which rounding does not matter.
         counts = np.clip(np.rint(received), -32767, 32767).astype(np.int16)
         return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
 
+    # One elevation for all sources makes the curve even in the angle, which halves the work.
     alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
     angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
     heights = _heights(reader, frame_at, angles)
@@ -138,7 +140,7 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
         angles = np.concatenate([-angles[:0:-1], angles])
         heights = np.concatenate([heights[:0:-1], heights])
     cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (scene.peak * louder)), cells
+    return RecordedCurve(angles, heights / (scene.peak * gain_to_counts)), cells
 
 
 def _heights(
@@ -150,16 +152,17 @@ def _heights(
         frame = frame_at(angle_deg)
         peaks = _separate(reader.picture(frame))
         if peaks:
-            # the reader finds its peak between the columns; the others stand in about the same place between them
+            # The reader interpolates its peak between columns; the others are scaled by the same factor.
             heights[row, : len(peaks)] = np.array(peaks) * (reader.read(frame).intensity / peaks[0])
     return heights
 
 
 def _separate(picture: PaImage) -> list[float]:
-    """Heights of local maxima of an image that are a resolution cell apart, strongest first."""
+    """Local maxima of an image at least a resolution cell apart, strongest first."""
     largest = float(picture.envelope.max())
     kept: list[tuple[float, float, float]] = []
     if largest > 0:
+        # 64 candidates, because one resolution cell has several local maxima.
         for row, column in strongest_peaks(picture.envelope, level=largest / 10, limit=64):
             depth_m, lateral_m = float(picture.depth_m[row]), float(picture.lateral_m[column])
             if all(
@@ -171,7 +174,7 @@ def _separate(picture: PaImage) -> list[float]:
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
-    """How the probe of the settings receives sound in the material."""
+    """Acoustic model of the probe in the material."""
     return AcousticModel(
         probe=settings.probe,
         medium=material.medium,
@@ -184,9 +187,9 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 
 
 def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Place of the marker of the settings, what they leave open drawn; of strength 1."""
+    """Marker of strength 1; its position is drawn where the settings leave it open."""
     search = settings.limits.search
-    # Off the ends of the array a marker gives hardly any signal: it is drawn in front of its inner four fifths.
+    # Beyond the ends of the array a marker gives hardly any signal, so that it is drawn within the inner 80 %.
     reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
     marker = settings.marker
@@ -200,7 +203,7 @@ def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absor
 def scaled_spot(
     spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
 ) -> tuple[list[Absorber], Noise, float]:
-    """The spot so strong that it fills the converter as set, noise for the peak SNR as set, and the peak, in counts.
+    """The spot scaled to the peak counts of the settings, noise for their peak SNR, and the image's peak, in counts.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
@@ -212,9 +215,9 @@ def scaled_spot(
     marker
         Its place.
     settings
-        The simulated rig; of it count the receiver and the noise.
+        The simulated rig; receiver and noise are used.
     model
-        How the probe receives it.
+        Acoustic model.
 
     Raises
     ------
@@ -222,11 +225,12 @@ def scaled_spot(
         If no signal of it reaches the receiver.
     """
     received = model.channel_data(spot, angle_deg=marker.angle_deg)
-    largest = _loudness(spot, model, marker)
+    largest = _largest_count(spot, model, marker)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
     peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
+    # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
     share = settings.noise.coloured
     white, coloured = np.sqrt(1 - share), np.sqrt(share)
@@ -234,20 +238,21 @@ def scaled_spot(
         beamformed_sigma(white, preset=imaging.preset),
         beamformed_sigma(coloured, preset=imaging.preset, power=power),
     )
+    # SNR in dB of amplitudes: 20 log10(peak / sigma); sigma after beamforming is gain times that of a channel.
     channel_sigma = peak / 10 ** (settings.noise.peak_snr_db / 20) / gain
     noise = Noise(
         white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
     )
-    louder = settings.receiver.peak_counts / largest
-    return [replace(absorber, strength=absorber.strength * louder) for absorber in spot], noise, peak
+    gain_to_counts = settings.receiver.peak_counts / largest
+    return [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in spot], noise, peak
 
 
-def _loudness(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
-    """Largest value that absorbers give a channel with the probe on the marker."""
+def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
+    """Largest channel amplitude of the absorbers with the probe on the marker."""
     largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
     if not largest > 0:
         raise ConfigError(
-            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m it is not heard in "
-            f"{model.samples} samples; move it nearer or record for longer"
+            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m its signal does not arrive "
+            f"within {model.samples} samples; move it nearer or record for longer"
         )
     return largest

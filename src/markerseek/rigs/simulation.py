@@ -1,4 +1,4 @@
-"""Rigs in a simulated world: of frames, or of intensities alone."""
+"""Assembles simulated rigs: with frames, or with intensities only."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from markerseek.sim import (
 )
 
 LEAST_NOISE_COUNTS = 0.25
-"""Least noise of a simulated channel in counts, that the converter still shows."""
+"""Least noise of a simulated channel in counts that survives rounding by the converter."""
 
 DARK_FRAMES = 3
 """Frames without laser before a guarded search, on a rig that can take them."""
 
 USUAL_CELLS = 460_000
-"""Independent cells of an image of the simulated probe, about."""
+"""Approximate number of independent envelope cells in an image of the simulated probe."""
 
 
 def simulated(
@@ -61,9 +61,9 @@ def simulated(
     marker_deg
         Angle of the marker in degrees, instead of that of the settings.
     settings
-        All the rest, or the name of a rig file (kind simulated) that holds it.
+        All other settings, or the path of a rig file (kind simulated).
     pace
-        Real seconds for a virtual one; 0 does not wait.
+        Real seconds per virtual second; 0 does not wait.
 
     Raises
     ------
@@ -94,6 +94,7 @@ def simulated(
         start_deg=settings.start_deg,
         rng=rng,
     )
+    # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
     imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     return in_world(
         world,
@@ -117,24 +118,24 @@ def of_intensities(
     cells: int = USUAL_CELLS,
     settings: SimulatedSettings | None = None,
 ) -> Rig:
-    """A simulated rig that hands out intensities instead of frames: hundreds of times as fast, for studies.
+    """A simulated rig that returns intensities instead of frames, hundreds of times faster, for studies.
 
-    Stage, laser, noise level and limits are those of the settings; tissue and probe are in the curve already.
-    Intensities are in units of the noise's standard deviation. A reading knows neither lateral position nor depth, and
-    the noise is taken as known exactly.
+    Stage, laser, noise level and limits come from the settings; tissue and probe are contained in the curve.
+    Intensities are in units of the noise's standard deviation. A reading has no lateral position or depth, and its
+    noise level is exact.
 
     Parameters
     ----------
     seed
         Seed of noise and energy.
     curve
-        Noise-free intensity over the angle off the marker; None: nothing sounds.
+        Noise-free intensity over the angle off the marker; None: no source.
     marker_deg
         Angle of the marker in degrees.
     cells
         Independent envelope cells of an image.
     settings
-        All the rest.
+        All other settings.
 
     Raises
     ------
@@ -158,7 +159,8 @@ def of_intensities(
 
 
 def _seed(seed: SupportsIndex) -> int:
-    """The seed, if it is one; a journal and a bank keep seeds of 63 bits."""
+    """The seed as an int, checked: journals and banks store 63 bits."""
+    # bool is an int in Python, and seed=True is a mistake.
     whole = isinstance(seed, SupportsIndex) and not isinstance(seed, bool)
     if not whole or not 0 <= operator.index(seed) < 2**63:
         raise ConfigError(f"seed is {seed!r}, it must be a whole number from 0 to 2**63 - 1")
@@ -168,7 +170,7 @@ def _seed(seed: SupportsIndex) -> int:
 def _simulated_file(path: Path) -> SimulatedSettings:
     settings = read_rig_file(path)
     if not isinstance(settings, SimulatedSettings):
-        raise ConfigError(f"{path}: its kind is bench, and a simulated rig is wanted; name a file of kind simulated")
+        raise ConfigError(f"{path}: its kind is bench, but a simulated rig is needed; name a file of kind simulated")
     return settings
 
 
@@ -185,30 +187,30 @@ def in_world(
     rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
 ) -> Rig:
-    """Simulated devices in a world, put together; with the source of its randomness its state can be kept and restored.
+    """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
 
     Parameters
     ----------
     world
-        What the devices act on.
+        Simulated world of the devices.
     settings
-        Of stage, laser, receiver and limits.
+        Settings of stage, laser, receiver and limits.
     clock
-        Time.
+        Virtual clock.
     reader
         Turns the world's frames into readings.
     imaging
-        The same where it makes images; else None.
+        The same if it makes images; None otherwise.
     description
-        What it is, in words.
+        Description of the rig.
     truth_deg
         Angle of the marker in degrees; None where there is none.
     seed
-        Seed of all that was drawn, where there is one.
+        Seed of the world, if it has one.
     rng
-        Source of the world's randomness, where it is to be kept.
+        Random generator of the world, for checkpoints.
     recipe
-        How to make the same rig again, where it is to be kept.
+        Arguments to make the same rig again, for a journal.
     """
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
@@ -221,6 +223,7 @@ def in_world(
         clock=clock,
         guard=Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()),
         pulses=settings.laser.pulses,
+        # Nothing here emits light, so that no person is needed.
         arms_itself=True,
     )
     facts = RigFacts(

@@ -1,4 +1,4 @@
-"""Photoacoustic images and readings of a bank, one frame at a time."""
+"""Images, readings and the intensity curve of a bank, computed one frame at a time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from markerseek.signals import ImageReader
 
 
 def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[int] | None = None) -> Iterator[PaImage]:
-    """Images of a bank as the imaging chain makes them.
+    """Photoacoustic images of a bank.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[in
     probe
         Preset of the imaging chain; None: the one that the bank names, else the first of all.
     order
-        Numbers of the angles, counted from 0; None: all, in their order.
+        Indices of the angles; None: all, in order.
 
     Raises
     ------
@@ -42,14 +42,14 @@ def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[in
 
 
 def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Iterator[Sample]:
-    """Acquisitions of a bank, the dark ones first, with the intensities that it holds or that its frames say.
+    """Acquisitions of a bank, dark ones first, with its stored intensities or those computed from its frames.
 
     Parameters
     ----------
     bank
         The bank.
     probe
-        As in `bank_images`; named, the intensities are computed again.
+        As in `bank_images`; if given, the intensities are computed again.
 
     Raises
     ------
@@ -62,6 +62,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -
         for angle_deg, intensity in zip(bank.angles_deg, bank.intensities, strict=True):
             yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
         return
+    # All or none: intensities of two imaging chains have different scales.
     known = bank.intensities if probe is None and np.isfinite(bank.intensities).all() else ()
     imaging = None if known else ImageReader(preset_of(bank, probe))
     for index in range(bank.dark_frames):
@@ -88,11 +89,12 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> 
     """Intensity over angle; arguments and errors as of `bank_samples`."""
     if probe is None and bank.intensities and np.isfinite(bank.intensities).all():
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
+    # The curve needs no frames, and all of them may not fit into memory.
     return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
 
 
 def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> float | None:
-    """Largest intensity of the frames without laser; None where there are none. Arguments as of `bank_samples`."""
+    """Largest intensity of the dark frames; None where there are none. Arguments as of `bank_samples`."""
     if isinstance(bank, IntensityBank) or bank.dark_frames == 0:
         return None
     imaging = ImageReader(preset_of(bank, probe))
@@ -103,7 +105,7 @@ def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | None = None)
 
 
 def described(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> BankFacts:
-    """Facts of a bank, what it leaves open filled in from the preset by which its frames are imaged."""
+    """Facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts
     preset = preset_of(bank, probe)

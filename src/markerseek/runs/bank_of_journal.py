@@ -1,4 +1,4 @@
-"""The acquisitions of a run as a bank, so that other people's programs can open the frames of a journal."""
+"""Converts the acquisitions of a journal to a bank, which other programs can open."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, IntensityBank, require_angles
-from markerseek.records.journal import Recording, read_journal
+from markerseek.records.journal import RecordedRun, read_journal
 from markerseek.runs.bank_scan import bank_facts
 
 
@@ -19,16 +19,16 @@ class JournalBank(FrameBank):
     Attributes
     ----------
     samples
-        Acquisitions with light, in the order of the angles; those without, in the order of time.
+        Acquisitions with light, in the order of the angles.
     dark
-        Those without, in the order of time.
+        Acquisitions without light, in the order of time.
     """
 
     samples: tuple[Sample, ...] = field(repr=False)
     dark: tuple[Sample, ...] = field(repr=False)
 
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle, with the header that they came with."""
+        """Channel data of one angle, with the recorded header."""
         return _channels(self.samples[index])
 
     def dark_frame(self, index: int) -> ChannelFrame:
@@ -39,12 +39,12 @@ class JournalBank(FrameBank):
 
 
 def journal_bank(path: Path) -> IntensityBank | JournalBank:
-    """Bank of what a run measured, the confirmation included; of acquisitions at one angle the last.
+    """Bank of all acquisitions of a run, with the confirmation; of several at one angle the last.
 
     Parameters
     ----------
     path
-        The journal; its run may be over or not.
+        The journal; its run need not be over.
 
     Raises
     ------
@@ -54,6 +54,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     held = read_journal(path)
     known = held.configuration.facts
     samples = [entry.event.sample for entry in held.entries if isinstance(entry.event, Measured)]
+    # A bank has one acquisition per angle; the last one is nearest in time to the answer.
     by_angle = {each.angle_deg: each for each in samples if not each.dark}
     repeated = sum(not each.dark for each in samples) - len(by_angle)
     require_angles(path, sorted(by_angle))
@@ -68,6 +69,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
             clock_zero_unix_s=_clock_zero_unix_s(held),
         ),
     )
+    # A bank of frames needs one at every angle.
     if not all(isinstance(each.frame, ChannelFrame) for each in lit):
         return bank
     dark = tuple(each for each in samples if each.dark and isinstance(each.frame, ChannelFrame))
@@ -83,8 +85,8 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
     )
 
 
-def _clock_zero_unix_s(held: Recording) -> float:
-    """When the clock of the run read 0, by the date of its first entry."""
+def _clock_zero_unix_s(held: RecordedRun) -> float:
+    """Unix time at which the clock of the run read 0, from the date of its first entry."""
     first = held.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s
 

@@ -1,4 +1,4 @@
-"""A bank from a rig: one acquisition in each step over the search range, through the same loop as a search."""
+"""Scans the search range of a rig in equal steps and writes a bank, through the same loop as a search."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from markerseek.search import Exhaustive
 MOST_ANGLES = 5000
 """Most angles of one scan."""
 
+# Limit in seconds, for stages that are slow and receivers that average long.
 _S_PER_ANGLE = 120.0
 
 
@@ -37,20 +38,21 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
             f"step_deg is {step_deg:g} deg, it must lie between {width_deg / (MOST_ANGLES - 1):.3g} and "
             f"{width_deg / 2:g} deg for the search range {rig.limits.search}"
         )
+    # Rounding can make 70 / 0.1 slightly larger than 700, and ceil would add a step.
     return math.ceil(width_deg / step_deg * (1 - 1e-12)) + 1
 
 
 def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
-    """What is known of a bank from a rig; the true angle of a simulated marker is its reference.
+    """Bank facts from rig facts; the true angle of a simulated marker becomes the reference.
 
     Parameters
     ----------
     facts
-        Those of the rig.
+        Facts of the rig.
     description
-        What was scanned, in words.
+        What was scanned.
     clock_zero_unix_s
-        When the clock of the rig read 0, in seconds since 1970.
+        Unix time at which the clock of the rig read 0, in seconds.
     """
     return BankFacts(
         description=description,
@@ -78,16 +80,15 @@ def scan_bank(
 ) -> Generator[Event, None, None]:
     """Scan the search range and write each acquisition before the next is made.
 
-    Closed or interrupted at any moment, the stage stops, the laser is disarmed, and the file holds what was taken. Its
-    times count from the moment at which the scan began by this computer's date; the clock of a simulated rig is
-    virtual, so that they go on from there faster or slower than the date.
+    If closed or interrupted, the stage stops, the laser is disarmed, and the file has all acquisitions so far. Times
+    start at this computer's date; the clock of a simulated rig is virtual, and runs faster or slower from there.
 
     Parameters
     ----------
     rig
-        What scans: every acquisition passes its guard.
+        The rig; every acquisition passes its guard.
     path
-        File to be written, ``.hdf5`` or ``.h5``; it must not exist.
+        New file, ``.hdf5`` or ``.h5``; it must not exist.
     step_deg
         Largest step in degrees.
     wavelength_m, pulse_energy_j
@@ -96,7 +97,7 @@ def scan_bank(
     Yields
     ------
     Event
-        As `markerseek.scan.run`, each `Measured` when it lies on the disk.
+        As `markerseek.scan.run`; a `Measured` follows once it is on disk.
 
     Raises
     ------
@@ -117,10 +118,12 @@ def scan_bank(
         clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
     )
     facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)
+    # A scan is a search that never decides, so that guard, journal events and errors are the same.
     policy = Exhaustive(limits=rig.limits.search, acquisitions=angles, start_deg=rig.stage.angle_deg)
     limits = RunLimits(acquisitions=angles, duration_s=_S_PER_ANGLE * (angles + rig.dark_frames))
     with (
         BankWriter(path, angles=angles, dark_frames=rig.dark_frames, facts=facts) as writer,
+        # The writer is the outer block: the rig is stopped before the file is closed.
         closing(run(policy, rig.scanner, dark_frames=rig.dark_frames, stay=True, limits=limits)) as events,
     ):
         for event in events:

@@ -1,4 +1,4 @@
-"""Calibrates a rig from the frames of a scan over one point source: geometry, timing, sound speed and noise."""
+"""Calibrates geometry, timing, sound speed and noise of a rig from a scan of one point source."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from markerseek.guard import Admission
 from markerseek.signals import ProbePreset, common_wave
 
 NEAR_SHARE = 0.4
-"""Frames of at least this share of the largest intensity are near enough to the plane to show the speed of sound."""
+"""Frames above this share of the largest intensity are near enough to the image plane to fit the sound speed."""
 
 STRAIGHT_SHARE = 0.2
-"""Channels at most this share of the depth to the side of the source receive its wave from straight below."""
+"""Channels within this share of the depth to either side of the source count as straight above it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +35,11 @@ class Calibration:
     Attributes
     ----------
     geometry
-        See `Geometry`; its ``source_deg`` is where the readback stood with the source in the image plane.
+        See `Geometry`; its ``source_deg`` is the readback with the source in the image plane.
     noise_sigma
         Standard deviation of the beamformed noise in counts, with that of its mean over the frames.
     frames, waves
-        Frames looked at, and those whose wave was clear enough to be used.
+        Number of frames, and of those whose wave was clear enough to be used.
     """
 
     geometry: Geometry
@@ -56,18 +56,19 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     samples
         One for each angle, in the order of the angles, with their frames of channel data.
     preset
-        The probe as it is thought to be; of speed of sound and trigger offset only a rough value is needed.
+        The assumed probe; sound speed and trigger offset need only be rough.
 
     Raises
     ------
     RecordError
         If the scan holds no channel data.
     SearchError
-        If the scan does not pass one source that is strong enough, and is one point; the message says the cure.
+        If the scan does not show a single point source that is strong enough; the message says what to change.
     """
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     if len(frames) < len(samples) or not frames:
         raise RecordError("calibration needs the channel data of a scan, and this one holds intensities only")
+    # Clipped samples shift the peak of the wave, and so every time that is fitted.
     require_peak(samples, saturated_limit=Admission().saturated_limit)
     readings = [sample.reading for sample in samples]
     strongest = max(readings, key=lambda reading: reading.intensity)
@@ -82,6 +83,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
         if reading.intensity >= NEAR_SHARE * strongest.intensity
         and (wave := common_wave(frame, preset, **place)) is not None
     ]
+    # t(y) = t0 + sqrt((y - y0)² + r²)/c: near the image plane c and r are the same in all frames.
     moveout = fit_moveout(near, element_m)
     # Off the plane an oblique wave is smeared less than one from straight below, so that few channels are alike.
     straight_m = STRAIGHT_SHARE * strongest.depth_m
@@ -92,7 +94,8 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
         and (wave := common_wave(frame, preset, within_m=straight_m, **place)) is not None
     ]
     if not received:
-        raise SearchError("no angle hears the source's wave well enough straight above it; average more pulses")
+        raise SearchError("the source's wave is too weak at every angle; average more pulses")
+    # All waves are aligned with the strongest one, whose arrival time is the most certain.
     strongest_wave = max((wave for _, wave in received), key=lambda wave: float(np.abs(wave.wave).max()))
     plane_s = apex_s(strongest_wave.arrival_s, element_m, moveout)
     waves = Waves(

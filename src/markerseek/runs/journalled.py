@@ -1,4 +1,4 @@
-"""Runs that are kept in a journal: each event is committed before it is handed out."""
+"""Runs a search with a journal: each event is committed before the policy receives it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RUN_LIMITS = RunLimits()
 
 
 def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
-    """What a journal holds of a search before it begins.
+    """Configuration of a new search for its journal.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
 def run_plan(
     policy: Policy, scanner: AnyScanner, plan: SearchPlan, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`markerseek.scan.run` with the dark frames and the end that a plan asks for.
+    """`markerseek.scan.run` with the options of a plan.
 
     Parameters
     ----------
     policy, scanner
-        What searches, on what.
+        The search method, and the scanner of a rig.
     plan
-        Says how many dark frames to take, and how to end.
+        Gives the number of dark frames, and how to end.
     limits
         As in `run`.
     """
@@ -58,14 +58,14 @@ def run_plan(
 def journalled(
     policy: Policy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
 ) -> Generator[Event, None, None]:
-    """`run_plan`, each event on the disk before it is handed out, and so before the policy receives it.
+    """`run_plan` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
     Parameters
     ----------
     policy, rig
-        What searches, on what.
+        The search method, and the rig.
     journal
-        A new one; its plan says how many dark frames to take, and how to end.
+        A new journal with the plan of the search.
     limits
         As in `run`.
 
@@ -77,19 +77,20 @@ def journalled(
     Raises
     ------
     RecordError
-        If an event cannot be kept; the rig is stopped.
+        If an event cannot be written; the rig is stopped.
     """
     clock = rig.scanner.clock
     events = run_plan(policy, rig.scanner, journal.configuration.plan, limits=limits)
-    with closed_and_kept(events, clock, journal):
+    with closing_run(events, clock, journal):
         for event in events:
-            keep(event, clock, rig, journal)
+            # Before the yield: a policy must never act on a measurement that a crash could lose.
+            commit_event(event, clock, rig, journal)
             yield event
 
 
 @contextmanager
-def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
-    """Close a run at the end, which stops the rig; a rig that cannot be stopped is a fault, which the journal keeps.
+def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
+    """Close a run at the end, which stops the rig; a failure to stop it is recorded in the journal.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal:
     clock
         Its clock.
     journal
-        Where the fault is kept, unless the run is over or ended with another.
+        Receives the fault, unless the run is over or ended with another.
     """
     try:
         yield
@@ -110,25 +111,26 @@ def closed_and_kept(events: Generator[Event, None, None], clock: Clock, journal:
             raise
 
 
-def keep(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
+def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
     """Commit an event, with the state of a simulated world where it has changed.
 
     Parameters
     ----------
     event
-        What happened.
+        The event.
     clock
         The run's clock.
     rig
-        Where it happened.
+        The rig; the state of a simulated one is stored too.
     journal
-        Where it is kept.
+        The journal.
 
     Raises
     ------
     RecordError
         If it cannot be written.
     """
+    # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
     changed = rig.world is not None and isinstance(event, Started | Measured | Refused | Failed)
     checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None
     journal.commit(event, clock_s=clock.now_s(), checkpoint=checkpoint)

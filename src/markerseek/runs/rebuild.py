@@ -1,4 +1,4 @@
-"""Policy, rig and imaging chain of a journal, rebuilt from its configuration."""
+"""Rebuilds policy, rig and imaging chain of a run from the configuration in its journal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import msgspec
 
 from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import Configuration, Recording
+from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.rigs import BenchRecipe, Recipe, ReplayedRecipe, Rig, SimulatedRecipe, replayed, simulated
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
@@ -16,7 +16,7 @@ from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:
-    """Settings of the bench in a journal, to be compared with a rig file; None for any other rig.
+    """Bench settings in a journal, for comparison with a rig file; None for any other rig.
 
     Raises
     ------
@@ -28,21 +28,21 @@ def recorded_bench(configuration: Configuration) -> BenchSettings | None:
 
 
 def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings | None = None) -> Rig:
-    """The rig of a journal, as it was before the run; devices of a bench are connected, and must be closed.
+    """The rig of a journal in its state before the run; a bench is connected, and must be closed.
 
     Parameters
     ----------
     configuration
         The journal's configuration.
     bench_settings
-        Settings of a bench from the rig file that a person named; those of the journal are not used.
+        Bench settings from the user's rig file; those of the journal are never used.
 
     Raises
     ------
     RecordError
-        If the rig was not made from settings, or its recording was changed since.
+        If the rig was not made from settings, or its recording has changed since.
     ConfigError
-        If the journal is of a bench and no settings are given, or settings of another bench; or of no bench.
+        If settings of a bench are missing, differ from the journal's, or are given for another kind of rig.
     """
     recipe = _recipe(configuration)
     if recipe is None:
@@ -50,11 +50,12 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
     if isinstance(recipe, BenchRecipe):
         if bench_settings is None:
             raise ConfigError(
-                "the journal is of a rig of devices, and a journal does not bring its own rig; name the rig file: "
+                "the journal is of a rig of devices, which is not taken from a journal; name the rig file: "
                 "markerseek resume FILE --rig RIG.toml --arm"
             )
         from markerseek.rigs import bench
 
+        # Before the devices are connected, which would already start a supervisor.
         require_same_measurement(configuration, recipe.settings, bench_settings)
         return bench(bench_settings)
     if bench_settings is not None:
@@ -65,17 +66,17 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
         rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
     else:
         rig = _replayed(recipe)
-        # A simulated rig is made from the recipe alone; a recording can change beside it.
+        # A simulated rig depends on the recipe alone; a recording is a file that can change.
         if rig.facts.fingerprint != configuration.facts.fingerprint:
             raise RecordError(
-                f"{recipe.path}: the recording is not what it was when the run began: its fingerprint was "
+                f"{recipe.path}: the recording has changed since the run began: its fingerprint was "
                 f"{configuration.facts.fingerprint} and is {rig.facts.fingerprint}; begin a new replay"
             )
     return rig
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig; neither devices nor a recording are needed.
+    """The imaging chain of a journal's rig, without its devices or recording.
 
     Raises
     ------
@@ -103,6 +104,7 @@ def _recipe(configuration: Configuration) -> Recipe | None:
         recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+    # The kind decides whether a person is asked to arm: it must be that of the settings.
     if recipe is not None and recipe.__struct_config__.tag != configuration.facts.kind:
         raise RecordError(
             f"the journal says that its rig is {configuration.facts.kind} and holds the settings of another kind, "
@@ -112,25 +114,25 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 
 def rebuild_policy(configuration: Configuration) -> Policy:
-    """The policy of a journal, as it was before the run.
+    """The policy of a journal in its state before the run.
 
     Raises
     ------
     ConfigError
-        If there is no such method any more.
+        If the method does not exist any more.
     """
     return policy_for(configuration.plan, limits=configuration.facts.search)
 
 
-def next_angle(held: Recording, policy: Policy) -> float | None:
-    """Angle in degrees at which a run would measure next; None if the policy wants none.
+def next_angle(held: RecordedRun, policy: Policy) -> float | None:
+    """Next angle of a run in degrees; None if the policy needs no more.
 
     Parameters
     ----------
     held
         The journal of a run that is not over.
     policy
-        As it was before the run; it receives what was measured.
+        The policy in its state before the run; it is fed the recorded samples.
     """
     for entry in held.entries:
         if isinstance(entry.event, Measured) and entry.event.role != "confirmation":

@@ -1,4 +1,4 @@
-"""Measures two angles again before a run is resumed; an intensity or a source that has changed ends the attempt."""
+"""Measures two angles again before a run is resumed, and refuses to resume if the signal has changed."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from markerseek.records.journal import Checked, Entry, Journal, Resuming
 from markerseek.scan import SEEN_SIGMAS, AnyScanner, moved_source
 
 SHARE = 0.1
-"""Most that an intensity may change, as a share of the larger: about what a laser's energy drifts."""
+"""Allowed relative change of an intensity: about the drift of a laser's energy."""
 
 SIGMAS = 6.0
-"""Standard deviations of the noise that it may change by in addition."""
+"""Allowed change in addition, in standard deviations of the noise."""
 
 FLANK_SHARE = 0.85
-"""Most that an acquisition on a flank may have of the strongest intensity."""
+"""Largest intensity of an acquisition on a flank, as a share of the strongest."""
 
 
 def samples_to_recheck(entries: Sequence[Entry]) -> tuple[Sample, ...]:
-    """Acquisitions of a run that show a change best: the strongest, then one on a flank; fewer where there are none.
+    """Acquisitions that show a change best: the strongest, then one on a flank; fewer where there are none.
 
-    The strongest alone shows little of a rotation: near the top of the curve the slope is zero. The one on a flank is
-    the acquisition clearly above the noise whose intensity is nearest to half of the strongest; there a rotation by a
-    degree changes the intensity by more than a laser drifts. No rotation leaves both as they were.
+    The strongest alone is insensitive to a rotation, because the slope of the curve is zero at its peak. The second is
+    the acquisition above the noise whose intensity is nearest to half of the strongest: there, a rotation by a degree
+    changes the intensity by more than a laser drifts. Any rotation changes at least one of the two.
 
     Parameters
     ----------
@@ -59,10 +59,10 @@ def _above_noise(sample: Sample) -> bool:
 
 
 def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> int:
-    """Most laser pulses that a run can have been permitted so far.
+    """Upper bound of the laser pulses that a run has fired so far.
 
-    Each acquisition that was asked for counts once and once more for each refusal, whether or not it was fired before
-    the run died; each check as often as it may be tried.
+    Each acquisition counts once, and once more for each refusal, whether or not it was fired before the run died; each
+    check counts as often as it may be tried.
 
     Parameters
     ----------
@@ -78,6 +78,7 @@ def pulses_before(entries: Sequence[Entry], *, pulses: int, attempts: int) -> in
     for entry in entries:
         match entry.event:
             case Asked(role=role):
+                # A dark acquisition fires no pulse.
                 lit = role != "dark"
                 permits += lit
             case Refused():
@@ -96,7 +97,7 @@ def require_unchanged(
     arm: Callable[[], None],
     attempts: int,
 ) -> None:
-    """Measure acquisitions again, keep the readings in the journal, and refuse to resume where one has changed.
+    """Measure acquisitions again, record the readings in the journal, and refuse to resume if one has changed.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def require_unchanged(
     scanner
         Measures again, once `arm` was called; it is stopped at the end.
     journal
-        Where the readings are kept, and a fault that comes up meanwhile.
+        Receives the readings, and a fault if one occurs.
     clock
         The run's clock.
     arm
@@ -116,7 +117,7 @@ def require_unchanged(
     Raises
     ------
     AcquisitionError
-        If an intensity is not as it was, or its source has moved.
+        If an intensity has changed, or its source has moved.
     DeviceError
         If a device did not do its part.
     """
@@ -135,21 +136,23 @@ def require_unchanged(
                     difference = f"measured again at {commanded_deg(sample):.3f} deg, {difference}"
                     break
         finally:
+            # Disarmed in any case: `arm` is called again when the run continues.
             scanner.stop()
     except RecordError:
         raise
     except Exception as error:
-        # A fault must outlive this process as well: it is left by a person's reset only.
+        # Recorded, because a fault must survive this process: only a person's reset ends it.
         journal.fail(error, clock_s=clock.now_s())
         raise
     if difference is not None:
-        raise AcquisitionError(f"{difference}: probe, tissue or laser are not as they were; begin a new search")
+        raise AcquisitionError(f"{difference}: probe, tissue or laser have changed; begin a new search")
 
 
 def _measured(scanner: AnyScanner, angle_deg: float, attempts: int) -> Sample:
     for attempt in range(1, attempts + 1):
         try:
             return scanner.measure(angle_deg)
+        # A retry would saturate again, and fire at the tissue for nothing.
         except SaturationError:
             raise
         except AcquisitionError:
@@ -164,7 +167,7 @@ def commanded_deg(sample: Sample) -> float:
 
 
 def change_of(before: Reading, now: Reading) -> str | None:
-    """What has changed between two readings at one angle, in words; None if chance alone can explain it.
+    """Description of the change between two readings at one angle; None if noise can explain it.
 
     Parameters
     ----------
@@ -173,6 +176,7 @@ def change_of(before: Reading, now: Reading) -> str | None:
     """
     noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
     allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * noise
+    # `not <=` and not `>`, so that NaN counts as a change.
     if not abs(now.intensity - before.intensity) <= allowed:
         return (
             f"the intensity is {now.intensity:.4g} and was {before.intensity:.4g}, {allowed:.3g} would be the most by "

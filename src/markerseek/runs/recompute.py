@@ -1,4 +1,4 @@
-"""Computes a run again from the frames in its journal, and compares readings, decisions and answer bit for bit."""
+"""Recomputes a run from the frames in its journal and compares readings, decisions and answer bit for bit."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import replace
 
 from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader
 from markerseek.guard import Limits
-from markerseek.records.journal import Entry, JournalEvent, Recording
+from markerseek.records.journal import Entry, JournalEvent, RecordedRun
 from markerseek.runs.journalled import run_plan
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.runs.resume import RUN_EVENTS
 from markerseek.signals import IntensityReader
 
 
-def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
-    """What differs, bit for bit, when a run is computed again from its frames alone; empty where nothing does.
+def differences(held: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
+    """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
 
     Each stored frame is read again, the policy receives the readings, and its decisions and its answer are compared
     with those of the journal.
@@ -25,7 +25,7 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     held
         The journal.
     policy
-        As it was before the run.
+        The policy in its state before the run.
     reader
         Imaging chain of the rig.
     """
@@ -34,23 +34,26 @@ def differences(held: Recording, policy: Policy, reader: Reader) -> list[str]:
     if not again:
         return []
     search = held.configuration.facts.search
+    # A journal does not hold the limits of travel; nothing moves here.
     scanner = ReplayedScanner(again, limits=Limits(search=search, travel=search))
     events = run_plan(policy, scanner, held.configuration.plan)
     with closing(events):
+        # Not strict: the journal of an interrupted run ends before the run does.
         for entry, event in zip(again, events, strict=False):
             if _timeless(event) != _timeless(entry.event):
                 found.append(f"entry {entry.number}: {event} where the journal has {entry.event}")
+                # Later decisions depend on this one, so that their differences would say nothing new.
                 break
     return found
 
 
 def _timeless(event: JournalEvent) -> JournalEvent:
-    """The event without the duration of the run, which frames do not hold."""
+    """The event without the duration of the run, which cannot be recomputed from frames."""
     return replace(event, elapsed_s=0.0) if isinstance(event, Finished) else event
 
 
 def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
-    """The entry with the reading of its frame now; a difference is added to those found."""
+    """The entry with its reading recomputed; appends a difference to `found`."""
     event = entry.event
     if not isinstance(event, Measured) or event.sample.frame is None:
         return entry

@@ -1,6 +1,6 @@
-"""A scanner that hands out what a journal holds, in its order, and then measures on a rig.
+"""A scanner that returns the samples of a journal in order, and then measures on a rig.
 
-`run` and the policies do not know of it: they repeat the run from its beginning, with the same samples and times.
+`run` and the policies need no change: they repeat the run from its beginning with the same samples and times.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from markerseek.scan import AnyScanner
 
 
 class ReplayedClock:
-    """Shows the times of the entries, then those of a live clock.
+    """Clock with the times of the journal's entries, then of a live clock.
 
     Parameters
     ----------
@@ -29,25 +29,25 @@ class ReplayedClock:
         self._ahead_s = 0.0
 
     def now_s(self) -> float:
-        """Seconds, as the run would have read them."""
+        """Time of the run in seconds."""
         return self._entry_s if self._live is None else self._live.now_s() + self._ahead_s
 
     def wait(self, duration_s: float) -> None:
-        """Not possible: nothing is measured while entries are repeated.
+        """Always an error: nothing waits while entries are replayed.
 
         Raises
         ------
         ConfigError
             Always.
         """
-        raise ConfigError(f"a wait of {duration_s} s while a journal is repeated; only a rig can wait")
+        raise ConfigError(f"a wait of {duration_s} s while a journal is replayed; only a rig can wait")
 
     def show(self, now_s: float) -> None:
-        """Show the time of the next entry, in seconds."""
+        """Set the time of the next entry, in seconds."""
         self._entry_s = now_s
 
     def switch_to(self, live: Clock, *, same: bool) -> None:
-        """Show a live clock from now on.
+        """Use a live clock from now on.
 
         Parameters
         ----------
@@ -63,18 +63,18 @@ class ReplayedClock:
 
 
 class ReplayedScanner:
-    """Hands out what was measured or refused, in that order; then measures with another scanner, where there is one.
+    """Returns the recorded samples and refusals in order; then measures with a live scanner, if there is one.
 
     Parameters
     ----------
     entries
-        Those of a run, beginning with `Started`.
+        Entries of a run, beginning with `Started`.
     limits
-        Where the run was allowed to look.
+        Limits of the run.
     live
-        Measures once the entries are used up; None where nothing may be measured.
+        Scanner for further measurements; None if there are none.
     same_clock
-        Whether the live clock was put back to the time at which the run stopped.
+        Whether the live clock was set back to the time at which the run stopped.
 
     Raises
     ------
@@ -96,6 +96,7 @@ class ReplayedScanner:
         self._refused_frame: Frame | None = None
         self._outcomes = deque(entry for entry in entries if isinstance(entry.event, Measured | Refused))
         self._clock = ReplayedClock(first.clock_s)
+        # Never armed, so that it refuses every permit.
         idle = Guard(limits=limits, firing=FiringLimits(), admission=Admission())
         self._guard = idle if live is None else live.guard
 
@@ -106,17 +107,17 @@ class ReplayedScanner:
 
     @property
     def guard(self) -> Guard:
-        """Guard of the rig; one that permits nothing where there is no rig."""
+        """Guard of the rig; without a rig, one that is never armed."""
         return self._guard
 
     @property
     def limits(self) -> Limits:
-        """Where the run was allowed to look."""
+        """Limits of the run."""
         return self._limits
 
     @property
     def angle_deg(self) -> float:
-        """Where the probe stood when the run began, in degrees."""
+        """Angle of the probe when the run began, in degrees."""
         return self._start_deg
 
     def measure(self, angle_deg: float) -> Sample:
@@ -149,7 +150,7 @@ class ReplayedScanner:
         return self._refused_frame if self._active is None else self._active.refused_frame
 
     def switch_to_rig(self) -> None:
-        """Let the clock continue with that of the rig, and `measure` with the rig once the entries are used up.
+        """Continue with the clock of the rig, and measure with the rig once the entries are used up.
 
         Raises
         ------
@@ -168,6 +169,7 @@ class ReplayedScanner:
         if not self._outcomes:
             return None
         entry = self._outcomes.popleft()
+        # The durations in `Finished` are differences of this clock, and must come out as in the first run.
         self._clock.show(entry.clock_s)
         self._refused_frame = None
         if isinstance(entry.event, Refused):

@@ -1,8 +1,8 @@
-"""Resumes a run from its journal, whatever ended it.
+"""Resumes a run from its journal.
 
-The run is repeated from its beginning: a `ReplayedScanner` hands out what the journal holds, and each decision of the
-policy is compared with the one in the journal. Then two angles are measured again on the rig, and the run continues
-there. So travel, counts and the result are those of a run that was never stopped.
+The run is repeated from its beginning: a `ReplayedScanner` returns the recorded samples, and each decision of the
+policy is compared with the one in the journal. Then two angles are measured again on the rig, and the run continues. So
+travel, counts and the result equal those of a run without interruption.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from functools import partial
 from pathlib import Path
 
 from markerseek.core import Asked, DeviceError, Event, Finished, Measured, Policy, RecordError, Refused, Started
-from markerseek.records.journal import Entry, Journal, Recording, Resuming, RunState, run_state, versions
+from markerseek.records.journal import Entry, Journal, RecordedRun, Resuming, RunState, run_state, versions
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import closed_and_kept, keep, run_plan
+from markerseek.runs.journalled import closing_run, commit_event, run_plan
 from markerseek.runs.recheck import commanded_deg, pulses_before, require_unchanged, samples_to_recheck
 from markerseek.runs.replayed_scanner import ReplayedScanner
 from markerseek.scan import AnyScanner, RunLimits
 
 RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
-"""Events of a journal that the run repeats; a fault is not one of them, because it was reset."""
+"""Events that are replayed; a fault is not one of them, because it has been reset."""
 
 _RUN_LIMITS = RunLimits()
 
@@ -31,7 +31,7 @@ def resumed(
     policy: Policy,
     rig: Rig,
     journal: Journal,
-    held: Recording,
+    held: RecordedRun,
     *,
     by: str,
     reset_fault: bool = False,
@@ -39,34 +39,34 @@ def resumed(
 ) -> Generator[Event, None, None]:
     """The events of a run from its beginning: those of the journal, then those of the rig.
 
-    Nothing moves before every decision in the journal was repeated and compared. Then the rig is armed in the name of
-    the person who asks for it, and the strongest angle so far and one on a flank are measured again; they must be as
-    they were.
+    Nothing moves before all decisions in the journal have been repeated and compared. Then the rig is armed in the name
+    of the person who resumes it, and the strongest angle so far and one on a flank are measured again; they must be
+    unchanged.
 
     Parameters
     ----------
     policy, rig
-        As they were before the run.
+        In their state before the run.
     journal, held
-        What `Journal.reopen` gave.
+        From `Journal.reopen`.
     by
         Name of the person who arms the rig.
     reset_fault
-        Whether that person has looked at the rig after a fault, and resets it.
+        Whether that person has inspected the rig after a fault, and resets it.
     limits
         As in `run`.
 
     Yields
     ------
     Event
-        As `run`; those that the journal holds already are not written again.
+        As `run`; recorded events are not written again.
 
     Raises
     ------
     DeviceError
-        If the run ended with a fault that is not reset, or an angle measured again is not as it was.
+        If the run ended with a fault that is not reset, or an angle measured again has changed.
     RecordError
-        If the run is over, the search decides otherwise than it did, or an event cannot be kept.
+        If the run is over, the policy decides differently than before, or an event cannot be written.
     """
     state = run_state(held.entries)
     if state.state == "finished":
@@ -77,7 +77,8 @@ def resumed(
     scanner = step.scanner
     pending = deque(repeated)
     events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
-    with closed_and_kept(events, scanner.clock, journal):
+    with closing_run(events, scanner.clock, journal):
+        # A run that died before its first event has nothing to repeat.
         if not pending:
             step.take()
         for event in events:
@@ -87,27 +88,15 @@ def resumed(
                 if not pending:
                     step.take()
             else:
-                keep(event, scanner.clock, rig, journal)
+                commit_event(event, scanner.clock, rig, journal)
                 yield event
 
 
 class _StepToRig:
-    """The step from the last entry of the journal to the rig; it is taken once.
-
-    Parameters
-    ----------
-    rig, journal, held
-        As in `resumed`.
-    repeated
-        Entries that the run repeats.
-    by
-        Name of the person who arms the rig.
-    attempts
-        How often one acquisition is tried when its frames are refused.
-    """
+    """The switch from the journal to the rig, made once, after the last replayed entry; arguments of `resumed`."""
 
     def __init__(
-        self, rig: Rig, journal: Journal, held: Recording, repeated: tuple[Entry, ...], *, by: str, attempts: int
+        self, rig: Rig, journal: Journal, held: RecordedRun, repeated: tuple[Entry, ...], *, by: str, attempts: int
     ) -> None:
         self._rig, self._journal, self._held, self._repeated = rig, journal, held, repeated
         self._by, self._attempts = by, attempts
@@ -123,8 +112,9 @@ class _StepToRig:
         return self._replayed or self._rig.scanner
 
     def take(self) -> None:
-        """Charge the guard with the pulses so far, note who armed the rig, measure again, and leave the rig armed."""
+        """Charge the guard with earlier pulses, record who armed the rig, measure two angles again, and arm."""
         rig, entries = self._rig, self._held.entries
+        # The budget of pulses is per session on the tissue, not per process.
         rig.scanner.guard.charge(pulses_before(entries, pulses=rig.scanner.pulses, attempts=self._attempts))
         self._restore()
         if self._replayed is not None:
@@ -139,21 +129,23 @@ class _StepToRig:
             versions=versions(),
         )
         clock = self.scanner.clock
+        # Before anything is fired: `pulses_before` counts the pulses of a check that dies.
         self._journal.commit(note, clock_s=clock.now_s())
         arm = partial(rig.arm, by=self._by)
         require_unchanged(samples, rig.scanner, self._journal, clock, arm=arm, attempts=self._attempts)
+        # The check has moved a simulated stage and drawn random numbers: both are set back.
         self._restore()
         arm()
 
     def _restore(self) -> None:
-        """Restore a simulated world, and let the guard recall the frames that it had admitted."""
+        """Restore a simulated world, and the guard's memory of admitted frames."""
         if self._rig.world is not None and self._checkpoint is not None:
             self._rig.world.restore(self._checkpoint)
         guard = self._rig.scanner.guard
         for entry in self._repeated:
             if isinstance(entry.event, Measured) and entry.event.sample.frame is not None:
                 frame = entry.event.sample.frame
-                # A receiver that was started again counts from 1 again.
+                # A restarted receiver counts from 1 again, which the guard would refuse as an old frame.
                 header = frame.header if self._checkpoint is not None else replace(frame.header, sequence=0)
                 guard.recall(replace(frame, header=header), entry.event.sample.reading)
 
@@ -168,12 +160,12 @@ def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
     state
         State of its run.
     reset_fault
-        Whether a person has looked at the rig, and resets it.
+        Whether a person has inspected the rig, and resets it.
 
     Raises
     ------
     DeviceError
-        If the run ended with a fault and nobody has.
+        If the run ended with a fault that is not reset.
     """
     if state.state == "fault" and not reset_fault:
         raise DeviceError(
@@ -181,20 +173,21 @@ def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
         )
 
 
-def _last_checkpoint(rig: Rig, held: Recording) -> bytes | None:
-    """Last state of a simulated world; None of a real one."""
+def _last_checkpoint(rig: Rig, held: RecordedRun) -> bytes | None:
+    """Last recorded state of a simulated world; None for a real rig."""
     if rig.world is None:
         return None
     for entry in reversed(held.entries):
         if entry.checkpoint is not None:
             return entry.checkpoint
-    raise RecordError(f"{held.path}: it holds no state of the simulated world, which died with its process")
+    raise RecordError(f"{held.path}: it has no state of the simulated world, so that the run cannot continue")
 
 
-def _require_same(now: Event, then: Entry, held: Recording) -> None:
+def _require_same(now: Event, then: Entry, held: RecordedRun) -> None:
+    # Exact equality of floats: the same code and data must decide the same, bit for bit.
     if now != then.event:
         begun = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
         raise RecordError(
-            f"{held.path}: entry {then.number}: the search decides otherwise than it did: {now} where the journal has "
-            f"{then.event}; resume with what it was begun with ({begun})"
+            f"{held.path}: entry {then.number}: the search decides differently than before: {now} where the journal "
+            f"has {then.event}; resume with its first versions ({begun})"
         )

@@ -1,6 +1,6 @@
-"""Compares the bench of a journal with the rig file that is named to resume it.
+"""Compares the bench settings of a journal with the rig file given to resume it.
 
-A journal is a file like any other and may come from anywhere: it does not choose ports, limits, budgets or programs.
+A journal may come from an untrusted source: ports, limits, budgets and programs are never taken from it.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ SAME = (
     "probe.",
     "limits.search.",
 )
-"""Keys on which angles and intensities depend: acquisitions before and after a change could not be compared."""
+"""Keys that change angles or intensities, so that new acquisitions would not be comparable; a final dot is a table."""
 
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
-    """Keys whose values differ, each with both values in words.
+    """Settings that differ, by dotted key, each with a description.
 
     Parameters
     ----------
     recorded
         Settings in the journal.
     named
-        Settings in the rig file that a person named.
+        Settings in the user's rig file.
     """
     was, now = _by_key(msgspec.to_builtins(recorded)), _by_key(msgspec.to_builtins(named))
     keys = sorted(was.keys() | now.keys())
@@ -44,7 +44,7 @@ def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dic
 
 
 def require_same_measurement(configuration: Configuration, recorded: BenchSettings, named: BenchSettings) -> list[str]:
-    """Refuse a rig file whose acquisitions cannot be compared with those of the journal; name all other differences.
+    """Refuse a rig file whose acquisitions are not comparable with the journal's; return all other differences.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
     recorded
         Settings in the journal.
     named
-        Settings in the rig file that a person named.
+        Settings in the user's rig file.
 
     Returns
     -------
     list of str
-        Differences that do not change what is measured, such as ports, limits of travel and budgets, in words.
+        Differences that do not change what is measured, such as ports, travel limits and budgets.
 
     Raises
     ------
@@ -66,7 +66,8 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
         If a key of `SAME` differs, or the journal searches another range than the rig file.
     """
     found = differences_of_benches(recorded, named)
-    refused = [said for key, said in found.items() if key.startswith(SAME)]
+    refused = [difference for key, difference in found.items() if key.startswith(SAME)]
+    # The journal states the range twice, in the recipe and in the facts; both must be that of the file.
     if not refused and configuration.facts.search != named.limits.search:
         refused = [f"limits.search is {named.limits.search}, the journal searches {configuration.facts.search}"]
     if refused:
@@ -80,7 +81,7 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
 
 
 def _by_key(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
-    """Values by dotted key, as a rig file names them."""
+    """Nested settings as a flat table with dotted keys."""
     flat: dict[str, object] = {}
     for name, value in table.items():
         flat |= _by_key(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}

@@ -1,4 +1,4 @@
-"""One search from its plan to its result, new or resumed: what `search`, `replay` and `resume` share."""
+"""A session: one search from plan to result, new or resumed, for `search`, `replay` and `resume`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal, Recording
+from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, run_plan
 from markerseek.runs.rebuild import rebuild_policy
@@ -23,43 +23,44 @@ class Session:
     Attributes
     ----------
     policy, rig
-        What searches, on what.
+        The search method, and the rig.
     configuration
         Plan of the search and facts of the rig, as a journal holds them.
     journal
-        Keeps each event before it is handed out; None: none is kept.
+        Journal of the run; None if none is kept.
     held
-        What the journal holds of a run that is resumed; None for a new one.
+        Recorded run to be resumed; None for a new run.
     by, reset_fault
-        Of a resumed run: who arms the rig, and whether that person has looked at it after a fault.
+        For a resumed run: who arms the rig, and whether that person has inspected it after a fault.
     recorder
-        Collects from the events what the result needs.
+        Collects the samples and the answer for the result.
     """
 
     policy: Policy
     rig: Rig
     configuration: Configuration
     journal: Journal | None = None
-    held: Recording | None = None
+    held: RecordedRun | None = None
     by: str = ""
     reset_fault: bool = False
     recorder: Recorder = field(default_factory=Recorder)
 
     def events(self) -> Generator[Event, None, None]:
-        """Run the search once; closed at any moment, the stage stops and the laser is disarmed.
+        """Run the search; if closed early, the stage stops and the laser is disarmed.
 
         Yields
         ------
         Event
-            As `markerseek.scan.run`, each kept in the journal before; of a resumed run from its beginning.
+            As `markerseek.scan.run`, each committed to the journal before; a resumed run begins with its first event.
 
         Raises
         ------
         MarkerseekError
             As `markerseek.scan.run`, and as `resumed` for a run that is resumed.
         RecordError
-            If an event cannot be kept; the rig is stopped.
+            If an event cannot be written; the rig is stopped.
         """
+        # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events:
             for event in events:
                 self.recorder.add(event)
@@ -91,7 +92,7 @@ def plan_on(
     start_deg: float,
     stay: bool = False,
 ) -> SearchPlan:
-    """Plan of a search with the dark frames and the end that a rig needs; the paper's form takes no dark frames first.
+    """Plan of a search with the dark frames that the rig needs; the paper's form of a method takes none.
 
     Parameters
     ----------
@@ -110,6 +111,7 @@ def plan_on(
         acquisitions=acquisitions,
         as_published=as_published,
         start_deg=start_deg,
+        # The paper's methods measure no noise floor.
         dark_frames=0 if as_published else rig.dark_frames,
         stay=stay,
         closing_dark=rig.closing_dark,
@@ -133,22 +135,22 @@ def new_session(rig: Rig, plan: SearchPlan) -> Session:
     return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
 
 
-def resumed_session(rig: Rig, journal: Journal, held: Recording, *, by: str, reset_fault: bool) -> Session:
+def resumed_session(rig: Rig, journal: Journal, held: RecordedRun, *, by: str, reset_fault: bool) -> Session:
     """A search that is resumed; nothing moves before `Session.events` is iterated.
 
     Parameters
     ----------
     rig
-        That of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
+        Rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     journal, held
-        What `Journal.reopen` gave.
+        From `Journal.reopen`.
     by, reset_fault
         As in `markerseek.runs.resume.resumed`.
 
     Raises
     ------
     ConfigError
-        If there is no such method any more.
+        If the method does not exist any more.
     """
     return Session(
         policy=rebuild_policy(held.configuration),

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.files import open_input, replaced
+from markerseek.files import open_input, replace_file
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Study, cells
 from markerseek.studies.trial import Row
@@ -92,7 +92,7 @@ def write_whole(path: Path, parts: Iterable[bytes]) -> None:
         If it cannot be written.
     """
     try:
-        with replaced(path) as unfinished, unfinished.open("xb") as file:
+        with replace_file(path) as unfinished, unfinished.open("xb") as file:
             file.writelines(parts)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be written: {problem.strerror}") from problem

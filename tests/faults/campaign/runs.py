@@ -14,7 +14,7 @@ import numpy as np
 
 from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permit, Policy, RigFacts, Sample, SearchPlan
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
-from markerseek.records.journal import Configuration, Journal, Recording, read_journal
+from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.bench_rig import DARK_ALARM
 from markerseek.runs.journalled import configuration_of, journalled
@@ -114,7 +114,7 @@ class Trace:
     plan: Plan
     world: WatchedWorld
     acted: tuple[Fault, ...]
-    journal: Recording
+    journal: RecordedRun
     raised: BaseException | None
     guard: Guard
     left_fault: bool

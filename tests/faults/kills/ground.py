@@ -18,7 +18,7 @@ from markerseek.records.journal import (
     Entry,
     Interrupted,
     Journal,
-    Recording,
+    RecordedRun,
     Resuming,
     read_journal,
     result_of,
@@ -32,12 +32,12 @@ from .tally import Row, Tally
 Happened = list[tuple[object, float, bytes]]
 
 
-def told_entries(held: Recording) -> list[Entry]:
+def told_entries(held: RecordedRun) -> list[Entry]:
     """Entries of what was handed on; the others tell how it was interrupted and resumed."""
     return [entry for entry in held.entries if not isinstance(entry.event, Interrupted | Resuming | Checked)]
 
 
-def happened(held: Recording) -> Happened:
+def happened(held: RecordedRun) -> Happened:
     """What a run did, without what only a resumed one holds: event, time, and samples of the frame."""
     rows = []
     for entry in told_entries(held):

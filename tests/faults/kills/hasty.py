@@ -9,7 +9,7 @@ from unittest import mock
 from markerseek.core import Event, Policy
 from markerseek.records.journal import Journal
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import keep
+from markerseek.runs.journalled import commit_event
 from markerseek.scan import run
 
 from .at_steps import at_steps
@@ -18,7 +18,7 @@ from .at_steps import at_steps
 def hasty(policy: Policy, rig: Rig, journal: Journal) -> Iterator[Event]:
     for event in run(policy, rig.scanner, dark_frames=journal.configuration.plan.dark_frames):
         yield event
-        keep(event, rig.scanner.clock, rig, journal)
+        commit_event(event, rig.scanner.clock, rig, journal)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from markerseek.core import Asked, Measured, Refused
-from markerseek.records.journal import Checked, Recording, read_journal, run_state
+from markerseek.records.journal import Checked, RecordedRun, read_journal, run_state
 
 from .ground import begun, told_entries
 from .problems import watched
@@ -164,7 +164,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
         tally.row(KIND, place).equal += 1
 
 
-def _require_went_on(before: Recording, held: Recording) -> None:
+def _require_went_on(before: RecordedRun, held: RecordedRun) -> None:
     """What was kept is kept, and every check was heard as before."""
     kept = [(entry.clock_s, entry.written, type(entry.event)) for entry in before.entries]
     now = [(entry.clock_s, entry.written, type(entry.event)) for entry in held.entries]
@@ -173,7 +173,7 @@ def _require_went_on(before: Recording, held: Recording) -> None:
     _require(differences == [None] * len(differences), f"checks differ: {differences}")
 
 
-def _acquisitions(held: Recording) -> int:
+def _acquisitions(held: RecordedRun) -> int:
     """Acquisitions with light of which the journal holds what came of them."""
     lit, count = False, 0
     for entry in held.entries:

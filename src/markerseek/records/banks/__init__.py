@@ -1,6 +1,6 @@
-"""Scans of many angles, from IPASC HDF5, a folder of frames, arrays of NumPy or MATLAB, or a table.
+"""Banks, that is scans of many angles: IPASC HDF5, a folder of frames, arrays of NumPy or MATLAB, or a CSV table.
 
-`read_bank` reads what is a bank already, `read_arrays` what becomes one, `load_frame` and `open_ultrasonix` one frame.
+`read_bank` reads a bank, `read_arrays` arrays that can be made one, `load_frame` and `open_ultrasonix` single frames.
 Foreign files are read in a child process (`markerseek.records.sandbox`).
 """
 

@@ -1,7 +1,7 @@
-"""Banks as arrays that NumPy or MATLAB saved: angles with intensities, or with frames of channel data.
+"""Reads banks from arrays of NumPy or MATLAB: angles with intensities, or with frames of channel data.
 
 ``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (int16, angles × channels ×
-samples); and, where they are known, ``sampling_hz`` and ``reference_angle_deg``. ``.npy`` holds two columns, angle and
+samples); and optionally ``sampling_hz`` and ``reference_angle_deg``. ``.npy`` holds two columns, angle and
 intensity, or the frames alone.
 """
 
@@ -20,7 +20,7 @@ from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in
 
 USUAL_SAMPLING_HZ = 40e6
-"""Sampling frequency of the SonixDAQ, where none is named, in Hz."""
+"""Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
 
 _LARGEST_BYTES = 1 << 33
 _NAMES = {
@@ -37,7 +37,7 @@ class ArrayBank(FrameBank):
     Attributes
     ----------
     path
-        Where they were read.
+        The file.
     samples
         ADC counts, shape (angles, channels, samples).
     """
@@ -52,6 +52,7 @@ class ArrayBank(FrameBank):
             token=self.path.name,
             pulses=1,
             commanded_deg=self.angles_deg[index],
+            # Arrays hold no times; NaN says so, where 0 would be a time.
             started_s=math.nan,
             ended_s=math.nan,
         )
@@ -59,7 +60,7 @@ class ArrayBank(FrameBank):
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """Arrays hold no frames without laser."""
+        """Not available: arrays hold no frames without laser."""
         raise RecordError(f"{self.path}: there is no dark frame {index + 1}, it holds none")
 
 
@@ -76,7 +77,7 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
     Raises
     ------
     RecordError
-        If it is damaged, or does not hold what is described above.
+        If it is damaged, or does not hold the variables described above.
     """
     try:
         with Sandbox() as sandbox:
@@ -113,7 +114,7 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
 
 
 def _named(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays by name; the one of an ``.npy``, which has none, is angles beside intensities, or frames."""
+    """Arrays by name; an ``.npy`` of two columns is angles and intensities, any other is frames."""
     if list(arrays) != [""]:
         return arrays
     array = arrays[""]
@@ -131,7 +132,7 @@ def _content(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _rising(path: Path, angles: np.ndarray) -> np.ndarray:
-    """Order in which the angles rise."""
+    """Indices that sort the angles, rising."""
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: angle_deg is {angles.dtype}, it must hold degrees")
     order = np.argsort(angles, kind="stable")
@@ -140,10 +141,12 @@ def _rising(path: Path, angles: np.ndarray) -> np.ndarray:
 
 
 def _counts(path: Path, frames: np.ndarray, angles: int) -> Int16[np.ndarray, "angles channels samples"]:
+    # No conversion from float: its scale would be unknown, and saturation could not be told.
     if frames.ndim != 3 or frames.dtype.newbyteorder("=") != np.int16 or min(frames.shape) < 1:
         raise RecordError(
             f"{path}: frames is {frames.dtype} of shape {frames.shape}, int16 of (angles, channels, samples) expected"
         )
+    # A frame has more samples than channels; the reverse is (angles, samples, channels), a common slip.
     if frames.shape[0] != angles or frames.shape[1] > frames.shape[2]:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape} for {angles} angles; (angles, channels, samples) expected"

@@ -1,4 +1,4 @@
-"""Scans of many angles: what a bank is."""
+"""The types of a bank: a scan of many angles with intensities or frames, and the facts known of it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ LEAST_STEP_DEG = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BankFacts:
-    """What is known of a bank beside its frames; None where it is not.
+    """Metadata of a bank; None where a value is not known.
 
     Attributes
     ----------
     description
-        What was scanned, with what, in words; empty where it is not known.
+        What was scanned and with which device, as text; empty if unknown.
     probe
         Name of the preset by which its frames were imaged.
     sampling_hz
@@ -43,11 +43,11 @@ class BankFacts:
     face_radius_m
         Distance of the array's face from the axis of rotation in metres.
     reference_angle_deg
-        Angle of the marker that is known otherwise, in degrees.
+        Angle of the marker known from another measurement, in degrees.
     clock_zero_unix_s
         When the clock of `FrameBank.started_s` read 0, in seconds since 1970.
     simulated
-        Whether what it holds was never measured.
+        Whether the data were simulated.
     configuration
         Fingerprint of the rig that scanned it.
     seed
@@ -108,7 +108,7 @@ class IntensityBank(Bank):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameBank(Bank, ABC):
-    """One frame of channel data for each angle, left on disk until it is asked for.
+    """One frame of channel data for each angle, read from disk on demand.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class FrameBank(Bank, ABC):
 
     @property
     def planned(self) -> int:
-        """Angles that the scan was to have: more than there are where it was cut short."""
+        """Number of angles planned; more than there are if the scan was cut short."""
         return len(self.angles_deg)
 
     @abstractmethod
@@ -143,7 +143,7 @@ class FrameBank(Bank, ABC):
 
 
 def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
-    """Refuse angles that no search can work with.
+    """Refuse angles that a search cannot use.
 
     Parameters
     ----------
@@ -159,6 +159,7 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         one before by at least `LEAST_STEP_DEG`.
     """
     for angle_deg in angles_deg:
+        # Written so that NaN fails the test, too.
         if not abs(angle_deg) <= MOST_DEG:
             raise RecordError(
                 f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MOST_DEG:g} to "
@@ -166,13 +167,14 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
             )
     for low_deg, high_deg in pairwise(angles_deg):
         if low_deg == high_deg:
-            raise RecordError(f"{path}: the angle {low_deg:g} deg stands there twice; average repeated angles")
+            raise RecordError(f"{path}: the angle {low_deg:g} deg appears twice; average repeated angles")
         if low_deg < high_deg < low_deg + LEAST_STEP_DEG:
             raise RecordError(
                 f"{path}: the angles {low_deg!r} and {high_deg!r} deg are nearer to one another than "
                 f"{LEAST_STEP_DEG:g} deg; average repeated angles"
             )
         if not low_deg < high_deg:
-            raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them, rising")
+            raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them in rising order")
+    # With two angles there is no inner one, and so no peak that could be recognised.
     if len(angles_deg) < 3:
         raise RecordError(f"{path}: it holds {len(angles_deg)} angles, at least 3 are needed for a search")

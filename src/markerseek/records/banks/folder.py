@@ -1,4 +1,4 @@
-"""A folder as a bank: for each angle a sub-folder of SonixDAQ files, or one file of channel data."""
+"""Reads a bank from a folder with one SonixDAQ sub-folder, or one file of channel data, for each angle."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ _NAME = re.compile(
     r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?",
     re.ASCII | re.IGNORECASE,
 )
+# "neg_12.5" or "m12.5" would be read as +12.5: the sign of an angle is never guessed.
 _SIGN_WORDS = re.compile(r"(?:^|[_ ])(?:m|n|p)$|(?:neg|negative|minus|pos|positive|plus)$")
 
 
@@ -27,9 +28,9 @@ class FolderBank(FrameBank):
     Attributes
     ----------
     places
-        Where each is, in the order of the angles.
+        Path of each, in the order of the angles.
     sandbox
-        Reads all of them that NumPy or MATLAB saved.
+        Process that reads the files of NumPy and MATLAB.
     """
 
     places: tuple[Path, ...] = field(repr=False)
@@ -48,37 +49,39 @@ class FolderBank(FrameBank):
         return load_frame(self.places[index], sampling_hz=sampling_hz, angle_deg=angle_deg, sandbox=self.sandbox)
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """Such a folder holds no frames without laser."""
+        """Not available: such a folder holds no frames without laser."""
         raise RecordError(f"{self.places[0].parent}: there is no dark frame {index + 1}, it holds none")
 
 
 def read_folder(path: Path) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
-    A name is the angle in degrees, as ``-12.5``; a word may stand before it, the same in the whole folder, and ``deg``
-    or ``°`` behind it, as in ``angle_-12.5deg``.
+    A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
+    and ``deg`` or ``°`` after it: ``angle_-12.5deg``.
 
     Raises
     ------
     RecordError
-        If a name holds no angle, one that was given before, or one whose sign could be meant otherwise.
+        If a name holds no angle, a repeated angle, or one whose sign is ambiguous.
     """
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}
     for place in sorted(path.iterdir()):
+        # Hidden files such as .DS_Store, but not an angle such as .5.
         if re.match(r"\.\D", place.name) or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
             continue
         word, angle = _named(place)
         if word:
             words.setdefault(word, place)
+        # "left_10" and "right_10" would become one angle: two words may stand for two signs.
         if len(words) > 1:
             first = next(iter(words.values()))
             raise RecordError(
-                f"{place}: it is named by another word than {first.name}; if the words name the two sides, write "
+                f"{place}: its name has another word than {first.name}; if the words are the two sides, write "
                 "negative angles with a sign, as in 'angle_-12.5deg', and the same word everywhere"
             )
         if angle in by_angle:
-            raise RecordError(f"{place}: the angle {angle:g} deg was given before, by {by_angle[angle].name}")
+            raise RecordError(f"{place}: the angle {angle:g} deg is that of {by_angle[angle].name}")
         by_angle[angle] = place
     if not by_angle:
         raise RecordError(

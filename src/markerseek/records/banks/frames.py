@@ -1,7 +1,6 @@
-"""Frames of channel data from files: a folder of SonixDAQ channel files, ``.npy``, and ``.mat`` of the public data set.
+"""Reads one frame of channel data: a folder of SonixDAQ files, an ``.npy``, or a ``.mat`` of the public data set.
 
-Whatever is in a file, what comes back is a frame or a `RecordError`, and no more memory is asked for than some tens of
-times the file's size.
+Any file gives a frame or a `RecordError`; reading needs at most some tens of times the file's size in memory.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from markerseek.records.untrusted_arrays import arrays_in
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"
-"""Preset of the probe of that data set."""
+"""Preset of the probe of the public data set."""
 
 _FRAME, _COUNT = "AdcData_frame000", "SampleNum"
 _MOST_FRAME_BYTES = 256 * MIB
@@ -83,7 +82,7 @@ def _load(path: Path, sandbox: Sandbox | None) -> tuple[Int16[np.ndarray, "chann
 
 
 def _otherwise(path: Path) -> str:
-    """What else a file could be, and which command is for it."""
+    """Advice for a file of another kind: the command that reads it."""
     suffix = path.suffix.lower()
     if path.is_file() and is_journal(path):
         return f"it is the journal of a search, not one frame; see 'markerseek journal show {path}'"
@@ -98,11 +97,9 @@ def _otherwise(path: Path) -> str:
 
 
 def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-    """Channels, shape (128, samples), without the padding at their end.
-
-    The layout is that of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is
-    (32, AlignedSampleNum, 4), and channel c stands in row c mod 32 of bank c div 32.
-    """
+    """Channels of a ``.mat``, shape (128, samples), without the padding at their end."""
+    # Layout of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is (32, AlignedSampleNum, 4),
+    # and channel c is in row c mod 32 of bank c div 32.
     frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
         found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
@@ -117,6 +114,7 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
             f"{path}: {_COUNT} is {count.ravel()[:4].tolist()}, expected a number from 1 to AlignedSampleNum, "
             f"{aligned}; the file is damaged: fetch or save it again"
         )
+    # Fortran order: the row runs fastest, so that channel c = row + 32 * bank.
     channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
     return np.ascontiguousarray(channels, dtype=np.int16)
 
@@ -126,6 +124,7 @@ def _npy_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
     if (
         samples.dtype.newbyteorder("=") != np.int16
         or samples.ndim != 2
+        # More channels than samples is a transposed array.
         or not 1 <= samples.shape[0] <= samples.shape[1]
     ):
         raise RecordError(
@@ -141,6 +140,7 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
     headers = {number: _daq_header(path) for number, path in files.items()}
     first = headers[0]
     for number, header in headers.items():
+        # Files of two acquisitions would give a frame whose channels belong to different shots.
         if header != first:
             raise RecordError(
                 f"{files[number]}: {header.frames} pulses of {header.samples} samples under a header of "
@@ -158,6 +158,8 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
                 "while it was read: wait until the acquisition is complete"
             )
         pulses = sonixdaq.decode_samples(body, first)
+        # The connector permutes the channels: file numbers are not element numbers.
+        # In float64: the sum of many int16 pulses overflows int16.
         samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
     return samples, first.frames
 
@@ -172,7 +174,7 @@ def _daq_files(folder: Path) -> dict[int, Path]:
         if number in files:
             raise RecordError(
                 f"{folder}: {files[number].name} and {path.name} are both channel {number}; "
-                "keep one acquisition in a folder"
+                "keep one acquisition per folder"
             )
         files[number] = path
     if len(files) != sonixdaq.CHANNELS:

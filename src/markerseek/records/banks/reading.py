@@ -1,4 +1,4 @@
-"""Reads a bank from a file or folder: which reader takes which format."""
+"""Reads a bank from a file or folder of any format, by its suffix."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
     Raises
     ------
     RecordError
-        If it is not there, or not as described; the message says where and what to do.
+        If it does not exist or has another content; the message says what to do.
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
@@ -36,7 +36,7 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
             raise RecordError(f"{path}: there is no such file or folder")
         if path.is_file() and is_journal(path):
             raise RecordError(
-                f"{path}: it is the journal of a run and no bank; its run is worked out again by "
+                f"{path}: it is the journal of a run and no bank; its run is computed again by "
                 f"'markerseek journal replay {path}', and its frames become a bank by "
                 f"'markerseek bank import {path} frames.hdf5'"
             )

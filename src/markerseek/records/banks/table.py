@@ -1,4 +1,4 @@
-"""Banks of intensities as a table: a CSV of ``angle_deg,intensity``."""
+"""Reads and writes banks of intensities as CSV tables with the columns ``angle_deg,intensity``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.files import MIB, new_file, open_input, replaced
+from markerseek.files import MIB, new_file, open_input, replace_file
 from markerseek.records.banks.bank import IntensityBank, require_angles
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
@@ -21,7 +21,7 @@ _LARGEST_BYTES = 64 * MIB
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:
-    """Write a bank as the CSV that `read_bank` reads, making its folder if need be; every digit is kept.
+    """Write a bank as a CSV that `read_bank` reads, with every digit; its folder is made if missing.
 
     Raises
     ------
@@ -30,7 +30,8 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+            # Python's csv ends lines with CR LF by default, also on Linux.
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(COLUMNS)
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
@@ -45,7 +46,7 @@ def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: S
 
 
 def read_table(path: Path) -> IntensityBank:
-    """Bank in a CSV of ``angle_deg,intensity``; other columns are passed over.
+    """Bank in a CSV of ``angle_deg,intensity``; other columns are ignored.
 
     Raises
     ------
@@ -59,6 +60,7 @@ def read_table(path: Path) -> IntensityBank:
     try:
         with (
             open_input(path, most_bytes=_LARGEST_BYTES) as file,
+            # Excel writes a byte order mark, which would become part of the first column's name.
             io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
         ):
             return _bank_of(path, csv.reader(lines, strict=True))
@@ -75,11 +77,13 @@ def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:
     intensities: list[float] = []
     lines_of: list[int] = []
     for line, row in enumerate(rows, start=2):
+        # Spreadsheets append empty rows.
         if not any(cell.strip() for cell in row):
             continue
         angle, intensity = (_cell(path, line, row, name, place) for name, place in zip(COLUMNS, places, strict=True))
         if intensity < 0:
             raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
+        # Larger numbers overflow when the methods square them.
         if intensity > MOST_INTENSITY:
             raise RecordError(
                 f"{path}, line {line}: intensity is {intensity}, it must be at most "
@@ -109,7 +113,7 @@ def _columns(path: Path, names: list[str]) -> list[int]:
         )
     doubled = [name for name in COLUMNS if names.count(name) > 1]
     if doubled:
-        raise RecordError(f"{path}, line 1: the column {doubled[0]} stands there more than once; keep one of them")
+        raise RecordError(f"{path}, line 1: the column {doubled[0]} appears more than once; keep one of them")
     return [names.index(name) for name in COLUMNS]
 
 

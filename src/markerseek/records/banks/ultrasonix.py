@@ -1,4 +1,4 @@
-"""Ultrasonix ``.b8`` and ``.rf`` files on disk, one frame at a time."""
+"""Reads Ultrasonix ``.b8`` and ``.rf`` files, one frame at a time."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from markerseek.files import MIB, open_input
 from markerseek.wire import ultrasonix
 
 ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
-"""Suffixes of Ultrasonix's files, read or refused by their type; without .m, which MATLAB has for programs."""
+"""Suffixes of Ultrasonix's files, read or refused by type; without .m, which is MATLAB's suffix for programs."""
 
+# 64 GiB: hours of frames, which are read one at a time.
 _LARGEST_BYTES = 1 << 36
 
 _MOST_FRAME_BYTES = 64 * MIB
@@ -23,14 +24,14 @@ _MOST_FRAME_BYTES = 64 * MIB
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UltrasonixFile:
-    """A file whose header is known.
+    """An Ultrasonix file with its decoded header.
 
     Attributes
     ----------
     path
         The file.
     header
-        What it says of itself.
+        Its header.
     """
 
     path: Path

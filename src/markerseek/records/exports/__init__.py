@@ -1,4 +1,4 @@
-"""Banks for other people's programs: a sequence for 3D Slicer and PLUS, a log for ROS 2, a table."""
+"""Exports of a bank: a sequence for 3D Slicer and PLUS, an MCAP log for ROS 2, a CSV table."""
 
 from markerseek.records.banks.table import write_intensities
 from markerseek.records.exports.mcap_log import write_mcap

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 for one acquisition; their kinds come from whoever writes them."""
+"""ROS 2 messages of one acquisition; the message classes are passed in by the writer of the log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
 """Frames: the probe at 0 degrees, the probe, and the image (x along columns, y along rows, from the first pixel)."""
 
 RANGE_DB = 40.0
-"""From white to black in a picture, in dB."""
+"""Dynamic range from white to black, in dB."""
 
 _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
 """The rotation of `markerseek.records.exports.frames.TRANSDUCER_AXES` as x, y, z, w."""
@@ -28,11 +28,12 @@ _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
 
 def time_ns(time_s: float) -> int:
     """A time in whole nanoseconds."""
+    # A double holds seconds since 1970 to about 0.2 µs, which is enough for acquisitions.
     return round(time_s * 1e9)
 
 
 def header(kinds: Kinds, *, time_s: float, frame: str = "") -> Any:
-    """Header of a message; no frame where nothing lies in one."""
+    """Header of a message; an empty frame where the message has no coordinates."""
     sec, nanosec = divmod(time_ns(time_s), 1_000_000_000)
     stamp = kinds["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
@@ -53,7 +54,8 @@ def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
 def transforms(
     kinds: Kinds, *, time_s: float, angle_deg: float, image: PaImage | None, face_radius_m: float | None
 ) -> Any:
-    """Probe in its home, and image in the probe where the array's distance from the axis is known, in metres."""
+    """Transforms of the probe in its home frame, and of the image in the probe where the face radius is known."""
+    # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
     turned = _transform(
         kinds, time_s, (HOME, PROBE), quaternion=(0.0, math.sin(half), 0.0, math.cos(half)), place_m=(0.0, 0.0, 0.0)
@@ -66,17 +68,18 @@ def transforms(
 
 
 def envelope(kinds: Kinds, image: PaImage, *, time_s: float) -> Any:
-    """The envelope as it is, 32FC1, in ADC counts."""
+    """Image message of the envelope, 32FC1, in ADC counts."""
     return _image(kinds, image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
 
 
 def picture(kinds: Kinds, image: PaImage, *, time_s: float, brightest: float) -> Any:
-    """The envelope to be looked at, mono8: `RANGE_DB` below the brightest value is black."""
+    """Image message of the envelope in decibels, mono8: `RANGE_DB` below the brightest value is black."""
     return _image(kinds, grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
 
 
 def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
     """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
+    # The lower end is clipped before the logarithm, which has none of zero.
     share = np.clip(values / brightest, 10 ** (-RANGE_DB / 20), 1.0)
     return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
 

@@ -1,12 +1,12 @@
-"""Frames of an exported bank, and what takes points from one to the next, in the names of PLUS and in millimetres.
+"""Coordinate frames of an exported bank and their transforms, named as in PLUS, in millimetres.
 
 Image
     Pixels (column, row, 0) of an image.
 Probe
-    y along the array, z out of it at its middle, x completes the right hand; its origin is where the axis of rotation
-    passes the array's middle, and it turns with the probe.
+    y along the array, z out of its middle, x completes a right-handed frame; the origin is on the axis of rotation at
+    the array's middle, and the frame rotates with the probe.
 ProbeHome
-    Where Probe is at 0 degrees.
+    The frame Probe at 0 degrees.
 Transducer
     As PLUS has it: x along the array, y away from it, z the product of both.
 """
@@ -23,12 +23,12 @@ TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.
 
 PLUS calls that side of a transducer the marked one, and an image whose columns run there MF. On which side a housing
-has its mark is not known here. Should it be the other one, the images stay MF and right where they are: PLUS would
-mirror the pixels of any other orientation, and not ImageToProbe with them.
+has its mark is not known here. If it is the other one, the images must stay MF: PLUS would mirror the pixels of any
+other orientation, but not ImageToProbe.
 """
 
 IMAGE_ORIENTATION = "MF"
-"""Where columns and rows of an exported image run, in PLUS's letters: along Transducer X, and along Transducer Y."""
+"""Orientation of the image in PLUS's letters: columns along Transducer X (M), rows along Transducer Y (F)."""
 
 
 def spacing_m(image: PaImage) -> tuple[float, float]:
@@ -46,6 +46,7 @@ def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
 def transducer_to_probe(*, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
     """From the middle of the array's face to the axis of rotation, in millimetres."""
     matrix = np.eye(4)
+    # Depth counts from the face, which is the face radius away from the axis of rotation.
     matrix[:3, :3] = TRANSDUCER_AXES
     matrix[2, 3] = 1e3 * face_radius_m
     return matrix

@@ -1,4 +1,4 @@
-"""A bank as MCAP: the topics that a running rig has in ROS 2, written by rosbags without ROS.
+"""Writes a bank as an MCAP log with the ROS 2 topics of a running rig, by rosbags, without ROS.
 
 ===========================  ==========================  ==========================================================
 ``/pa_search/bank``          std_msgs/String, latched    JSON, once: what is known of the bank, the pixels and the times
@@ -16,8 +16,8 @@ Foxglove shows 32FC1 from 0 to 1 and mono16 from 0 to 10000: counts would be whi
 ``/TRUS/pa/image`` stands for B 10^((g / 255 - 1) R / 20) counts, to half a step of R / 255 dB; B and R are
 ``picture_white`` and ``picture_range_db`` of ``/pa_search/bank``. 0 is that and anything less, 255 that and more.
 
-What ``/pa_search/bank`` says stands under ``markerseek`` in the file's own metadata, too (``ros2 bag info``): a log
-that is played has no metadata.
+The metadata of the file (``ros2 bag info``) hold the JSON of ``/pa_search/bank``, too, under ``markerseek``; a player
+does not publish metadata, so the topic is needed as well.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SAMPLE, INTENSITY = "/pa_search/sample", "/pa_search/intensity"
 """Topics."""
 
 METADATA = "markerseek"
-"""Key of what is known of the bank, in the metadata of the log."""
+"""Key of the bank's facts in the metadata of the log."""
 
 
 def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, brightest: float | None = None) -> None:
@@ -86,6 +86,7 @@ def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, 
         with Writer(bag, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
             each = repeat(None, count) if images is None else one_for_each(path, images, count)
             _Log(writer, get_typestore(Stores.ROS2_JAZZY)).write(series, each, brightest=brightest)
+        # In the same folder as the target, so that the rename stays on one disk.
         (bag / "bag.mcap").rename(part)
 
 
@@ -104,8 +105,9 @@ class _Log:
         for number, (angle_deg, time_s, intensity, image) in enumerate(
             zip(series.angles_deg, series.times_s, intensities, images, strict=True)
         ):
+            # With the first acquisition, because the log begins at its time.
             if not self._connections:
-                self._introduce(series, image, brightest=brightest)
+                self._put_bank_facts(series, image, brightest=brightest)
             at_ns = messages.time_ns(time_s)
             self._put(ANGLE, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
             turned = messages.transforms(kinds, time_s=time_s, angle_deg=angle_deg, image=image, face_radius_m=radius_m)
@@ -114,18 +116,19 @@ class _Log:
                 self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
                 self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)
             sample = {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
-            self._say(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
+            self._put_json(SAMPLE, sample | ({"pulses": series.pulses[number]} if series.pulses else {}), at_ns)
+            # This topic is for plots, which want a number.
             if math.isfinite(intensity):
                 self._put(INTENSITY, kinds["std_msgs/msg/Float64"](data=float(intensity)), at_ns)
 
-    def _introduce(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
+    def _put_bank_facts(self, series: Series, image: PaImage | None, *, brightest: float | None) -> None:
         known: dict[str, Any] = {"angles": len(series.angles_deg), **series.known}
         if image is not None:
             known |= grid_of(image) | {"picture_white": brightest, "picture_range_db": messages.RANGE_DB}
-        self._say(BANK, known, messages.time_ns(series.times_s[0]))
+        self._put_json(BANK, known, messages.time_ns(series.times_s[0]))
         self._writer.set_custom_data(METADATA, msgspec.json.encode(known).decode("utf-8"))
 
-    def _say(self, topic: str, content: dict[str, Any], at_ns: int) -> None:
+    def _put_json(self, topic: str, content: dict[str, Any], at_ns: int) -> None:
         text = msgspec.json.encode(content).decode("utf-8")
         self._put(topic, self._store.types["std_msgs/msg/String"](data=text), at_ns)
 
@@ -141,6 +144,7 @@ class _Log:
 def _latched() -> Any:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
+    # The infinite duration of ROS 2 (2^63 - 1 ns), in seconds and nanoseconds.
     for_ever = QosTime(9223372036, 854775807)
     return Qos(
         history=QosHistory.KEEP_LAST,

@@ -1,9 +1,9 @@
-"""A bank as ``.igs.mha``, the sequence metafile of PLUS, which 3D Slicer opens with its transforms.
+"""Writes a bank as ``.igs.mha``, the sequence metafile of PLUS, which 3D Slicer opens with its transforms.
 
 Image coordinates are pixels, whose size is in ImageToProbe alone: ElementSpacing is 1, since Slicer and PLUS multiply
 by both. The frames are those of `markerseek.records.exports.frames`, lengths are in millimetres. Timestamps count from
 the first acquisition: SlicerIGSIO keeps six digits of them. The fields ``markerseek_...`` and ``angle_deg`` are ours;
-programs that do not know them pass them over.
+other programs ignore them.
 """
 
 from __future__ import annotations
@@ -87,6 +87,7 @@ def _header(image: PaImage, series: Series) -> str:
         frame = f"Seq_Frame{number:04d}"
         transforms = {"ProbeToProbeHome": probe_to_probe_home(angle_deg)}
         if radius_m is not None:
+            # Without the face radius this transform would be wrong by it, so that it is left out.
             transforms["ImageToProbe"] = image_to_probe(image, face_radius_m=radius_m)
         for name, matrix in transforms.items():
             lines.append(f"{frame}_{name}Transform = {' '.join(f'{value:.12g}' for value in matrix.flat)}")

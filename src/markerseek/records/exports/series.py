@@ -1,4 +1,4 @@
-"""What is written of a bank beside its images: angles, intensities, times and facts, in one order for all."""
+"""Angles, intensities, times and metadata of an exported bank, all in the order of time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TIMES: dict[Clock, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """Acquisitions in the order in which they are written.
+    """Acquisitions in the order of the export.
 
     Attributes
     ----------
@@ -83,8 +83,8 @@ def series_of(
 ) -> Series:
     """Acquisitions of a bank in the order of time, or of the angles where no times are known.
 
-    Times are taken as known if each acquisition has one and they still differ with six digits, counted from the first:
-    SlicerIGSIO tells acquisitions apart by that much, and would show one in the place of many.
+    Times are used if each acquisition has one and they differ within six digits, counted from the first: SlicerIGSIO
+    compares times with that precision, and would merge acquisitions with equal ones.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def grid_of(image: PaImage) -> dict[str, float]:
 
 
 def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[PaImage]:
-    """The same images; `RecordError` where there are more or fewer than so many."""
+    """The images, checked to be `count` many; `RecordError` if not."""
     given = 0
     for given, image in enumerate(images, start=1):
         if given > count:

@@ -1,7 +1,7 @@
-"""One run in one SQLite file: what was asked, measured, refused and answered, committed before the search acts on it.
+"""Journals: all events of a run in one SQLite file, each committed before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `verify` looks for every kind of damage. What is written is exact: a
-run can be repeated from it bit for bit.
+`Journal` writes, `read_journal` reads and checks, `verify` reports all damage. Numbers are stored exactly, so that a
+run can be repeated bit for bit.
 """
 
 from markerseek.records.configuration import Configuration, versions
@@ -9,7 +9,7 @@ from markerseek.records.journal.connection import is_journal
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
 from markerseek.records.journal.folder import default_journal, journals_folder, make_folder
-from markerseek.records.journal.reader import Recording, read_journal, salvage
+from markerseek.records.journal.reader import RecordedRun, read_journal, salvage
 from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.summary import JournalSummary, journals_in, result_of, size_bytes_of, summary
 from markerseek.records.journal.verify import Finding, verify
@@ -25,7 +25,7 @@ __all__ = [
     "JournalEvent",
     "JournalSummary",
     "RecordedError",
-    "Recording",
+    "RecordedRun",
     "Resuming",
     "RunState",
     "decode",

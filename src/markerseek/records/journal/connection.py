@@ -1,9 +1,9 @@
-"""How SQLite opens a journal, and its errors as ours.
+"""Opens journals in SQLite, and turns its errors into `RecordError`.
 
 A rollback journal and ``synchronous = FULL`` make a commit survive the death of the process and of the machine: what
 is committed is in the file. During a commit SQLite keeps the former pages in ``NAME-journal``; a run that dies in a
-commit leaves that file, and whoever opens the journal next must write those pages back. Whoever has a journal open to
-write it holds an exclusive lock, so that two programs cannot drive one run.
+commit leaves that file, and the next program that opens the journal must restore those pages. A program that writes a
+journal holds an exclusive lock, so that two programs cannot drive one run.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _MOST_BYTES = 1 << 36
 
 
 def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
-    """Connection that commits only when it is asked to.
+    """Connection without automatic transactions.
 
     Parameters
     ----------
     path
         An existing file.
     mode
-        "rw" locks the file from its first transaction on; "ro" changes nothing.
+        "rw" holds an exclusive lock from the first transaction on; "ro" changes nothing.
 
     Raises
     ------
@@ -48,12 +48,15 @@ def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
         If the file is locked or no database.
     """
     uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"
+    # A short timeout, for a reader that is just opening it: a writer keeps its lock for a whole run.
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=0.5, check_same_thread=True)
     try:
+        # A journal may come from anyone: no SQL functions in its schema, and damaged pages are errors.
         connection.execute("PRAGMA trusted_schema = OFF")
         connection.execute("PRAGMA cell_size_check = ON")
         if mode == "rw":
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            # Overwriting the rollback file's header is cheaper than deleting the file at each commit.
             connection.execute("PRAGMA journal_mode = PERSIST")
             connection.execute("PRAGMA synchronous = FULL")
             # macOS reports a flush as done before the disk has it; the others do not know this setting.
@@ -65,17 +68,17 @@ def connect(path: Path, *, mode: Literal["rw", "ro"]) -> sqlite3.Connection:
 
 
 def remove_rollback_file(connection: sqlite3.Connection) -> None:
-    """Remove the rollback journal that PERSIST leaves, under the lock that keeps others from needing it."""
+    """Remove the rollback journal that PERSIST leaves, while the file is still locked."""
     connection.execute("PRAGMA locking_mode = NORMAL")
     connection.execute("PRAGMA journal_mode = DELETE")
 
 
 @contextmanager
 def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """Connection to a journal that nobody writes meanwhile; neither the file nor its rollback journal are changed.
+    """Read-only connection to a journal; neither the file nor its rollback journal is changed.
 
-    A run that died in a commit is read from a copy, in which SQLite can undo that commit: this works on a medium that
-    cannot be written, and a rollback journal of another file does no harm.
+    A run that died in a commit is read from a copy, in which SQLite can undo that commit: this works on a read-only
+    disk, and a foreign rollback journal cannot damage the file.
 
     Raises
     ------
@@ -90,6 +93,7 @@ def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
                 return
         with tempfile.TemporaryDirectory(prefix="markerseek-") as folder:
             copy = Path(folder) / "copy.journal"
+            # A writer that changes either file during the copy would give a mixture of two states.
             before = _stamps(path)
             shutil.copyfile(path, copy)
             require_input(rollback_file(path), most_bytes=_MOST_BYTES)
@@ -101,7 +105,7 @@ def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _needs_rollback(connection: sqlite3.Connection) -> bool:
-    """Whether a commit must be undone; if not, the connection holds a lock for reading from here on."""
+    """Whether an unfinished commit must be undone; if not, the connection holds a read lock from here on."""
     try:
         connection.execute("BEGIN")
         connection.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()
@@ -116,22 +120,22 @@ def _stamps(path: Path) -> list[tuple[int, int]]:
     return [(part.stat().st_size, part.stat().st_mtime_ns) for part in (path, rollback_file(path))]
 
 
-def followed(path: Path) -> Path:
-    """The file that a name leads to: its rollback journal lies beside it, not beside a symbolic link to it."""
+def resolve_link(path: Path) -> Path:
+    """Target of a symbolic link: SQLite puts the rollback journal beside the target."""
     try:
-        # What leads to no regular file is refused under the name that was given.
+        # A link to anything else is refused later, under the name that the user gave.
         return Path(os.path.realpath(path)) if path.is_symlink() and path.is_file() else path
     except OSError:
         return path
 
 
 def rollback_file(path: Path) -> Path:
-    """SQLite's rollback journal of a journal, which need not exist."""
+    """Path of SQLite's rollback file of a journal, which need not exist."""
     return Path(f"{path}-journal")
 
 
 def is_journal(path: Path) -> bool:
-    """Whether a regular file begins as journals do; the rest of it is not looked at.
+    """Whether a regular file has the header of a journal; its contents are not checked.
 
     Raises
     ------
@@ -148,13 +152,13 @@ def _header(path: Path) -> bytes:
 
 
 def require_journal_file(path: Path) -> None:
-    """Refuse what can be no journal, before SQLite is asked to open it.
+    """Refuse files that cannot be a journal, before SQLite opens them.
 
     Raises
     ------
     RecordError
-        If there is nothing, or a folder, a pipe, a device, an empty file, one that no journal grows to, one with a
-        second name, or a database in another mode, whose reading would make files beside it.
+        If it does not exist, or is a folder, pipe, device, empty, too large, hard-linked, or a database in WAL mode,
+        which SQLite could not read without creating files beside it.
     """
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
@@ -165,6 +169,7 @@ def require_journal_file(path: Path) -> None:
         )
     if require_input(path, most_bytes=_MOST_BYTES) == 0:
         raise RecordError(f"{path}: it is empty: no journal of a run (or its run was never begun); check the name")
+    # SQLite names the rollback file after the path by which the journal was opened.
     names = path.stat().st_nlink
     if names > 1:
         raise RecordError(
@@ -180,7 +185,7 @@ def require_journal_file(path: Path) -> None:
 
 
 def exists_error(path: Path) -> RecordError:
-    """Why a new journal cannot have the name of something that exists."""
+    """Error for a new journal whose path exists already."""
     if path.is_dir():
         return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
     if path.is_file() and is_journal(path):

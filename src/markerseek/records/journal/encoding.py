@@ -1,8 +1,8 @@
-"""Events as rows: a kind, a JSON body, and the samples of a frame as they are.
+"""Encodes events as rows of a journal: kind, JSON body, and the raw samples of a frame.
 
 The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
-estimate), ``type`` names the class. Two things stand elsewhere: the samples of a frame in a column of their own, and
-the confirmation of `Finished` in the entry of its own acquisition.
+estimate), ``type`` names the class. Two things are stored elsewhere: the samples of a frame in their own column, and
+the confirmation of `Finished` in the entry of that acquisition.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _KINDS: dict[str, type[JournalEvent]] = {
     for each in (Started, Asked, Measured, Refused, Finished, Failed, Interrupted, Resuming, Checked)
 }
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
-"""Classes whose name is written with them."""
+"""Classes whose name is stored with their fields."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class EncodedEvent:
 
 
 def encode(event: JournalEvent) -> EncodedEvent:
-    """Columns of an event.
+    """Encode an event.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def encode(event: JournalEvent) -> EncodedEvent:
 
 
 def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
-    """Event of a row.
+    """Decode the event of a row.
 
     Parameters
     ----------
@@ -99,6 +99,7 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
     if kind not in _KINDS:
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
     try:
+        # Any of these errors means that `encode` did not write the row.
         event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), samples)
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
         raise RecordError(f"an entry that cannot be read: {problem}") from problem
@@ -126,6 +127,7 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
         case None | bool() | int() | msgspec.Raw():
             return value
         case float():
+            # msgspec would write NaN and infinity as null, and a value that was lost would look like one not known.
             return require_finite(value, what=what)
         case str():
             return escaped(value)
@@ -152,7 +154,7 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
 
 
 def escaped(text: str) -> str:
-    """A text with whatever is no Unicode in it (bytes of a device, or of a file's name) written as escapes."""
+    """A text with bytes that are not Unicode (of a device, or a file name) written as escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
@@ -164,7 +166,7 @@ def require_finite(number: float, *, what: str) -> float:
 
 
 def _built(hint: Any, value: Any, samples: bytes | memoryview | None) -> Any:
-    """A value of a type from the values of JSON; msgspec does all but choose between dataclasses, and frames."""
+    """Value of a type from JSON; msgspec converts all but unions of dataclasses, and frames."""
     members = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
     classes: list[type] = [each for each in members if isinstance(each, type) and is_dataclass(each)]
     if classes:
@@ -210,6 +212,7 @@ def _channel_frame(values: Mapping[str, Any], samples: bytes | memoryview | None
     if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
         held = 0 if samples is None else len(samples)
         raise ValueError(f"a frame of {channels} channels and {length} samples with {held} bytes")
+    # A read-only view of the blob; astype copies on a big-endian machine only.
     counts = np.frombuffer(samples, dtype="<i2").reshape(channels, length).astype(np.int16, copy=False)
     header = msgspec.convert(values["header"], FrameHeader)
     return ChannelFrame(header=header, samples=counts, sampling_hz=msgspec.convert(values["sampling_hz"], float))

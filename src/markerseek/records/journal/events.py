@@ -1,4 +1,4 @@
-"""What a journal holds beside the events of the run itself, and one entry of either kind."""
+"""Events that only a journal has (interrupted, resuming, checked), and an entry of a journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where journals are kept that nobody named, and folders that survive a loss of power."""
+"""Default folder and names of journals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from markerseek.files import sync_folder
 
 
 def journals_folder() -> Path:
-    """Folder of journals that nobody named, in the user's data folder."""
+    """Default folder of journals, in the user's data folder."""
     return user_data_path("markerseek", appauthor=False) / "journals"
 
 
@@ -23,12 +23,13 @@ def default_journal(*, method: str) -> Path:
     method
         What searches.
     """
+    # With microseconds, so that two searches begun in one second get two names.
     now = datetime.now(UTC)
     return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that only its owner can open, with those above it that are missing, their names on the disk.
+    """Make a folder and its missing parents, readable by the owner only, and flush their names to disk.
 
     Parameters
     ----------
@@ -40,6 +41,7 @@ def make_folder(folder: Path) -> None:
     OSError
         If it cannot be made.
     """
+    # Path.mkdir(parents=True) gives the parents default rights, and does not flush their names.
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     for each in reversed(missing):
         each.mkdir(mode=0o700, exist_ok=True)

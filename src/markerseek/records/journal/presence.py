@@ -1,4 +1,4 @@
-"""Whether the files of an open journal still lie where they were, and a copy of what is in them where they do not."""
+"""Detects that the file of an open journal was deleted or replaced, and saves a copy of its contents."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _MOST_COPIES = 100
 
 
 class Presence:
-    """The identity of a journal and of its rollback journal, as the file system has it.
+    """Device and inode of an open journal and of its rollback file.
 
-    A file that is deleted or replaced stays readable and writable for the program that has it open, and is gone when
-    this program ends; a rollback journal that is gone is missed if the program dies in a commit.
+    A deleted file stays readable and writable for the program that has it open, and is lost when that program ends; a
+    lost rollback file is missing if the program dies in a commit.
 
     Parameters
     ----------
@@ -31,17 +31,17 @@ class Presence:
         self._rollback: tuple[int, int] | None = None
 
     def loss(self) -> str | None:
-        """What is missing or was replaced, in words; None while both files are those that were opened.
+        """Name of the file that was deleted or replaced; None while both are those that were opened.
 
         Raises
         ------
         OSError
-            If the file system cannot be asked.
+            If the file system does not answer.
         """
         if _identity(self._path) != self._file:
             return f"{self._path}"
         rollback = _identity(rollback_file(self._path))
-        # SQLite makes it with the first commit, and keeps it open as long as the journal is.
+        # SQLite creates it with the first commit, and keeps it open as long as the journal.
         if self._rollback is None:
             self._rollback = rollback
         return None if rollback == self._rollback else f"its {rollback_file(self._path)}"
@@ -55,7 +55,7 @@ def copied(connection: sqlite3.Connection, path: Path) -> Path:
     connection
         To the journal.
     path
-        Where it lay.
+        Path of the journal before the loss.
 
     Raises
     ------
@@ -73,6 +73,7 @@ def copied(connection: sqlite3.Connection, path: Path) -> Path:
         try:
             with closing(sqlite3.connect(copy)) as target:
                 target.execute("PRAGMA synchronous = FULL")
+                # SQLite's own copy: it reads through the open descriptor, which still has the deleted file.
                 connection.backup(target)
             sync_folder(copy.parent)
         except BaseException:
@@ -84,6 +85,7 @@ def copied(connection: sqlite3.Connection, path: Path) -> Path:
 
 def _identity(path: Path) -> tuple[int, int] | None:
     try:
+        # Links were resolved on opening: a link at this path now is another file.
         found = path.stat(follow_symlinks=False)
     except FileNotFoundError:
         return None

@@ -1,4 +1,4 @@
-"""Reads a journal and checks every row; of a run that died, all that was committed."""
+"""Reads a journal and checks the checksum of every row; a run that died has all rows that were committed."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ import msgspec
 
 from markerseek.core import Finished, Measured, RecordError, Refused, Sample
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
+from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import Checked, Entry
 from markerseek.records.journal.schema import Row, checksum, counted, require_schema, row_checksum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recording:
-    """All of a journal.
+class RecordedRun:
+    """Configuration and entries of one run, as read from its journal.
 
     Attributes
     ----------
     path
         Its file.
     configuration
-        What the run was begun with.
+        Plan, rig and versions of the run.
     entries
-        What happened, in order.
+        The entries, in order.
     last_checksum
         Checksum of the last row.
     """
@@ -39,8 +39,8 @@ class Recording:
     last_checksum: int
 
 
-def read_journal(path: Path, *, frames: bool = True) -> Recording:
-    """Everything in a journal.
+def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
+    """Read a whole journal.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def read_journal(path: Path, *, frames: bool = True) -> Recording:
 
 
 def salvage(
-    path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
-) -> tuple[Recording, RecordError | None]:
-    """As much of a journal as is whole, from its beginning, and what is wrong with the rest.
+    path: Path, *, frames: bool = True, on_entry: Callable[[Entry], object] | None = None
+) -> tuple[RecordedRun, RecordError | None]:
+    """Read the undamaged beginning of a journal; returns it with the error of the first damaged row, or None.
 
     Parameters
     ----------
@@ -71,23 +71,27 @@ def salvage(
         The file.
     frames
         As in `read_journal`.
-    see
-        Called with each entry as it is read, its frame with it.
+    on_entry
+        Called with each entry as it is read, with its frame.
 
     Raises
     ------
     RecordError
         If not even the configuration can be read, or a newer program wrote it.
     """
-    path = followed(path)
+    path = resolve_link(path)
     with opened_for_reading(path) as connection:
-        return recording(connection, path, frames=frames, see=see)
+        return recording(connection, path, frames=frames, on_entry=on_entry)
 
 
 def recording(
-    connection: sqlite3.Connection, path: Path, *, frames: bool = True, see: Callable[[Entry], object] | None = None
-) -> tuple[Recording, RecordError | None]:
-    """As much behind a connection as is whole, and what is wrong with the rest.
+    connection: sqlite3.Connection,
+    path: Path,
+    *,
+    frames: bool = True,
+    on_entry: Callable[[Entry], object] | None = None,
+) -> tuple[RecordedRun, RecordError | None]:
+    """`salvage` for a journal that is open already.
 
     Parameters
     ----------
@@ -95,7 +99,7 @@ def recording(
         An open journal.
     path
         Its name, for messages.
-    frames, see
+    frames, on_entry
         As in `salvage`.
 
     Raises
@@ -110,13 +114,14 @@ def recording(
     try:
         with as_record_error(path, verb="read"):
             for entry, own_checksum in iterate(connection, path, first_checksum=last):
-                if see is not None:
-                    see(entry)
+                if on_entry is not None:
+                    on_entry(entry)
+                # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
                 entries.append(entry if frames else _without_frame(entry))
                 last = own_checksum
     except RecordError as problem:
         damage = problem
-    held = Recording(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
+    held = RecordedRun(path=path, configuration=configuration, entries=tuple(entries), last_checksum=last)
     return held, damage
 
 
@@ -172,10 +177,12 @@ def iterate(connection: sqlite3.Connection, path: Path, *, first_checksum: int) 
         the rows before it have been yielded.
     """
     number, previous, confirmation = 0, first_checksum, None
+    # One row at a time: all frames together may not fit into memory.
     for number, columns in enumerate(connection.execute("SELECT * FROM events ORDER BY number"), start=1):
         row, samples = _checked_row(columns, number=number, previous=previous, path=path)
         entry = _entry(row, samples, path=path, confirmation=confirmation)
         if isinstance(entry.event, Measured) and entry.event.role == "confirmation":
+            # `Finished` is stored without its confirmation, which is this sample.
             confirmation = entry.event.sample
         previous = row.checksum
         yield entry, row.checksum

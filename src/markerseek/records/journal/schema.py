@@ -1,8 +1,8 @@
-"""The tables of a journal: how they are made, added to, checked and recognised.
+"""SQL tables of a journal, and the checksums of their rows.
 
-The rows form a chain: each carries a checksum over itself and the checksum of the row before. The row of `run` carries
-the number of entries and the last checksum, renewed in the transaction of each entry. So a bit that flipped, a row that
-is missing and an end that is missing are all noticed.
+The rows form a chain: each has a checksum over its columns and the checksum of the row before. The row of `run` has the
+number of entries and the last checksum, updated in the transaction of each entry. So a flipped bit, a missing row and a
+missing end are all detected.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import msgspec
 from markerseek.core import RecordError
 
 APPLICATION_ID = 0x4D53656B
-"""What SQLite's header calls our files: "MSek"."""
+"""Application number in SQLite's header, "MSek"."""
 
 VERSION = 1
 """Version of the format; newer ones are refused."""
 
 PAGE_BYTES = 16384
-"""A frame of half a megabyte fills 33 pages of this size, and would fill 130 of SQLite's own."""
+"""SQLite page size: a frame of half a megabyte fills 33 such pages, and 130 of the default size."""
 
 TABLES = (
     """CREATE TABLE run (id INTEGER PRIMARY KEY CHECK (id = 1), configuration TEXT NOT NULL, checksum INTEGER NOT NULL,
@@ -56,6 +56,7 @@ def checksum(previous: int, *parts: bytes | memoryview) -> int:
     """
     running = zlib.crc32(previous.to_bytes(4, "little"))
     for part in parts:
+        # With the lengths, so that a byte moved from one column to the next changes the checksum.
         running = zlib.crc32(len(part).to_bytes(8, "little"), running)
         running = zlib.crc32(part, running)
     return running
@@ -69,16 +70,17 @@ def row_checksum(previous: int, row: Row, samples: bytes | memoryview | None) ->
     previous
         Checksum of the row before.
     row
-        The row; its own checksum is not looked at.
+        The row; its checksum column is ignored.
     samples
         Its blob.
     """
+    # float.hex, because a decimal text could round; CRC-32 detects accidents, not forgery.
     text = (str(row.number), row.kind, row.written, row.clock_s.hex(), row.body, row.checkpoint or "")
     return checksum(previous, *(part.encode() for part in text), samples or b"")
 
 
 def create_tables(connection: sqlite3.Connection, configuration: bytes) -> int:
-    """Make the tables with the configuration, as JSON, in one transaction; its checksum comes back."""
+    """Create the tables and store the configuration (JSON) in one transaction; returns its checksum."""
     first = checksum(0, configuration)
     connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
     _transact(
@@ -102,6 +104,7 @@ def add_row(connection: sqlite3.Connection, row: Row, samples: bytes | memoryvie
 
 def _transact(connection: sqlite3.Connection, *statements: tuple[str, tuple[object, ...]]) -> None:
     """Run statements in one transaction: all or none."""
+    # Takes the write lock at the start: an upgrade of a read lock could fail in the middle.
     connection.execute("BEGIN IMMEDIATE")
     try:
         for sql, values in statements:
@@ -120,12 +123,12 @@ def counted(connection: sqlite3.Connection) -> tuple[int, int]:
 
 
 def require_schema(connection: sqlite3.Connection) -> None:
-    """Refuse a file that is no journal, or is newer than this program.
+    """Refuse a file that is not a journal, or was written by a newer version.
 
     Raises
     ------
     RecordError
-        If it is either; nothing of its contents was used.
+        If it is either; no content has been read by then.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:
@@ -137,6 +140,7 @@ def require_schema(connection: sqlite3.Connection) -> None:
             "install a newer one"
         )
     # A view or a trigger in a hostile file would run when it is read.
+    # Three rows at most are read: a third one is already too many.
     tables = connection.execute("SELECT sql FROM sqlite_master ORDER BY rowid LIMIT 3").fetchall()
     if version != VERSION or tables != [(sql,) for sql in TABLES]:
         raise RecordError(f"its tables are none of a journal of version {version}; it is damaged or foreign")

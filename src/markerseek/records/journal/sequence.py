@@ -1,4 +1,4 @@
-"""The state of a run; the order in which its events can follow one another, and the angles that they can have."""
+"""State of a run from its entries; checks of the order of the entries and of their angles."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from markerseek.records.configuration import Configuration
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, Resuming
 
 _ARRIVAL_DEG = 0.1
-"""How far from the angle asked for the guard lets a stage come to rest, in degrees."""
+"""Largest distance between the angle asked for and the one reached that the guard accepts, in degrees."""
 
 _TURN = Interval(low_deg=-360.0, high_deg=360.0)
-"""Where a probe can stand at all, at the start and for dark frames."""
+"""Range of angles at the start and for dark frames: one turn to either side."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,11 +67,11 @@ _STEPS: dict[type, tuple[type, ...]] = {
     Measured: (Asked, Finished),
     Finished: (),
 }
-"""What may come next in a run, whatever stopped it in between."""
+"""Events that may follow each event of a run, apart from interruptions in between."""
 
 
 def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
-    """Numbers of entries that cannot stand where they do, each with the reason.
+    """Entries that are out of order: number and reason of each.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
 
 
 def _fault_of(event: JournalEvent, *, last: JournalEvent | None, step: type | None, asked: Asked | None) -> str | None:
-    """Why an event cannot stand behind the last one and the last step of the run; None if it can."""
+    """Reason why an event cannot follow the last event and the last step of the run; None if it can."""
     if type(event) in _STEPS:
         return _fault_of_gap(event, last) or _fault_of_step(event, step, asked)
     named = f"{type(event).__name__} cannot follow {type(last).__name__ if last is not None else 'nothing'}"
@@ -108,14 +108,14 @@ def _fault_of(event: JournalEvent, *, last: JournalEvent | None, step: type | No
         case Resuming(fault_reset=fault_reset):
             return named if isinstance(last, Failed) and not fault_reset else None
         case Failed():
-            # A device that does not answer at all ends a run before it begins.
+            # A device that does not answer ends a run before its first event.
             return named if isinstance(last, Interrupted | Failed) else None
         case _:
             return named if last is None or isinstance(last, Interrupted | Failed) else None
 
 
 def _fault_of_gap(event: JournalEvent, last: JournalEvent | None) -> str | None:
-    """Why a step of the run cannot stand behind the last event, be it a step or not."""
+    """Reason why a step of the run cannot follow the last event; None if it can."""
     if isinstance(last, Finished | Interrupted | Failed):
         return f"{type(event).__name__} cannot follow {type(last).__name__}"
     if isinstance(last, Checked) and last.difference is not None:
@@ -126,7 +126,7 @@ def _fault_of_gap(event: JournalEvent, last: JournalEvent | None) -> str | None:
 
 
 def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) -> str | None:
-    """Why a step of the run cannot stand behind the step before it."""
+    """Reason why a step of the run cannot follow the step before it; None if it can."""
     if isinstance(event, Started):
         return None if step is None else "a run begins once, with its first entry"
     if step is None or type(event) not in _STEPS[step]:
@@ -137,14 +137,14 @@ def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) 
 
 
 def _may_be_checked(last: JournalEvent | None) -> bool:
-    """Whether the result of a check can stand behind the last event."""
+    """Whether the result of a check can follow the last event."""
     if isinstance(last, Resuming):
         return last.check_deg is not None
     return isinstance(last, Checked) and last.difference is None
 
 
 def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list[tuple[int, str]]:
-    """Numbers of entries with an angle outside the limits of their run, each with the reason; 0 is the configuration.
+    """Entries with an angle outside the limits of their run: number (0: the configuration) and reason of each.
 
     Parameters
     ----------
@@ -154,6 +154,7 @@ def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list
         Its entries, in order.
     """
     search, start_deg = configuration.facts.search, configuration.plan.start_deg
+    # A stage asked for the end of its range can stop slightly outside it.
     reached = Interval(low_deg=search.low_deg - _ARRIVAL_DEG, high_deg=search.high_deg + _ARRIVAL_DEG)
     faults: list[tuple[int, str]] = []
     if start_deg is not None and start_deg not in _TURN:
@@ -176,6 +177,7 @@ def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list
             case Resuming(check_deg=check_deg, flank_deg=flank_deg):
                 angles = [(check_deg, reached), (flank_deg, reached)]
             case Finished(estimate=estimate):
+                # Only a claimed marker must lie in the range; other answers may point anywhere.
                 angles = [(estimate.mean_deg, search if isinstance(estimate, Found) else _TURN)]
         faults += [
             (entry.number, f"the angle {angle_deg:g} deg lies outside {allowed}")

@@ -1,4 +1,4 @@
-"""A journal in a few words, for lists of many; and the result of its run."""
+"""Summary of a journal for lists, and the result of its run."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import Literal
 import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Started
-from markerseek.records.journal.connection import followed, rollback_file
+from markerseek.records.journal.connection import resolve_link, rollback_file
 from markerseek.records.journal.encoding import escaped
-from markerseek.records.journal.reader import Recording, salvage
+from markerseek.records.journal.reader import RecordedRun, salvage
 from markerseek.records.journal.sequence import run_state
 from markerseek.records.result import Recorder, SearchResult, answer_name
 
 SUFFIX = ".journal"
-"""Of files that `journals_in` finds, and of those that nobody named."""
+"""Suffix of the files that `journals_in` finds, and of default names."""
 
 
 class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a list says of a journal; None where it cannot be read.
+    """One line of a list of journals; values that cannot be read are None.
 
     Attributes
     ----------
     path
-        The file; whatever is no Unicode in its name is written as escapes.
+        The file; bytes of its name that are not Unicode are written as escapes.
     size_bytes
         Its size with that of its rollback journal.
     begun
@@ -32,7 +32,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     method, rig
         The policy's name, and the kind of the rig.
     state
-        As in `RunState`; or that the file cannot be read, or only in part, or not now.
+        As in `RunState`; "damaged" if only a part can be read, "unreadable" if nothing can be read now.
     answer, angle_deg
         The answer of a run that is over, and the angle in degrees to which it points.
     acquisitions
@@ -54,7 +54,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summary(path: Path) -> JournalSummary:
-    """A journal in a few words, whatever is wrong with it.
+    """Summary of a journal; damage is reported in it, not raised.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ def summary(path: Path) -> JournalSummary:
     try:
         held, damage = salvage(path, frames=False)
     except RecordError as problem:
+        # One unreadable file must not hide the others of the list.
         return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
     state = run_state(held.entries)
     last = held.entries[-1].event if held.entries else None
@@ -85,7 +86,8 @@ def summary(path: Path) -> JournalSummary:
 
 
 def _without(path: Path, problem: RecordError) -> str:
-    return escaped(str(problem).removeprefix(f"{followed(path)}: "))
+    # The list prints the path once, so that the message need not begin with it.
+    return escaped(str(problem).removeprefix(f"{resolve_link(path)}: "))
 
 
 def journals_in(folder: Path) -> list[Path]:
@@ -113,12 +115,12 @@ def journals_in(folder: Path) -> list[Path]:
 
 
 def size_bytes_of(path: Path) -> int:
-    """Bytes of a journal and of the rollback journal beside it; what is not there counts nothing."""
-    path = followed(path)
+    """Bytes of a journal and of its rollback file; a missing file counts 0."""
+    path = resolve_link(path)
     return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
 
 
-def result_of(held: Recording) -> tuple[Recorder, SearchResult]:
+def result_of(held: RecordedRun) -> tuple[Recorder, SearchResult]:
     """Result of a run that is over, and the recorder that collected it.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Checks a journal for every kind of damage, and does not stop at the first."""
+"""Checks a journal for every kind of damage, and reports all of it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import RecordError
-from markerseek.records.journal.connection import as_record_error, followed, opened_for_reading
+from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.reader import recording
 from markerseek.records.journal.sequence import angle_faults, order_faults
 
 _MOST_COMPLAINTS = 20
-"""Complaints of SQLite's own check that are passed on."""
+"""Most messages of SQLite's integrity check that are reported."""
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """What a check found.
+    """Result of a check.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verify(path: Path) -> Finding:
-    """Everything that is wrong with a journal: its pages, its checksums, the order of what happened, and its angles.
+    """Check a journal: pages, checksums, order of the events, and angles.
 
     Parameters
     ----------
@@ -41,11 +41,12 @@ def verify(path: Path) -> Finding:
     Raises
     ------
     RecordError
-        If it is no journal at all, was written by a newer program, or is in use.
+        If it is not a journal, was written by a newer program, or is in use.
     """
     faults: list[str] = []
-    path = followed(path)
+    path = resolve_link(path)
     with opened_for_reading(path) as connection:
+        # Both checks on one connection, so that nobody writes in between.
         held, damage = recording(connection, path, frames=False)
         try:
             with as_record_error(path, verb="read"):

@@ -1,4 +1,4 @@
-"""Writes a journal: one transaction for each event, on the disk when `commit` returns."""
+"""Writes a journal: one transaction per event, flushed to disk when `commit` returns."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from markerseek.records.journal.connection import (
     as_record_error,
     connect,
     exists_error,
-    followed,
     remove_rollback_file,
+    resolve_link,
     rollback_file,
 )
 from markerseek.records.journal.encoding import encode, json_values, require_finite
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
 from markerseek.records.journal.presence import Presence, copied
-from markerseek.records.journal.reader import Recording, read_journal
+from markerseek.records.journal.reader import RecordedRun, read_journal
 from markerseek.records.journal.schema import Row, add_row, counted, create_tables, row_checksum
 from markerseek.records.journal.sequence import angle_faults
 
@@ -41,7 +41,7 @@ class Journal:
         What the run was begun with.
     """
 
-    def __init__(self, held: Recording, connection: sqlite3.Connection) -> None:
+    def __init__(self, held: RecordedRun, connection: sqlite3.Connection) -> None:
         self.path = held.path
         self.configuration = held.configuration
         self._connection = connection
@@ -65,14 +65,14 @@ class Journal:
         """
         as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
         try:
-            # msgspec checks limits when it decodes, and a journal that is written must be readable.
+            # msgspec checks value ranges only on decoding, and a written journal must be readable.
             msgspec.json.decode(as_json, type=Configuration)
         except msgspec.ValidationError as problem:
             raise RecordError(f"{path}: the configuration cannot be recorded: {problem}") from problem
-        path = followed(path)
+        path = resolve_link(path)
         with as_record_error(path, verb="written"):
             if rollback_file(path).exists() and not path.exists():
-                # SQLite would remove it.
+                # SQLite would delete it, and with it the last chance to repair a moved journal.
                 raise RecordError(
                     f"{path}: the rollback journal of a file that is gone lies there, {rollback_file(path)}; "
                     "put both together, or name a new file"
@@ -85,6 +85,7 @@ class Journal:
                 connection = connect(path, mode="rw")
                 try:
                     first = create_tables(connection, as_json)
+                    # The name of a new file is durable only when its folder has been flushed.
                     sync_folder(path.parent)
                 except BaseException:
                     connection.close()
@@ -93,12 +94,12 @@ class Journal:
                 for made in (path, rollback_file(path)):
                     made.unlink(missing_ok=True)
                 raise
-        held = Recording(path=path, configuration=configuration, entries=(), last_checksum=first)
+        held = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
         return cls(held, connection)
 
     @classmethod
-    def reopen(cls, path: Path) -> tuple[Self, Recording]:
-        """Journal of a run that goes on, and what it holds so far.
+    def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
+        """Open the journal of a run to continue it; returns it and its entries so far.
 
         Raises
         ------
@@ -106,8 +107,8 @@ class Journal:
             If the file cannot be read to its end or written, holds an angle outside its limits, or another program has
             it open.
         """
-        path = followed(path)
-        # Read first: a commit that was not finished is undone in the file only where its copy was whole after that.
+        path = resolve_link(path)
+        # Read from a copy first: the unfinished commit is undone in the file itself only if the copy is undamaged.
         held = read_journal(path)
         for number, reason in angle_faults(held.configuration, held.entries):
             raise RecordError(
@@ -116,7 +117,7 @@ class Journal:
         with as_record_error(path, verb="written"):
             connection = connect(path, mode="rw")
             try:
-                # Takes the lock. SQLite opens a file that cannot be written all the same: only a write shows it.
+                # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
                 connection.execute("BEGIN EXCLUSIVE")
                 connection.execute("UPDATE run SET entries = entries")
                 connection.execute("ROLLBACK")
@@ -127,7 +128,7 @@ class Journal:
                 raise
 
     def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
-        """Put an event on the disk; once this returns, it is there for good.
+        """Write an event to disk; once this returns, it survives the death of the process.
 
         Parameters
         ----------
@@ -141,8 +142,8 @@ class Journal:
         Raises
         ------
         RecordError
-            If it cannot be written; what was committed before stays as it was. Or if the file is not there any more:
-            what was written is then copied to a new one, which the message names, and `path` leads to it.
+            If it cannot be written; earlier entries are not changed. Or if the file was deleted or replaced: it is
+            then copied to a new file, which the message names, and `path` is changed to it.
         """
         if self._lost is not None:
             raise self._lost
@@ -159,6 +160,7 @@ class Journal:
             checksum=0,
         )
         row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, encoded.samples))
+        # A signal can arrive between the commit and the lines after it: `_settle` then asks the file.
         self._uncertain = row, event
         with as_record_error(self.path, verb="written"):
             add_row(self._connection, row, encoded.samples)
@@ -167,7 +169,7 @@ class Journal:
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
 
     def _settle(self) -> None:
-        """Ask the file whether the last commit succeeded, if an error or a signal came before that was noted."""
+        """Find out from the file whether the last commit succeeded, after an error or signal in the middle of it."""
         if self._uncertain is None or not self._open:
             return
         row, event = self._uncertain
@@ -180,14 +182,7 @@ class Journal:
         self._uncertain = None
 
     def _require_present(self) -> None:
-        """See that what was written lies where it can be found again; copy it to a new file if it does not.
-
-        Raises
-        ------
-        RecordError
-            If the file or its rollback journal was removed or replaced; the message says where the copy is, or that
-            there is none.
-        """
+        """Copy the journal to a new file and raise a `RecordError` if it was deleted or replaced."""
         with as_record_error(self.path, verb="written"):
             loss = self._presence.loss()
         if loss is None:
@@ -207,7 +202,7 @@ class Journal:
         self._uncertain = None
 
     def interrupt(self, reason: str) -> None:
-        """Note that the run was stopped from outside, once the rig has been stopped; nothing, if it is over anyway.
+        """Record that the run was interrupted, once the rig has been stopped; does nothing if it is over.
 
         Parameters
         ----------
@@ -223,7 +218,7 @@ class Journal:
             self.commit(Interrupted(reason=reason), clock_s=self._clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
-        """Note what ended the run; nothing, if it is over or has failed already.
+        """Record the error that ended the run; does nothing if it is over or has failed already.
 
         Parameters
         ----------
@@ -252,8 +247,7 @@ class Journal:
         Raises
         ------
         RecordError
-            If SQLite cannot close it; what was committed is in the file. Or if the file is not there any more, as in
-            `commit`.
+            If SQLite cannot close it; committed entries are in the file. Or if the file was deleted, as in `commit`.
         """
         if not self._open:
             return
@@ -273,12 +267,12 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        """Close it; an error that is on its way goes before one of closing, which loses nothing."""
+        """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
 
 
-def _require_unchanged(connection: sqlite3.Connection, held: Recording) -> None:
-    """Refuse a journal that another program wrote after it was read and before it was locked."""
+def _require_unchanged(connection: sqlite3.Connection, held: RecordedRun) -> None:
+    """Refuse a journal that another program changed between reading and locking."""
     if counted(connection) != (len(held.entries), held.last_checksum):
         raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")

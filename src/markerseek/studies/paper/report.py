@@ -9,7 +9,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files import replaced
+from markerseek.files import replace_file
 from markerseek.pictures import png_data_uri, save_png, save_svg, write_from_template
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
@@ -126,7 +126,7 @@ def _file_names(section: Section) -> list[str]:
 def _write_csv(table: Table, path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
             # The default of the csv module is CRLF, on every system.
             writer = csv.writer(lines, lineterminator="\n")
             writer.writerow(table.columns)

@@ -1,4 +1,4 @@
-"""What a bank can keep: nothing is written that could not be read as a bank again."""
+"""Checks an acquisition before it is written, so that every written bank can be read again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from markerseek.records.banks.ipasc.layout import Layout
 
 
 def require_keepable(path: Path, sample: Sample, *, layout: Layout | None, angles_deg: Container[float]) -> None:
-    """Refuse an acquisition that does not belong into a bank.
+    """Refuse an acquisition that a bank cannot hold.
 
     Parameters
     ----------
@@ -21,9 +21,9 @@ def require_keepable(path: Path, sample: Sample, *, layout: Layout | None, angle
     sample
         The acquisition.
     layout
-        Room that the bank has; None before the first.
+        Layout of the file; None before the first acquisition.
     angles_deg
-        Angles that it holds, in degrees.
+        Angles written so far, in degrees.
 
     Raises
     ------
@@ -40,8 +40,9 @@ def require_keepable(path: Path, sample: Sample, *, layout: Layout | None, angle
             f"{MOST_DEG:g} deg; leave that acquisition out"
         )
     if sample.angle_deg in angles_deg:
-        raise RecordError(f"{path}: the angle {sample.angle_deg:g} deg comes twice; keep one of them")
+        raise RecordError(f"{path}: the angle {sample.angle_deg:g} deg appears twice; keep one of them")
     intensity = sample.reading.intensity
+    # NaN beside a frame is allowed, because the intensity can be computed from it later.
     if not (0 <= intensity < math.inf or (math.isnan(intensity) and isinstance(sample.frame, ChannelFrame))):
         raise RecordError(
             f"{path}: the intensity at {sample.angle_deg:g} deg is {intensity:g}, it must be finite and not negative, "

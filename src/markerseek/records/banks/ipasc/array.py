@@ -1,4 +1,4 @@
-"""The row of elements of a bank in IPASC HDF5, which must be one that the imaging chain can use."""
+"""Reads the element positions of IPASC HDF5, which must be the straight, equally spaced row that the imaging needs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ElementRow:
     pitch_m
         Distance from one element to the next, in metres; None where the file does not say where they are.
     falling
-        Whether the last element in the file has the least coordinate along the array.
+        Whether the x1 coordinate falls from the first element in the file to the last.
     """
 
     pitch_m: float | None
@@ -37,8 +37,8 @@ def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow
     Raises
     ------
     RecordError
-        If they do not stand in a straight, equally spaced row along x1, each within `TOLERANCE` of its place, or if
-        there are more or fewer than channels.
+        If the elements are not a straight, equally spaced row along x1 within `TOLERANCE`, or are not as many as the
+        channels.
     """
     names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
     present = [file.has(name) for name in names]
@@ -62,6 +62,7 @@ def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Eleme
         return ElementRow(pitch_m=None, falling=False)
     along_m = positions_m[:, 0]
     numbers = np.arange(elements)
+    # The sign of the regression slope: robust against positions that are out of order by rounding.
     falling = bool(np.dot(numbers - numbers.mean(), along_m) < 0)
     pitch_m = float(np.ptp(along_m)) / (elements - 1)
     if pitch_m == 0:
@@ -69,6 +70,7 @@ def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Eleme
             f"{path}: all elements have the same coordinate along x1, {along_m[0]:g} m; "
             "only a straight row of elements along x1 can be imaged"
         )
+    # The median, so that one wrong element is reported itself and does not shift the row.
     row_m = np.tile(np.median(positions_m, axis=0), (elements, 1))
     row_m[:, 0] = along_m.max() - pitch_m * numbers if falling else along_m.min() + pitch_m * numbers
     off_m = np.linalg.norm(positions_m - row_m, axis=1)
@@ -76,7 +78,7 @@ def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Eleme
     if not off_m[worst] <= TOLERANCE * pitch_m:
         x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
         raise RecordError(
-            f"{path}: element {worst + 1} of {elements} stands at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
+            f"{path}: element {worst + 1} of {elements} is at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
             f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
             f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
         )

@@ -1,4 +1,4 @@
-"""What a bank in IPASC HDF5 says beside its frames: numbers of each measurement, and facts of the bank."""
+"""Reads the columns (one number per measurement) and the metadata of a bank in IPASC HDF5."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from markerseek.records.banks.ipasc.rows import row_sum
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
 
 _MOST_ANGLES = 1_000_000
+# In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Numbers of each measurement that was taken, in the order of the angles.
+    """Columns of the measurements that were taken, in the order of the angles.
 
     Attributes
     ----------
     room
-        Measurements that the file has room for.
+        Rows of the file, filled or not.
     rows
-        Their places in the file.
+        Row in the file of each measurement.
     angles_deg, intensities, pulses, started_s
-        As in `FrameBank`; an intensity or time that the file does not say is NaN, pulses are 1.
+        As in `FrameBank`; a missing intensity or time is NaN, missing pulses are 1.
     row_sums
-        Their checksums, which have been compared; empty where there are none.
+        Checksum of each row, already verified; empty where the file has none.
     """
 
     room: int
@@ -45,7 +46,7 @@ class Columns:
 
 
 def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
-    """Numbers of a bank that holds ``trus_angle_deg``; measurements that were not taken are passed over.
+    """Columns of a bank that has ``trus_angle_deg``; rows that were never filled are skipped.
 
     Raises
     ------
@@ -57,10 +58,11 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
     angles = file.numbers(fields.ANGLES)
     if angles.size > _MOST_ANGLES:
         raise RecordError(f"{path}: it has room for {angles.size} angles, at most {_MOST_ANGLES} are expected")
+    # The writer writes the angle last, so that a row with an angle is complete.
     taken = np.flatnonzero(np.isfinite(angles))
     order = taken[np.argsort(angles[taken], kind="stable")]
     require_angles(path, angles[order].tolist())
-    # Other programs have no clock of a rig; theirs counts from 1970.
+    # Files of other programs have no rig clock, only timestamps since 1970.
     times = _one_each(file, fields.RIG_CLOCK if ours else fields.TIMES, angles.size, otherwise=math.nan)
     pulses = _one_each(file, fields.PULSES, angles.size, otherwise=1.0)[order]
     columns = Columns(
@@ -78,7 +80,7 @@ def read_columns(path: Path, file: UntrustedHdf5, *, ours: bool) -> Columns:
 
 
 def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | None) -> tuple[int, ...]:
-    """Checksums of some rows; none where the file has none.
+    """Checksums of some rows; empty where the file has none.
 
     Raises
     ------
@@ -94,7 +96,7 @@ def sums_of(file: UntrustedHdf5, name: str, rows: Sequence[int], *, room: int | 
 
 
 def changed(path: Path, what: str) -> RecordError:
-    """Error that says that something is not what it was."""
+    """Error for a part of the file whose checksum differs."""
     return RecordError(
         f"{path}: {what} has changed since it was written, its checksum differs; take the file from a backup or scan "
         "again, or, if it was changed on purpose, delete the fields of meta_data that end in _crc32"
@@ -114,6 +116,7 @@ def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndar
     values = file.numbers(fields.INTENSITIES)
     if values.size != count:
         raise RecordError(f"{path}: {values.size} intensities for {count} angles; the file is damaged: scan again")
+    # NaN is allowed: a frame can be stored before its intensity is known.
     if not (values[np.isfinite(values)] >= 0).all():
         raise RecordError(f"{path}: an intensity is negative; the file is damaged: scan again")
     if (values[np.isfinite(values)] > MOST_INTENSITY).any():
@@ -122,7 +125,7 @@ def _intensities(path: Path, file: UntrustedHdf5, count: int) -> Float64[np.ndar
 
 
 def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -> Float64[np.ndarray, " planned"]:
-    """One number for each measurement, with another in the place of those that are missing."""
+    """One number for each measurement, missing ones replaced by `otherwise`."""
     values = file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
     if values.size not in (0, count):
         raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
@@ -131,7 +134,7 @@ def _one_each(file: UntrustedHdf5, name: str, count: int, *, otherwise: float) -
 
 
 def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> BankFacts:
-    """What is known of a bank; a bank of another program counts its times from 1970.
+    """Metadata of a bank; times of a bank of another program count from 1970.
 
     Raises
     ------
@@ -171,15 +174,16 @@ def _seed(text: str | None) -> int | None:
 
 
 def _between(file: UntrustedHdf5, name: str, low: float, high: float) -> float | None:
-    """A number in SI units that must lie in a range, by which a damaged one is known; None where it is missing."""
+    """A number in SI units within its physical range; None where it is missing."""
     value = file.number(name)
     if value is not None and not low <= value <= high:
+        # A value far out is a flipped bit or a wrong unit, such as km/s.
         raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
     return value
 
 
 def _first(file: UntrustedHdf5, name: str) -> float | None:
-    """The first of the numbers; None where there is none, or pacfish wrote that there is none."""
+    """The first number of a dataset; None where it is empty, or the text ``None`` that pacfish writes."""
     if not file.has(name) or file.text(name) == "None":
         return None
     values = file.numbers(name)

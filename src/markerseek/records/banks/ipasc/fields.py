@@ -1,4 +1,4 @@
-"""Fields of a bank in IPASC HDF5 by name: those of the standard, and ours beside them under ``meta_data``."""
+"""Names and values of the fields of a bank in IPASC HDF5: the standard ones, and our own under ``meta_data``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from markerseek.core import LinearArray, MissingExtraError
 from markerseek.records.banks.bank import BankFacts
 
 BANK_VERSION = 1
-"""Version of the fields that are ours; a reader refuses a newer one."""
+"""Version of our own fields; a reader refuses a newer one."""
 
 FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
 """Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
 
-pacfish drops axes of length 1 of all but the first when it reads.
+When it reads, pacfish drops axes of length 1 of every dataset but the first.
 """
 
 VERSION = "meta_data/markerseek_bank_version"
@@ -42,13 +42,13 @@ WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_dat
 DETECTORS = "meta_data_device/detectors"
 
 BY_MEASUREMENT = (ANGLES, INTENSITIES, PULSES, TIMES, RIG_CLOCK, PULSE_ENERGY, POSES, ROW_SUMS, FRAME_SUMS)
-"""Those that have one row for each measurement, beside the frames."""
+"""Fields with one row for each measurement, besides the frames."""
 
 DEVICE_IDENTIFIERS = {
     "BPL9-5/55": "a4e26483-0a87-4ae7-8bb2-7ab133bcac32",
     "L3-8": "4462eea9-bcfa-49b0-bfaf-263f86caa10c",
 }
-"""IPASC wants a random UUID for each device; these were drawn once for each preset."""
+"""IPASC wants a random UUID for each device; these were drawn once for each preset, and must not change."""
 
 
 def pacfish_package() -> Any:
@@ -80,7 +80,7 @@ def acquisition_fields(
         SIZES: np.array([*shape, 1, count]),
         SAMPLING: sampling_hz,
         SOUND_SPEED: facts.sound_speed_m_s,
-        # PATATO does without many fields, and not without this one: NaN where it is not known.
+        # PATATO does not open a file without this field: NaN where it is not known.
         WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
         PULSE_ENERGY: None if facts.pulse_energy_j is None else np.full(count, facts.pulse_energy_j),
         TIMES: unmeasured,
@@ -108,7 +108,7 @@ def acquisition_fields(
         SEED: None if facts.seed is None else str(facts.seed),
         MADE_WITH: facts.made_with or f"markerseek {__version__}",
     }
-    # Python's own numbers: pacfish drops NumPy's without a word.
+    # As Python numbers: pacfish silently drops NumPy's.
     return {
         name.removeprefix("meta_data/"): float(value) if isinstance(value, np.floating) else value
         for name, value in known.items()
@@ -119,7 +119,7 @@ def acquisition_fields(
 def device_fields(
     facts: BankFacts, *, shape: tuple[int, int], sampling_hz: float | None, device: str
 ) -> dict[str, object]:
-    """The probe: x1 along the array from its centre, x3 into the tissue; elements' sizes are not known."""
+    """Fields of the probe: x1 along the array from its centre, x3 into the tissue; element sizes are not known."""
     pacfish = pacfish_package()
     elements, samples = shape
     creator = pacfish.DeviceMetaDataCreator()

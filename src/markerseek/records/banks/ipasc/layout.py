@@ -1,7 +1,7 @@
-"""Makes the file of a bank with its full size, and a smaller copy of one that was not filled.
+"""Creates the file of a bank at its full size, and copies a bank that was not filled into a smaller file.
 
-pacfish wants a whole bank in memory, drops values of kinds that it does not know without a word, and writes all at
-once. So it writes everything but the frames, for which room is made afterwards.
+pacfish needs a whole bank in memory and writes it at once. So it writes everything but the frames, for which the space
+is allocated afterwards.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Room of a bank.
+    """Size of a bank's file.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Layout:
 
 
 def make_file(path: Path, layout: Layout, facts: BankFacts) -> None:
-    """Write a bank without measurements that has its full size: from now on only numbers change in it."""
+    """Write an empty bank of full size, in which only numbers change afterwards."""
     import h5py
 
     pacfish = pacfish_package()
@@ -80,19 +80,20 @@ def make_file(path: Path, layout: Layout, facts: BankFacts) -> None:
         if all(layout.shape):
             _reserve(file, DARK_FRAMES, layout.shape, layout.dark_frames)
         else:
-            # PATATO does without elements, and not without the group of them.
+            # PATATO opens a file without elements, but not one without their group.
             file.require_group(DETECTORS)
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as plain:
+            # Reserves the disk space now: a full disk in the middle of a scan would stop the run.
             os.posix_fallocate(plain.fileno(), 0, path.stat().st_size)
 
 
 def copy_trimmed(source: Path, to: Path) -> None:
-    """Copy the measurements that a bank holds, with all else that is in it, and leave off the room for more."""
+    """Copy a bank without its unused rows."""
     import h5py
 
     with h5py.File(source, "r") as held, h5py.File(to, "w") as copy:
-        # As the file says, and not its writer, who may have been interrupted before counting the last one.
+        # Counted in the file: the writer may have been interrupted before it counted the last one itself.
         angles, dark_frames = int(np.isfinite(held[ANGLES][()]).sum()), int(held[DARK_TAKEN][()])
         names: list[str] = []
         held.visit(names.append)
@@ -119,16 +120,17 @@ def _copy_frames(item: h5py.Dataset, copy: h5py.File, count: int) -> None:
     _reserve(copy, name, item.shape[:-1], count)
     for row in range(count if 0 not in item.shape else 0):
         place = (*(0 for _ in item.shape[:-1]), row)
+        # Raw chunks, so that the counts are copied without a conversion.
         write_frame(copy[name], place, item.id.read_direct_chunk(place)[1])
 
 
 def write_frame(data: h5py.Dataset, place: tuple[int, ...], counts: bytes) -> None:
-    """Put one frame into its place, past the library's cache, which loses what it cannot write without a word."""
+    """Write one frame directly: the library's cache reports no error when a later write fails."""
     data.id.write_direct_chunk(place, counts)
 
 
 def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> None:
-    """A dataset that has its place on the disk at once, one chunk a frame."""
+    """Create a dataset whose space is allocated at once, one chunk per frame."""
     import h5py
 
     if name in file:
@@ -138,8 +140,10 @@ def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], count: int) -> 
         file.create_dataset(name, shape=dims, dtype="i2")
         return
     kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    # One chunk per frame, so that a frame is written and read in one piece.
     kind.set_chunk((*shape, 1))
     kind.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    # No fill values: gigabytes of zeros would delay the first acquisition.
     kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     room = h5py.h5s.create_simple(dims)
     h5py.h5d.create(file.id, name.encode(), h5py.h5t.STD_I16LE, room, kind)

@@ -1,4 +1,4 @@
-"""Reads banks in IPASC HDF5, ours and other people's, one frame at a time."""
+"""Reads banks in IPASC HDF5, our own and those of other programs, one frame at a time."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from markerseek.records.banks.ipasc.rows import frame_sum
 from markerseek.records.sandbox import probe_in_child
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
+# 4 TiB: frames are read one at a time, so that the size of the file is harmless.
 _LARGEST_BYTES = 1 << 42
 
 
@@ -29,17 +30,17 @@ class IpascBank(FrameBank):
     Attributes
     ----------
     path
-        The file's name.
+        Path of the file.
     file
-        The file, open.
+        The open file.
     rows
-        Number of the measurement in the file for each angle.
+        Row in the file of each angle.
     room
-        Measurements that the file has room for.
+        Rows of the file, filled or not.
     pulses
         Laser pulses averaged in each; 1 where the file does not say.
     falling
-        Whether the elements stand in the file from the high end of the array to the low one.
+        Whether the elements are in reverse order in the file.
     row_sums, frame_sums, dark_sums
         Checksums of the numbers and the counts at each angle, and of the dark frames; empty where there are none.
     """
@@ -55,7 +56,7 @@ class IpascBank(FrameBank):
 
     @property
     def planned(self) -> int:
-        """Angles that the scan was to have: more than there are where its process was killed."""
+        """Number of angles planned; more than there are if the process was killed during the scan."""
         return self.room
 
     def frame(self, index: int) -> ChannelFrame:
@@ -64,7 +65,7 @@ class IpascBank(FrameBank):
         Raises
         ------
         RecordError
-            If they cannot be read, or are no ADC counts.
+            If they cannot be read, or are not ADC counts.
         """
         angle_deg = self.angles_deg[index]
         samples = self._samples(
@@ -95,6 +96,7 @@ class IpascBank(FrameBank):
     ) -> Int16[np.ndarray, "channels samples"]:
         with _as_bank_error(self.path):
             samples = _counts(self.file, name, row)
+        # Checked per frame and not on opening, because a bank can hold gigabytes.
         if summed is not None and frame_sum(samples, after=after) != summed:
             raise changed(self.path, what)
         return np.ascontiguousarray(samples[::-1]) if self.falling else samples
@@ -124,13 +126,13 @@ class IpascBank(FrameBank):
 def read_ipasc(path: Path) -> IntensityBank | IpascBank:
     """Bank in an IPASC HDF5 file that holds ``trus_angle_deg``; its frames stay on disk.
 
-    Measurements of a scan that was cut short are passed over where they were not taken. A file without
-    ``markerseek_bank_version`` is taken as another program's, and read if it has the angles.
+    Rows that a scan did not fill are skipped. A file without ``markerseek_bank_version`` was written by another
+    program, and is read if it has the angles.
 
     Raises
     ------
     RecordError
-        If it is damaged, of a newer version, or no bank.
+        If it is damaged, of a newer version, or not a bank.
     MissingExtraError
         If h5py is not installed.
     """
@@ -144,7 +146,7 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
 
 
 def read_probed(path: Path) -> IntensityBank | IpascBank:
-    """The same of a file that is known to do no harm."""
+    """`read_ipasc` for a file that has been probed in a child before."""
     with _as_bank_error(path):
         file = UntrustedHdf5(path)
         try:
@@ -152,6 +154,7 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
         except BaseException:
             file.close()
             raise
+        # A bank of intensities is in memory by now and needs no open file.
         if not isinstance(bank, IpascBank):
             file.close()
         return bank
@@ -190,8 +193,8 @@ def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
 
 
 def walk_bank(path: Path) -> dict[str, np.ndarray]:
-    """Read all of a bank but its frames, of which only the places are gone through; nothing comes back."""
-    # Where the library is missing, that is no damage of the file.
+    """Read a bank's metadata, the index of its chunks and its first frame; returns nothing. Runs in the sandbox."""
+    # A missing library must not be reported as damage of the file.
     require_h5py()
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
@@ -209,7 +212,7 @@ def _as_bank_error(path: Path) -> AbstractContextManager[None]:
 
 
 def _is_ours(path: Path, file: UntrustedHdf5) -> bool:
-    """Whether this program wrote the file, of a version that can be read."""
+    """Whether markerseek wrote the file; refuses a newer version."""
     version = file.number(fields.VERSION)
     if version is not None and version != fields.BANK_VERSION:
         raise RecordError(
@@ -255,6 +258,7 @@ def _counts(file: UntrustedHdf5, name: str, row: int) -> Int16[np.ndarray, "chan
     values = np.asarray(data[place])
     with np.errstate(invalid="ignore"):
         counts = values.astype(np.int16)
+    # Other programs store floats; only those that are exact counts can be imaged as counts.
     if not np.array_equal(counts, values):
         raise ValueError(f"{name} holds numbers that are no int16 counts")
     return counts

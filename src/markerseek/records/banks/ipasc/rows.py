@@ -1,9 +1,9 @@
-"""What is worked out for each measurement of a bank: where the array is, and the checksums of its numbers and counts.
+"""Pose and checksums of one measurement of a bank.
 
-Poses lie in the coordinates of IPASC, in the array as it was at the first measurement: x1 along it from its centre (y
+Poses are in the coordinates of IPASC, those of the array at the first measurement: x1 along it from its centre (y
 of the TRUS home frame), x3 out of it, and x2 = x3 × x1. The probe turns about an axis parallel to x1, which lies the
-face's radius behind the face. There are two CRC-32 of each measurement: of the numbers, checked whenever the bank is
-opened, and one that goes on over the ADC counts, checked whenever that frame is read.
+face's radius behind the face. Each measurement has two CRC-32: one of its numbers, checked when the bank is opened,
+and one that continues it over the ADC counts, checked when the frame is read.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ def probe_pose(angle_deg: float, *, first_deg: float, face_radius_m: float) -> F
 
 
 def row_sum(*, angle_deg: float, intensity: float, pulses: int, started_s: float) -> int:
-    """CRC-32 of the numbers of one measurement, little-endian: three of 64 bits, pulses a whole one; any NaN is one."""
+    """CRC-32 of angle, intensity, start (little-endian doubles) and pulses (int64) of one measurement."""
+    # NaN has many bit patterns, and HDF5 or NumPy may change one into another.
     floats = (math.nan if math.isnan(each) else each for each in (angle_deg, intensity, started_s))
     return zlib.crc32(struct.pack("<3dq", *floats, pulses))
 
 
 def frame_sum(samples: Int16[np.ndarray, "channels samples"], *, after: int = 0) -> int:
-    """CRC-32 of ADC counts, channel by channel, little-endian, going on after that of the row; after 0 in the dark."""
+    """CRC-32 of little-endian ADC counts, channel by channel, continued from the row's; from 0 for a dark frame."""
     return zlib.crc32(np.ascontiguousarray(samples, dtype="<i2").data, after)

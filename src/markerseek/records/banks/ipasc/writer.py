@@ -1,11 +1,10 @@
-"""Writes a bank as IPASC HDF5, by pacfish, and keeps what was written readable while it grows.
+"""Writes a bank as IPASC HDF5 with pacfish; the file stays readable at every moment of a scan.
 
-The file has its full size from the first frame on and nothing but numbers changes in it, so that a process that is
-killed leaves a file that opens. An angle of NaN has not been measured: it is written last, when all else of its
-measurement is on the disk, and a checksum with it. A file is never cut: `BankWriter.close` puts a smaller copy into the
-place of one that was not filled.
+The file has its full size from the first frame on and only numbers change in it, so that a killed process leaves a file
+that opens. An angle of NaN marks an empty row: the angle is written last, after the rest of its row is on disk. The
+file is never truncated: `BankWriter.close` replaces one that was not filled by a smaller copy (decision 12).
 
-A bank of intensities only has no detection elements and frames of no size, by which PATATO, too, opens it.
+A bank of intensities has no detection elements and frames of size zero; PATATO opens it, too.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
-from markerseek.files import published, replaced, require_new
+from markerseek.files import create_atomically, replace_file, require_new
 from markerseek.records.banks.bank import HDF5_SUFFIXES, BankFacts
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.admission import require_keepable
@@ -32,11 +31,11 @@ if TYPE_CHECKING:
     import h5py
 
 _ROOM_BYTES = 1 << 20
-"""Room for everything but frames."""
+"""Space for everything but frames, in bytes."""
 
 
 def require_new_bank(path: Path) -> None:
-    """Refuse a place where no bank can be written, before anything is done for it.
+    """Refuse a path where no bank can be written, before anything is measured.
 
     Raises
     ------
@@ -66,10 +65,10 @@ class BankWriter:
     dark_frames
         Most acquisitions without.
     facts
-        What else is known of the bank.
+        Metadata of the bank.
     whole_as
-        Name that the file gets when it is whole, by `whole_bank`: until then nobody reads it, and the disk is not
-        waited for. None: it has its name from the first acquisition on.
+        Final name of the file, given by `whole_bank` when it is complete; until then it is not flushed after each
+        acquisition. None: it has its name from the first acquisition on.
 
     Raises
     ------
@@ -105,15 +104,17 @@ class BankWriter:
         Raises
         ------
         RecordError
-            If it cannot be written, or not be read as a bank again: it differs in shape or rate from those before, is
-            one more than was announced, or has an angle or intensity that no bank can hold. Nothing is written then.
+            If it cannot be written, or the bank could not be read again: its shape or rate differs from those before,
+            it exceeds the number announced, or no bank can hold its angle or intensity. Nothing is written then.
         """
         frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
         if sample.dark and frame is None:
             return
         row, planned = (self._taken_dark, self._planned_dark) if sample.dark else (self.taken, self._planned)
         if row >= planned:
-            raise RecordError(f"{self._named}: {planned} acquisitions were announced and one more came; announce it")
+            raise RecordError(
+                f"{self._named}: {planned} acquisitions were announced and one more came; announce it too"
+            )
         require_keepable(self._named, sample, layout=self._layout, angles_deg=self._angles_deg)
         try:
             file = self._file or self._begin(frame)
@@ -125,15 +126,15 @@ class BankWriter:
             raise self._unwritten(problem) from problem
 
     def close(self) -> None:
-        """Close the file, and leave off the room for what was announced and did not come; allowed twice.
+        """Close the file, and remove the rows that were announced and not filled; allowed twice.
 
-        The room stays, and readers pass over it, where the disk cannot hold a copy beside the file.
+        The empty rows stay, and readers skip them, where the disk has no space for a copy.
         """
         if not self.release() or (self.taken, self._taken_dark) == (self._planned, self._planned_dark):
             return
         try:
             if shutil.disk_usage(self._path.parent).free > self._path.stat().st_size + _ROOM_BYTES:
-                with replaced(self._path) as part:
+                with replace_file(self._path) as part:
                     copy_trimmed(self._path, part)
         except (OSError, RuntimeError):
             return
@@ -149,7 +150,7 @@ class BankWriter:
         self.close()
 
     def release(self) -> bool:
-        """Close the file as it is, and say whether there was one; `RecordError` where the disk does not take it."""
+        """Close the file without removing empty rows; returns whether it was open. `RecordError` if the flush fails."""
         file, self._file = self._file, None
         if file is None:
             return False
@@ -163,7 +164,7 @@ class BankWriter:
         return True
 
     def require_whole(self) -> None:
-        """Refuse a bank in which something that was announced is missing."""
+        """Refuse a bank with fewer acquisitions than announced."""
         if (self.taken, self._taken_dark) != (self._planned, self._planned_dark):
             raise RecordError(
                 f"{self._named}: {self.taken} of {self._planned} angles and {self._taken_dark} of "
@@ -181,14 +182,14 @@ class BankWriter:
             sampling_hz=facts.sampling_hz if frame is None else frame.sampling_hz,
         )
         self._require_room(self._layout.frame_bytes + _ROOM_BYTES)
-        with published(self._path) as part:
+        with create_atomically(self._path) as part:
             make_file(part, self._layout, facts)
         self._file = h5py.File(self._path, "r+")
         self._descriptor = os.open(self._path, os.O_RDWR)
         return self._file
 
     def _require_room(self, needed: int) -> None:
-        """Refuse a disk that cannot hold it all: the library says nothing of a write that fails, and dies of it."""
+        """Refuse a disk without enough space: HDF5 can crash on a write that fails."""
         free = shutil.disk_usage(self._path.parent).free
         if free < needed:
             raise RecordError(
@@ -216,7 +217,7 @@ class BankWriter:
             file[fields.POSES][row] = pose
         file[fields.ROW_SUMS][row] = summed
         self._sync(file)
-        # The angle last: a row with an angle is whole.
+        # The angle last, after a flush: a row with an angle is complete.
         file[fields.ANGLES][row] = angle_deg
         self._sync(file)
         self._angles_deg[angle_deg] = None
@@ -232,6 +233,7 @@ class BankWriter:
 
     def _sync(self, file: h5py.File) -> None:
         if self._grows:
+            # flush() hands the data to the system, fsync() to the disk; HDF5 has no call for the latter.
             file.flush()
             os.fsync(self._descriptor)
 
@@ -244,7 +246,7 @@ class BankWriter:
 
 @contextmanager
 def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> Iterator[BankWriter]:
-    """A writer of a bank that gets its name when the block ends with all that was announced, and is gone if not.
+    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not.
 
     Parameters
     ----------
@@ -261,13 +263,14 @@ def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFact
     require_new_bank(path)
     inside = False
     try:
-        with published(path) as part:
+        with create_atomically(path) as part:
             writer = BankWriter(part, angles=angles, dark_frames=dark_frames, facts=facts, whole_as=path)
             try:
                 inside = True
                 yield writer
                 inside = False
             except BaseException:
+                # The error of the block is the cause; one of closing the temporary file would hide it.
                 with suppress(RecordError):
                     writer.release()
                 raise
