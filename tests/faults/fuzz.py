@@ -24,8 +24,8 @@ _FILES = decoders.UNVETTED | journal_decoders.JOURNALS
 def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
     """A whole file, or all that a sound device says, and what reads such bytes."""
     if name in wire_decoders.WIRES:
-        whole, hear = wire_decoders.WIRES[name]
-        return whole, lambda data: wire_decoders.wire_outcome(hear, data)
+        whole, decode = wire_decoders.WIRES[name]
+        return whole, lambda data: wire_decoders.wire_outcome(decode, data)
     file_name, whole, read = _FILES[name]
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm"))
     return whole, lambda data: decoders.outcome(read, folder / file_name, data)

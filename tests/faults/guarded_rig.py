@@ -1,4 +1,4 @@
-"""A rig under a guard, whose truth stands beside what it reports, for the checks of seeded bugs."""
+"""A rig under a guard, which keeps its true state beside what it reports, for the checks of seeded bugs."""
 
 from __future__ import annotations
 
@@ -91,13 +91,13 @@ class Twice:
     """A policy that looks at two angles."""
 
     def __init__(self) -> None:
-        self.told: list[Sample] = []
+        self.samples: list[Sample] = []
 
     def ask(self) -> float | None:
-        return float(len(self.told)) if len(self.told) < 2 else None
+        return float(len(self.samples)) if len(self.samples) < 2 else None
 
     def tell(self, sample: Sample) -> None:
-        self.told.append(sample)
+        self.samples.append(sample)
 
     def estimate(self) -> NotFound:
         return NotFound(mean_deg=0.0, reason="a test")

@@ -133,7 +133,7 @@ def a_number_that_is_not_finite_is_refused() -> None:
             journal.commit(Measured(role="search", index=1, sample=sample), clock_s=0.0)
         except RecordError:
             return
-        raise AssertionError("a noise that is no number is taken for one that is not known")
+        raise AssertionError("a NaN noise is read as an unknown noise")
 
 
 def a_signal_behind_a_commit_leaves_room_for_a_note() -> None:

@@ -62,7 +62,7 @@ def test_a_full_disk_ends_the_run_with_an_error_and_loses_nothing(small_disk: Pa
     path = small_disk / "run.journal"
     acknowledged = fill(path)
     require_all(path, acknowledged)
-    # with room the run goes on in the same file
+    # with room the run continues in the same file
     grown = small_disk.parent / "run.journal"
     for each in small_disk.iterdir():
         shutil.copyfile(each, small_disk.parent / each.name)

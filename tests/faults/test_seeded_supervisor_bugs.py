@@ -39,7 +39,7 @@ class Far:
         os.close(self.fd)
         os.close(self.near)
 
-    def hears_farewell(self, *, within_s: float = SOON_S) -> bool:
+    def receives_farewell(self, *, within_s: float = SOON_S) -> bool:
         data = b""
         ends_s = time.monotonic() + within_s
         while FAREWELL not in data:
@@ -88,26 +88,26 @@ def kept(far: Far) -> Iterator[subprocess.Popen[bytes]]:
 
 def a_line_is_silenced_at_the_start() -> None:
     with Far() as far, kept(far):
-        assert far.hears_farewell()
+        assert far.receives_farewell()
 
 
 def a_line_is_silenced_after_death() -> None:
     with Far() as far, kept(far) as control:
-        far.hears_farewell(within_s=0.1)
+        far.receives_farewell(within_s=0.1)
         control.kill()
-        assert far.hears_farewell()
+        assert far.receives_farewell()
 
 
 def a_line_is_silenced_after_a_stop() -> None:
     with Far() as far, kept(far) as control:
-        far.hears_farewell(within_s=0.1)
+        far.receives_farewell(within_s=0.1)
         control.send_signal(signal.SIGSTOP)
-        assert far.hears_farewell()
+        assert far.receives_farewell()
 
 
 def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
     with Far() as far, Supervisor(lines=[far.line], period_s=LEASE_S) as supervisor:
-        assert far.hears_farewell()
+        assert far.receives_farewell()
         over = threading.Event()
 
         def timer() -> None:
@@ -118,10 +118,10 @@ def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
         thread = threading.Thread(target=timer)
         supervisor.hold()
         thread.start()
-        heard = far.hears_farewell(within_s=5 * LEASE_S)
+        received = far.receives_farewell(within_s=5 * LEASE_S)
         over.set()
         thread.join()
-        assert heard
+        assert received
 
 
 SUPERVISOR_BUGS = {
@@ -152,7 +152,7 @@ SUPERVISOR_BUGS = {
 }
 
 SEEDED: list[str] = []
-"""Name of the bug that is in the code now; the supervisor's process is told."""
+"""Name of the bug that is in the code now; the supervisor's process gets it as an argument."""
 
 
 @pytest.mark.parametrize("name", SUPERVISOR_BUGS)

@@ -213,7 +213,7 @@ def test_exact_moments_point_at_the_marker():
     assert log.max() - log[angles_deg == 25.0] > 5
 
 
-def test_two_moments_tell_which_side():
+def test_two_moments_determine_the_side():
     """One frame nearer than the other: the marker lies on the side of the earlier and shorter one."""
     angles_deg = np.arange(-35.0, 36.0)
     measured_deg = np.array([-10.0, 10.0])

@@ -17,11 +17,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from made_up_banks import FACTS, counts, sample
 from markerseek.core import RecordError
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 from markerseek.records.banks.ipasc.writer import whole_bank
+from synthetic_banks import FACTS, counts, sample
 
 PLANNED, TAKEN = 8, 5
 

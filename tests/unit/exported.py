@@ -47,5 +47,5 @@ def messages(path):
         ]
 
 
-def on_topic(heard, topic):
-    return [each for name, _, _, each in heard if name == topic]
+def on_topic(decoded, topic):
+    return [each for name, _, _, each in decoded if name == topic]

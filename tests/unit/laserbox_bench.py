@@ -49,10 +49,10 @@ class Bench:
 
     def say(self, *messages: wire.Command, at_s: float | None = None) -> list[wire.Reply]:
         """Talk to the box without a driver."""
-        told = self.box.advance(self.clock.now_s() if at_s is None else at_s)
+        replies = self.box.advance(self.clock.now_s() if at_s is None else at_s)
         for message in messages:
-            told += self.box.feed(wire.encode(message))
-        return [wire.decode_reply(line) for line in told.split(b"\n")[:-1]]
+            replies += self.box.feed(wire.encode(message))
+        return [wire.decode_reply(line) for line in replies.split(b"\n")[:-1]]
 
 
 def permit(token: str = "a", *, pulses: int = 16, expires_s: float = math.inf) -> Permit:

@@ -58,7 +58,7 @@ def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
     [(), (0.0, 0.0, 0.0), (1.0, math.nan, 3.0), (5.0, 5.0, 6.0), (0.0, 1e6, 1e6 + 0.5), (-1.0, 2.0, 3.0)],
     ids=["none", "not told", "not of all", "doubled", "too close for Slicer", "negative"],
 )
-def test_times_that_tell_nothing_are_numbers(started_s):
+def test_uninformative_times_are_replaced_by_numbers(started_s):
     series = series_of(frames(started_s, facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.order, series.times_s, series.clock) == ((0, 1, 2), (0.0, 1.0, 2.0), "none")
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from made_up_banks import ANGLES, FACTS, changed, counts, write
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
 from markerseek.records.banks.ipasc.array import TOLERANCE, element_row
 from markerseek.records.banks.ipasc.reading import read_probed
+from synthetic_banks import ANGLES, FACTS, changed, counts, write
 
 PITCH_M = FACTS.pitch_m
 ROW_M = np.column_stack(((np.arange(8) - 3.5) * PITCH_M, np.zeros(8), np.zeros(8)))

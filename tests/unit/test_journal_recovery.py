@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_up_journals import configuration, counts, died_in_commit, whole_run, write
 from markerseek.core import RecordError
 from markerseek.records.journal import Entry, Interrupted, Journal, read_journal, salvage, summary, verify
 from markerseek.records.journal.connection import rollback_file
+from synthetic_journals import configuration, counts, died_in_commit, whole_run, write
 
 ACQUISITIONS = 3
 ENTRIES = 2 * ACQUISITIONS + 2

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from every_kind_of_entry import frame
-from made_up_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration
 from markerseek.core import (
     ChannelFrame,
     Failed,
@@ -35,6 +34,7 @@ from markerseek.records.journal import (
     encode,
     read_journal,
 )
+from synthetic_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration
 
 FULL = {
     **EVENTS,

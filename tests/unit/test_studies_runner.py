@@ -60,11 +60,11 @@ def test_the_table_is_the_rows_one_by_one(whole: dict[str, bytes]) -> None:
 def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
     whole: dict[str, bytes], tmp_path: Path
 ) -> None:
-    heard: list[int] = []
-    finish = run_study(STUDY, tmp_path / "two", workers=2, progress=heard.append)
+    reported: list[int] = []
+    finish = run_study(STUDY, tmp_path / "two", workers=2, progress=reported.append)
     assert files(tmp_path / "two") == whole
-    assert heard == sorted(heard)
-    assert heard[-1] == STUDY.rows
+    assert reported == sorted(reported)
+    assert reported[-1] == STUDY.rows
     assert finish.summary == msgspec.json.decode(whole["summary.json"], type=Summary)
 
 

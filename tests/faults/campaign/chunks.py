@@ -25,7 +25,7 @@ def readings(seed: int, first: int, count: int) -> Tally:
         for number in range(first, first + count):
             plan = draw_plan(seed, number)
             trace = campaign.perform(plan)
-            tally.hear(
+            tally.count_run(
                 check(trace),
                 number=number,
                 faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),

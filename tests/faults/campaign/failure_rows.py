@@ -30,8 +30,8 @@ HEAD = (
 def row(words: str, seen: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
     """Line of the table for one method under one fault."""
     off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
-    told, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
-    return f"| {words} | {told} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
+    reported, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
+    return f"| {words} | {reported} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
 
 
 def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:

@@ -118,7 +118,7 @@ class Trace:
     raised: BaseException | None
     guard: Guard
     left_fault: bool
-    told_permits: tuple[tuple[str, int], ...]
+    sent_permits: tuple[tuple[str, int], ...]
     virtual_s: float
     real_s: float
 
@@ -159,7 +159,7 @@ class Campaign:
             raised=raised,
             guard=guard,
             left_fault=left_fault,
-            told_permits=self._lines.end(),
+            sent_permits=self._lines.end(),
             virtual_s=clock.now_s(),
             real_s=time.perf_counter() - began_s,
         )
@@ -201,7 +201,7 @@ class Campaign:
             clock,
             of["laser"],
             mischief[1],
-            tell=self._lines.tell_permit,
+            send=self._lines.send_permit,
             stage_rests=stage.rest,
             readout_s=plan.readout_s,
         )

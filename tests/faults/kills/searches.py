@@ -81,10 +81,10 @@ class Search:
         )
         return policy, rig, configuration
 
-    def live(self, journal: Path, *, told: int, blows_at: int | None, resume: bool) -> int:
+    def live(self, journal: Path, *, ack_fd: int, blows_at: int | None, resume: bool) -> int:
         """Begin or resume it in this process, and write a byte for each event that was handed on; its steps."""
         policy, rig, configuration = self.begin()
-        fuse = Fuse(blows_at, told=told)
+        fuse = Fuse(blows_at, ack_fd=ack_fd)
         fuse.into(policy, rig)
         with fused_sqlite(fuse), arming_watched(rig) if resume else ExitStack():
             if resume:
@@ -95,7 +95,7 @@ class Search:
                 events = journalled(policy, rig, kept)
             with kept:
                 for _ in events:
-                    os.write(told, b".")
+                    os.write(ack_fd, b".")
                     fuse.step("event handed on", "after")
         return fuse.steps
 
