@@ -1,4 +1,4 @@
-"""Other people's optimisers keep the contract of a policy; BoTorch's where it is installed."""
+"""Optimisers of other packages keep the contract of a policy; BoTorch's where it is installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The real drivers keep the promises of `markerseek.testing` over the emulated devices, in virtual time."""
+"""The real drivers keep the contracts of `markerseek.testing` on emulated devices, in virtual time."""
 
 from __future__ import annotations
 

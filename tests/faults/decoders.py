@@ -1,4 +1,4 @@
-"""The decoders of files as functions of bytes, a small whole file for each, and how either may end."""
+"""File decoders as functions of bytes, a small valid file for each, and the outcome of a reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold of a journal, as checks that notice the bugs of `test_seeded_journal_bugs`."""
+"""Properties of a journal, as checks that detect the bugs of `test_seeded_journal_bugs`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The journal's readers as functions of bytes, for fuzzing: of the file, and of its rollback journal."""
+"""The journal's readers as functions of bytes, for fuzzing: the file and its rollback journal."""
 
 from __future__ import annotations
 

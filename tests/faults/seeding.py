@@ -1,4 +1,4 @@
-"""Bugs that are put into the package: one piece of source text replaced by another, and taken out again."""
+"""Seeding of bugs into the package: one piece of source text replaced by another, and restored."""
 
 from __future__ import annotations
 

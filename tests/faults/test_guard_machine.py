@@ -1,4 +1,4 @@
-"""Any sequence of steps, sensible or not: what the guard allowed is held against a model that knows only the promises.
+"""Stateful test of the guard: random sequences of steps against a model that knows only the promises.
 
 ``MARKERSEEK_TRACES=100000 pytest tests/faults/test_guard_machine.py`` walks as many traces as P7 asks for.
 """

@@ -1,4 +1,4 @@
-"""Devices that say what nobody should: a `DeviceError` with a sentence, or what a sound one would have said.
+"""Invalid answers of devices: a `DeviceError` with a sentence, or a valid result; never anything else.
 
 No crash, no hang, no memory for what is promised. ``tests/faults/corpus`` holds what once did otherwise, by the name of
 the decoder; ``tests/faults/fuzz.py`` looks for more of it.

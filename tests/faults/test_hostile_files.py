@@ -1,4 +1,4 @@
-"""Files that somebody damaged, or made to do harm: a `RecordError` with a sentence, or what they say; nothing else.
+"""Damaged or malicious files: a `RecordError` with a sentence, or their content; never anything else.
 
 No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once did
 otherwise, by the name of the decoder; ``tests/faults/fuzz.py`` looks for more of them.

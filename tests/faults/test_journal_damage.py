@@ -1,4 +1,4 @@
-"""Torn and flipped files, rubbish in them: one kind of error, and what is read is what was written."""
+"""Truncated, bit-flipped and random journals: one kind of error, or exactly what was written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Full disks and folders that cannot be written: one kind of error, and nothing is lost."""
+"""Full disks and folders that cannot be written: one kind of error, and no acknowledged event is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A search that is killed before each single write of a commit, by ptrace: what was acknowledged is there."""
+"""A process killed by ptrace before each write of a commit: every acknowledged event is in the journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every fault of the emulated stage against its driver: refused by name, inside the limits, never a wrong angle."""
+"""Every fault of the emulated stage against its driver: refused by name, within limits, never a wrong angle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Restarts in short: a search dies in mid-acquisition, and no frame of it makes the next one find a wrong angle.
+"""Short restart campaign: frames of a search that died never make the next search find a wrong angle.
 
 ``python -m tests.faults.campaign --runs 0 --frames 0 --restarts 200`` is the long form.
 """

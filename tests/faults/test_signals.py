@@ -1,4 +1,4 @@
-"""A search on emulated devices, struck by a signal in each phase: laser off, stage inside limits, journal whole.
+"""A search on emulated devices, sent a signal in each phase: laser off, stage in limits, journal whole.
 
 The devices' truth is in this process, the search in another. ``python tests/faults/test_signals.py 20`` strikes each
 phase with each signal so often, on a quiet machine, and prints how soon the last pulse came and the motor stood.

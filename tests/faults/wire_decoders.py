@@ -1,4 +1,4 @@
-"""What reads bytes from devices, as functions of bytes: decoders by themselves, and drivers over a scripted line.
+"""Decoders of device bytes as functions of bytes: protocol decoders, and drivers on a scripted line.
 
 A script holds what a driver reads, one reading after another: a length, and so many bytes. After its end the device is
 silent, or, where the first byte of the script is odd, says everything again for ever.

@@ -1,4 +1,4 @@
-"""Calibration against what it should find: closed-form wave fronts, and simulated scans of a point source."""
+"""Calibration against closed-form wave fronts and simulated scans of a point source."""
 
 from __future__ import annotations
 

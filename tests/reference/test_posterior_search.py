@@ -1,4 +1,4 @@
-"""Whole searches by the posterior: how accurate, how honest. Monte Carlo of a small size, fixed seeds.
+"""Whole searches by the posterior: accuracy and calibration, by small Monte Carlo runs with fixed seeds.
 
 Curves as in ``test_search_coverage.py``: full widths of 3–17° and tails as 1/|t| to 1/|t|^2.5.
 """

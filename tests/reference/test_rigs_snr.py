@@ -1,4 +1,4 @@
-"""The peak SNR of a simulated rig is the one that was asked for, measured on its frames and not on its settings."""
+"""The peak SNR of a simulated rig equals the requested one, as measured on its frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noise of the image against Monte Carlo: its strength, its floor under a source, how high its peaks reach."""
+"""Noise of the image against Monte Carlo: level, floor under a source, and height of its peaks."""
 
 from __future__ import annotations
 

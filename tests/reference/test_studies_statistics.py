@@ -1,4 +1,4 @@
-"""Means, shares and intervals against scipy.stats, however the sample is cut up."""
+"""Means, shares and intervals against scipy.stats, for any partition of the sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shell in which the system tests type their commands."""
+"""The shell in which the system tests run their commands."""
 
 from __future__ import annotations
 

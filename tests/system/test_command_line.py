@@ -1,4 +1,4 @@
-"""The commands as a user types them: what comes out, what the exit code is, and how wrong input is met."""
+"""The commands as a user types them: output, exit codes, and messages for wrong input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The step that proves the sense of rotation, on simulated and on emulated devices."""
+"""The check of the sense of rotation, on simulated and on emulated devices."""
 
 from __future__ import annotations
 

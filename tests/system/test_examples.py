@@ -1,4 +1,4 @@
-"""The examples run as they stand, and the one that makes a file makes the file that is kept."""
+"""The examples run unchanged, and the committed scan is the output of its script."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`markerseek bank export` of frames whose intensities nobody wrote down, as a user types it."""
+"""`markerseek bank export` of frames without stored intensities, as a user types it."""
 
 from __future__ import annotations
 

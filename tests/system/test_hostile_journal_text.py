@@ -1,4 +1,4 @@
-"""Texts and angles of a journal from elsewhere: shown without commanding the terminal, refused outside the limits."""
+"""Texts and angles of foreign journals: no terminal control characters, no angle outside the limits."""
 
 from __future__ import annotations
 

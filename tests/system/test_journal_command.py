@@ -1,4 +1,4 @@
-"""Journals from the command line: kept by a search, shown, verified, worked out again, resumed after any end."""
+"""Journals from the command line: written by a search, shown, verified, replayed, resumed after any end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Odd inputs to all commands and options: each is refused in one sentence, at once, with exit code 2, or is used."""
+"""Unusual inputs to all commands and options: refused at once in one sentence with exit code 2, or used."""
 
 from __future__ import annotations
 

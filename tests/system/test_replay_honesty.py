@@ -1,4 +1,4 @@
-"""A replayed search is no surer than the recording allows: coarse scans with known markers, through the whole loop."""
+"""Intervals of replayed searches cover the marker: coarse scans with known markers, through the whole loop."""
 
 from __future__ import annotations
 

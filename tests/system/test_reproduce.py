@@ -1,4 +1,4 @@
-"""``markerseek reproduce`` as a user types it: files, numbers, progress that ends, and how wrong input is met."""
+"""``markerseek reproduce`` as a user types it: files, numbers, progress, and messages for wrong input."""
 
 from __future__ import annotations
 

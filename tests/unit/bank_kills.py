@@ -1,4 +1,4 @@
-"""Kills a process at writes of a bank, in the middle of them, and says what the file then holds.
+"""Kills a process in the middle of writes of a bank, and prints what the file then holds.
 
 ``python bank_kills.py FOLDER MOMENT COUNT`` says one JSON line for each of about COUNT places, the last ones among
 them; `test_ipasc_kills.py` judges them. The HDF5 library writes through a file of Python here, so that each of its

@@ -1,4 +1,4 @@
-"""What the tests of exports export: three images, their angles and times, and what is known of them."""
+"""Data for the tests of exports: three images with angles, times and facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated stage on a watched line in virtual time: the tests of the stage's driver run on it."""
+"""The emulated stage on a watched line in virtual time, for the tests of the stage's driver."""
 
 from __future__ import annotations
 

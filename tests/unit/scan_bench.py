@@ -1,4 +1,4 @@
-"""A bench of all parts in one, and a policy that visits the angles it is given: the scan's tests run on them."""
+"""A bench with all devices in one class and a policy that visits given angles, for the tests of the scan."""
 
 from __future__ import annotations
 

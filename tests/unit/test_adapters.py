@@ -1,4 +1,4 @@
-"""Other people's optimisers as policies: they ask what they would by themselves, and claim no more than they know."""
+"""Optimisers of other packages as policies: same angles as by themselves, and no unfounded claims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages and units of the APT protocol: captured frames, the library's parsers, and bytes that are none."""
+"""Messages and units of the APT protocol: captured frames, the library's parsers, and invalid bytes."""
 
 from __future__ import annotations
 

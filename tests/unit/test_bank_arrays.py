@@ -1,4 +1,4 @@
-"""Banks that NumPy and MATLAB saved: what is in them comes back in the order of the angles, or a sentence says why."""
+"""Banks saved by NumPy and MATLAB: read in the order of the angles, or refused with a reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Banks read from disk, and refused when they are not what they should be; each complaint says where and what to do."""
+"""Banks read from disk, and invalid ones refused with the place and the remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rig files of kind "bench": what they say is what comes out, and what cannot be guessed must be said."""
+"""Rig files of kind "bench": settings as written, and an error for missing required ones."""
 
 from __future__ import annotations
 

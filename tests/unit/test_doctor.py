@@ -1,4 +1,4 @@
-"""What the doctor says of a computer that wakes up late."""
+"""The doctor's report on a computer that wakes up late."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated bench in virtual time, in one process: the simulation again, count for count, and what may go wrong."""
+"""The emulated bench in virtual time, in one process: equal to the simulation count for count, and its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is written of a bank beside its images, tables, and exports that fail."""
+"""Export of image series: their order and times, tables, and exports that fail."""
 
 from __future__ import annotations
 

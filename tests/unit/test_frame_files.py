@@ -1,4 +1,4 @@
-"""Frames from files: what is in them comes back, and whatever else is in them is a `RecordError`."""
+"""Frames read from files: their content comes back, and invalid content is a `RecordError`."""
 
 from __future__ import annotations
 

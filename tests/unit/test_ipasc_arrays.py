@@ -1,4 +1,4 @@
-"""Where a bank in IPASC HDF5 says that its elements are: straight rows along x1, either way round, and nothing else."""
+"""Element positions in IPASC HDF5 banks: straight rows along x1, in either direction, and nothing else."""
 
 from __future__ import annotations
 

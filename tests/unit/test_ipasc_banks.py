@@ -1,4 +1,4 @@
-"""Banks in IPASC HDF5: what is written comes back, also by pacfish; versions; and what a cut-off scan leaves."""
+"""IPASC HDF5 banks: round trips, also by pacfish; versions; and what an interrupted scan leaves."""
 
 from __future__ import annotations
 

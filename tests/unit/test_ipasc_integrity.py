@@ -1,4 +1,4 @@
-"""Banks in IPASC HDF5 notice what was changed, are on the disk when they say so, and are whole or not there."""
+"""IPASC HDF5 banks detect changes, are on the disk when acknowledged, and are whole or absent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no bank can hold, and files that are none: refused with a sentence."""
+"""Content that no bank can hold, and files that are not banks: refused with a sentence."""
 
 from __future__ import annotations
 

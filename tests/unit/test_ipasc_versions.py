@@ -1,4 +1,4 @@
-"""Banks of today's version, and of another program: what they say comes back, and nothing is invented."""
+"""Banks of the current version and of another program: read as written, with no invented values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a commit leaves on the disk, also where a signal strikes, a program writes meanwhile, or the power goes."""
+"""Durability of a commit under signals, concurrent writers and power loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is written into a journal is read back equal, and says how the run stands and what came of it."""
+"""Round trips of journal entries, and the state and result of the run derived from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of a journal: where one can be begun, what is none, and who may open it; what is wrong is said."""
+"""The file of a journal: where it can be created, what is not one, and who may open it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was changed in the rows of a journal is noticed, and so is an order that cannot be."""
+"""Changed rows and impossible sequences of entries in a journal are detected."""
 
 from __future__ import annotations
 

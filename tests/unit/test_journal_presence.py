@@ -1,4 +1,4 @@
-"""Journals under other names, and journals that are deleted or replaced while a run is written."""
+"""Journals under other names, and journals deleted or replaced while a run is being written."""
 
 from __future__ import annotations
 

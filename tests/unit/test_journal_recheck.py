@@ -1,4 +1,4 @@
-"""Before a run is resumed, its strongest angle is measured again: what has changed beyond chance is refused."""
+"""Before a run is resumed, its strongest angle is measured again: significant changes are refused."""
 
 from __future__ import annotations
 

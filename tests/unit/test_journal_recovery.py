@@ -1,4 +1,4 @@
-"""Runs that died in a commit, damaged rollback journals, lost ends: nothing is read that was not written."""
+"""Runs that died in a commit, damaged rollback journals, lost ends: only what was written is read."""
 
 from __future__ import annotations
 

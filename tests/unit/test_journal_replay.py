@@ -1,4 +1,4 @@
-"""What a journal gives again by itself: the result from the frames, the rig, a run on a recording."""
+"""Reconstruction from a journal: the result from its frames, the rig, a run on a recording."""
 
 from __future__ import annotations
 

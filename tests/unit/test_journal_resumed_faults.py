@@ -1,4 +1,4 @@
-"""Devices that fail before a run, while it is stopped, and while it is resumed: each is a fault that stays one."""
+"""Devices that fail before a run, between runs and during a resume: each is a persistent fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guard of a resumed run knows what the run had admitted, and counts the pulses that it had been permitted."""
+"""The guard of a resumed run knows the admitted frames, and counts the pulses already permitted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What JSON cannot hold: numbers that are not finite are refused wherever they stand, odd texts are escaped."""
+"""Values that JSON cannot hold: non-finite numbers are refused anywhere, unusual texts are escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A journal of today's version holds every kind of entry; newer versions are refused."""
+"""A journal of the current version holds every kind of entry; newer versions are refused."""
 
 from __future__ import annotations
 

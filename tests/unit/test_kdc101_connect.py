@@ -1,4 +1,4 @@
-"""The stage's driver connects: what it asks and writes, whom it refuses, and which settings."""
+"""Connection of the stage's driver: its queries and settings, and the devices it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated stage by itself: how it moves, wakes up, homes, stops, and what it says meanwhile."""
+"""The emulated stage by itself: moves, power-up, homing, stops and messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A move that is disturbed, by death, a cut line, a hand or a wrong reading, goes no further than allowed."""
+"""A move interrupted by a crash, a cut line, a hand or a wrong reading goes no further than allowed."""
 
 from __future__ import annotations
 

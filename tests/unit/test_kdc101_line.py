@@ -1,4 +1,4 @@
-"""The lines that emulators hang on: a pseudo-terminal for any program, a direct port for virtual time."""
+"""Lines to emulators: a pseudo-terminal for any program, a direct port for virtual time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage's driver moves: where it goes, from which side, how fast, and never outside its travel."""
+"""Moves of the stage's driver: target, side of approach, speed, and never outside its travel."""
 
 from __future__ import annotations
 

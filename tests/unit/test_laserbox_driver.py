@@ -1,4 +1,4 @@
-"""The laser box's driver against its emulator: what is permitted is fired and counted, and nothing else ever is."""
+"""The laser box's driver against its emulator: permitted pulses are fired and counted, and no others."""
 
 from __future__ import annotations
 

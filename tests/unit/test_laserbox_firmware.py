@@ -1,4 +1,4 @@
-"""The reference firmware's protocol core says, byte for byte, what the emulator says, and fires when it fires."""
+"""The reference firmware's protocol core agrees with the emulator byte for byte and pulse for pulse."""
 
 from __future__ import annotations
 

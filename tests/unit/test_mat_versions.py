@@ -1,4 +1,4 @@
-"""Every version of ``.mat``: read as other programs read it, or refused with the way to save it again."""
+"""Every version of ``.mat``: read as other programs read it, or refused with a hint how to save it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs for ROS 2 and Foxglove, read back by the library mcap; rotations beside those of SciPy."""
+"""MCAP logs for ROS 2 and Foxglove, read back by the library mcap; rotations against SciPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures as they are laid out: nothing clipped, nothing over another, no name rendered as mathematics."""
+"""Layout of pictures: nothing clipped, nothing overlapping, no name rendered as mathematics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rig files: what they say is what comes out, and a key that does not exist is never passed over."""
+"""Rig files: settings as written, and an error for unknown keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden-section and ternary search: what is kept, what is asked, and what they refuse."""
+"""Golden-section and ternary search: kept brackets, asked angles, and refusals."""
 
 from __future__ import annotations
 

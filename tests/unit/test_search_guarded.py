@@ -1,4 +1,4 @@
-"""The floor, the evidence, and what the guarded form answers; the catalogue of methods."""
+"""The noise floor, the evidence, and the answers of the guarded form; the catalogue of methods."""
 
 from __future__ import annotations
 

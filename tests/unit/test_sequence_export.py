@@ -1,4 +1,4 @@
-"""Sequences for 3D Slicer and PLUS, read back by SimpleITK; rotations beside those of SciPy."""
+"""Sequences for 3D Slicer and PLUS, read back by SimpleITK; rotations against SciPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the image reader says of frames whose source is known."""
+"""Readings of the image reader for frames with a known source."""
 
 from __future__ import annotations
 

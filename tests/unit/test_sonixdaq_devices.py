@@ -1,4 +1,4 @@
-"""The SonixDAQ's driver and the folder writer, in virtual time: what counts as an acquisition, and what does not."""
+"""The SonixDAQ's driver and the folder writer in virtual time: which files count as an acquisition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that land although nothing was triggered: the SonixDAQ's driver waits for them, names them, and uses none."""
+"""Files that arrive without a trigger: the SonixDAQ's driver waits for them, reports them, and uses none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intensity curves and their world: against closed forms and SciPy, then as devices and in searches."""
+"""Intensity curves and their simulated world: against closed forms and SciPy, as devices and in searches."""
 
 from __future__ import annotations
 

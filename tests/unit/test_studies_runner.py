@@ -1,4 +1,4 @@
-"""Running a study: anywhere and however interrupted, the files are the same."""
+"""Runs of a study give the same files on any machine and after any interruption."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study is, what its trials draw, and what its rows and summary say."""
+"""The settings of a study, the draws of its trials, its rows and its summary."""
 
 from __future__ import annotations
 

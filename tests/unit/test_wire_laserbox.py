@@ -1,4 +1,4 @@
-"""The laser box's lines: what is written is read again, and nothing else is."""
+"""Lines of the laser box's protocol: round trips, and refusal of everything else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Says which promises a run broke, from nothing but the truth of its world and its journal."""
+"""Which promises a run broke, decided only from its simulated truth and its journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of a campaign in pieces: functions of a module that a process of its own finds under its name."""
+"""Chunks of a campaign as module-level functions, so that worker processes can import them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which commit a table was made from."""
+"""The commit that a table was made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The committed page: each promise with its figure and bound, and each fault with what came of it."""
+"""The page of the campaign: each promise with its count and bound, and each fault with its outcomes."""
 
 from __future__ import annotations
 

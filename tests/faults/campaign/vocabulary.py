@@ -1,4 +1,4 @@
-"""What goes wrong in the campaign: faults of simulated stage, laser and receiver, in the one vocabulary.
+"""Faults of the simulated stage, laser and receiver that the campaign injects.
 
 `Injected.harm` says what is done in truth before anybody can see it, and `covered_by` which hardware must prevent that.
 """

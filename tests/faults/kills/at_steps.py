@@ -1,4 +1,4 @@
-"""Deaths at every step of a search, at every step of a resume, and in the middle of a write to the disk."""
+"""Kills at every step of a search, at every step of a resume, and in the middle of a write to the disk."""
 
 from __future__ import annotations
 

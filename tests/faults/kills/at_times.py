@@ -1,4 +1,4 @@
-"""Deaths at random times of `markerseek search` and of the `markerseek resume --arm` that continues it."""
+"""Kills of `markerseek search` and of `markerseek resume --arm` at random times."""
 
 from __future__ import annotations
 

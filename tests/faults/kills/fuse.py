@@ -1,4 +1,4 @@
-"""The steps of a search, and how a process dies at the n-th of them."""
+"""Kills a search at its n-th step."""
 
 from __future__ import annotations
 

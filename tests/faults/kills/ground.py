@@ -1,4 +1,4 @@
-"""What each search holds that nobody killed, and whether one that died and was resumed holds the same."""
+"""The content of each search run without a kill, and the comparison of resumed searches with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deaths of `markerseek bank scan`: at random times, and at every write of its beginning, of one row, and of its close.
+"""Kills of `markerseek bank scan`: at random times, and at every write of its start, of one row and its close.
 
 What must hold: the bank opens, it holds the first acquisitions of the whole scan bit for bit, and they are those that
 were acknowledged or one more.

@@ -1,4 +1,4 @@
-"""Deaths of `markerseek search` and `resume` on an emulated bench, whose devices live on, as real ones do.
+"""Kills of `markerseek search` and `resume` on an emulated bench whose devices keep running.
 
 What must hold: nothing acknowledged is lost, the search is resumed to its end, its checks repeat the kept readings, and
 the emulator has counted as many pulses of light as were permitted.

@@ -1,4 +1,4 @@
-"""Failures of the campaign, noted with the files that show them; the campaign continues."""
+"""Failures of the campaign, noted with the files that show them."""
 
 from __future__ import annotations
 
