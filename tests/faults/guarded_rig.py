@@ -10,7 +10,7 @@ from markerseek.scan import Scanner
 
 
 class Rig:
-    """Stage, laser, receiver, reader, clock and dead man in one; the truth stands beside what it reports."""
+    """Stage, laser, receiver, reader, clock and dead-man switch in one; keeps its true state beside what it reports."""
 
     def __init__(self) -> None:
         self.limits = Interval(low_deg=-36.5, high_deg=36.5)
@@ -88,7 +88,7 @@ class Rig:
 
 
 class Twice:
-    """A policy that looks at two angles."""
+    """A policy that asks for two angles."""
 
     def __init__(self) -> None:
         self.samples: list[Sample] = []

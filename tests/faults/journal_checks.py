@@ -73,7 +73,7 @@ def copied(place: Path) -> list[object]:
 
 
 def unreadable_after(*statements: str) -> bool:
-    """Whether a journal is refused once somebody has changed it so."""
+    """Whether a journal is refused after these changes."""
     with folder() as place:
         kept(place / "a")
         with closing(sqlite3.connect(place / "a")) as connection:

@@ -33,7 +33,7 @@ def _write(journal: Journal) -> None:
 
 
 def read_file(path: Path) -> None:
-    """All that is done with a journal that somebody sends."""
+    """Every operation on a foreign journal."""
     rollback_file(path).unlink(missing_ok=True)
     _read(path)
 

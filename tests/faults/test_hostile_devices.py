@@ -1,7 +1,7 @@
 """Invalid answers of devices: a `DeviceError` with a sentence, or a valid result; never anything else.
 
-No crash, no hang, no memory for what is promised. ``tests/faults/corpus`` holds what once did otherwise, by the name of
-the decoder; ``tests/faults/fuzz.py`` looks for more of it.
+No crash, no hang, no memory allocated for a claimed size. ``tests/faults/corpus`` holds inputs that once failed this,
+by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def in_a_process(work: Callable[[], object]) -> None:
 
 @pytest.fixture
 def small_disk(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
-    """A disk of one megabyte, or as many as a parameter says."""
+    """A disk of one megabyte, or of the parameter's size."""
     folder = tmp_path / "small"
     folder.mkdir()
     size = f"size={getattr(request, 'param', 1)}m"

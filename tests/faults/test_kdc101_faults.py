@@ -30,7 +30,7 @@ TARGETS = (-35.0, 35.0, 12.3, -7.0, 20.5)
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What a tour under a fault came to."""
+    """The result of a tour under a fault."""
 
     error: DeviceError | None
     misses_deg: list[float]
@@ -179,7 +179,7 @@ def test_a_sound_stage_is_believed_however_late_its_answers_are(late_s: float) -
 
 
 def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError | None:
-    """What is said against a short way that a stage claims to have gone; None if it is believed."""
+    """The refusal of a short move that a stage claims to have made; None if it is accepted."""
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
     late = replace(STAGE_FAULTS["late answers"], amount=late_s)
     emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(play_deg=0.0), faults=[late] if late_s else [])

@@ -1,7 +1,7 @@
 """Decoders of device bytes as functions of bytes: protocol decoders, and drivers on a scripted line.
 
-A script holds what a driver reads, one reading after another: a length, and so many bytes. After its end the device is
-silent, or, where the first byte of the script is odd, says everything again for ever.
+A script holds what a driver reads, one reading after another: a length, and that number of bytes. After its end the
+device is silent, or, if the first byte of the script is odd, repeats the script without end.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class RecordingPort:
 
 
 class AllIsWell:
-    """A PicoLAS driver that obeys."""
+    """A PicoLAS driver that confirms every command."""
 
     def __init__(self) -> None:
         self._said = b""
@@ -204,7 +204,7 @@ def _whole_unsigned() -> bytes:
 
 
 def _read_messages(data: bytes) -> None:
-    """Messages do not depend on how the bytes arrive, and what they say is understood or refused."""
+    """Messages do not depend on how the bytes arrive; each is decoded or refused."""
     at_once = AptFramer().feed(data)
     framer, one_by_one = AptFramer(), []
     for byte in data:
@@ -215,7 +215,7 @@ def _read_messages(data: bytes) -> None:
 
 
 def _read_lines(data: bytes) -> None:
-    """Lines do not depend on how the bytes arrive; what is understood is what the other end would write."""
+    """Lines do not depend on how the bytes arrive; each decoded one encodes to the same bytes."""
     at_once = laserbox.Lines().feed(data)
     lines, one_by_one = laserbox.Lines(), []
     for byte in data:

@@ -100,7 +100,7 @@ def test_a_simulated_scan_gives_its_truth_within_the_intervals(
 
 
 def scan_of(intensities: list[float], *, saturated: float = 0.0) -> list[Sample]:
-    """Samples at -8, -7 ... deg of such intensities, over noise of 20 counts."""
+    """Samples at -8, -7 ... deg with these intensities, over noise of 20 counts."""
     return [
         Sample(
             angle_deg=float(index - 8),

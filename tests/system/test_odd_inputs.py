@@ -82,7 +82,7 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refused(shell: Shell, *words: object) -> None:
-    """Run a command twice, for people and for programs: each time one sentence."""
+    """Run a command twice, with text and with JSON output: each time one sentence."""
     code, out, err = shell(*words)
     assert (code, out) == (2, ""), (words, err)
     assert "error" in err.lower(), (words, err)

@@ -106,7 +106,7 @@ def importing(path: Path, acknowledged: Path) -> None:
 
 
 def left(path: Path) -> dict[str, object]:
-    """What the file of a process that was killed holds: angles, and whether each frame is the one that was taken."""
+    """Content of a killed process's file: its angles, and whether each frame is the acquired one."""
     if not path.exists():
         return {"there": False}
     try:

@@ -59,7 +59,7 @@ def configured(rig: Rig, **changes: object) -> Configuration:
 
 
 def live(path: Path, *, until: int | None = None) -> list[Event]:
-    """The events of a run, or as many as there are until it is stopped."""
+    """The events of a run, up to its end or to the `until`-th."""
     policy, rig, configuration = begin()
     handed_on: list[Event] = []
     with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:

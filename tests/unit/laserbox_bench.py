@@ -15,7 +15,7 @@ from markerseek.wire import laserbox as wire
 
 @dataclass
 class Lit:
-    """A world that remembers what light fell on it."""
+    """A simulated world that records the light that fell on it."""
 
     angle_deg: float = 3.0
     flashes: list[Flash] = field(default_factory=list)

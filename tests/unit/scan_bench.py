@@ -124,7 +124,7 @@ def scanner(bench: Bench, **changes: object) -> Scanner:
 
 
 def kinds(events: list[Event]) -> list[str]:
-    """Names of the events without `Asked`, which stands before each acquisition."""
+    """Names of the events without `Asked`, which precedes each acquisition."""
     others = [event for event in events if not isinstance(event, Asked)]
     return [event.role if isinstance(event, Measured) else type(event).__name__ for event in others]
 

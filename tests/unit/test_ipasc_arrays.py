@@ -18,7 +18,7 @@ ROW_M = np.column_stack(((np.arange(8) - 3.5) * PITCH_M, np.zeros(8), np.zeros(8
 
 
 class Positions:
-    """The part of a file that says where the elements are."""
+    """The part of a file that holds the positions of the elements."""
 
     def __init__(self, positions_m):
         self.positions_m = positions_m

@@ -68,7 +68,7 @@ def test_a_marker_that_moved_is_noticed_and_the_run_is_unchanged(moved_deg: floa
 
 @pytest.mark.parametrize("moved_deg", [-2.0, -0.7, 0.7, 2.0])
 def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path) -> None:
-    """The intensity near the top says nothing of a degree, and two of them do not change the strongest."""
+    """The intensity near the top does not resolve a degree, and two of them do not change the strongest."""
     path = tmp_path / "run.journal"
 
     def rig_and_policy(marker_deg: float) -> tuple[Policy, Rig, Configuration]:

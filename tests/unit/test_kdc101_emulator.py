@@ -20,7 +20,7 @@ HOME = bytes.fromhex("43 04 01 00 50 01")
 
 
 class Talk:
-    """Says messages to an emulated stage and keeps what it answers."""
+    """Sends messages to an emulated stage and keeps its answers."""
 
     def __init__(self, *, start_deg: float = 0.0, **fields: object) -> None:
         self.probe = SimpleNamespace(angle_deg=start_deg)

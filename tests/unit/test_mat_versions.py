@@ -78,7 +78,7 @@ def test_version_7_3_reads_the_same_as_version_7(tmp_path, options, block, class
 
 @pytest.mark.skipif(not MATLABS.is_dir(), reason="SciPy is installed without the files that MATLAB wrote for its tests")
 def test_files_of_matlab_itself():
-    """SciPy's collection: versions 4 to 7.4, of three machines; what SciPy's reader says of them is the truth."""
+    """SciPy's collection: versions 4 to 7.4, of three machines; SciPy's reader is the reference."""
     read = 0
     for path in sorted(MATLABS.glob("test*_[4567].*.mat")):
         if "hdf5" in path.name:

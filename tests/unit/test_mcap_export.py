@@ -61,7 +61,7 @@ def test_the_envelope_is_exact(decoded):
 
 
 def test_a_picture_holds_the_envelope_to_half_a_step(decoded):
-    """By the formula of the module, and the numbers that the file says."""
+    """By the formula of the module, with the numbers in the file."""
     bank = json.loads(on_topic(decoded, "/pa_search/bank")[0].data)
     white, range_db = bank["picture_white"], bank["picture_range_db"]
     assert white == 0.9

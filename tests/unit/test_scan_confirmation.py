@@ -65,7 +65,7 @@ def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
 
 
 class Fading(Bench):
-    """A bench whose signal is gone after so many acquisitions."""
+    """A bench whose signal vanishes after a number of acquisitions."""
 
     def acquire(self, permit):  # type: ignore[no-untyped-def]
         frame = super().acquire(permit)

@@ -18,7 +18,7 @@ def test_an_angle_outside_is_refused_before_anything_moves(angle_deg: float) -> 
 
 
 def states(bench: Bench, **changes: object) -> tuple[Scanner, list[str]]:
-    """A scanner, and what the guard's state was at each verb of a device, the dead man's among them."""
+    """A scanner, and what the guard's state was at each verb of a device, the dead-man switch's among them."""
     seen: list[str] = []
     held = [False]
 

@@ -177,7 +177,7 @@ class TestUncertainty:
         assert average_sigma_deg(curve(angle_deg, spike), step_deg=10.0, noise_sigma=0.0) > 1.4
 
     def test_a_curve_cut_by_the_range_shows(self):
-        """The answer leans inwards by degrees, and says so."""
+        """The answer is biased inwards by degrees, and its interval covers that."""
         policy = WeightedAverage(acquisitions=36)
         run(policy, lambda angle: 1 / (1 + ((angle - 28) / 8) ** 2))
         estimate = policy.estimate()

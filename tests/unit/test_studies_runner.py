@@ -34,7 +34,7 @@ Compute = Callable[[Chunk], bytes]
 
 
 class KilledError(Exception):
-    """Stands for a process that is gone."""
+    """Stands in for a process that has died."""
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -43,7 +43,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Files of a study that nobody interrupted."""
+    """Files of a study that was not interrupted."""
     folder = tmp_path_factory.mktemp("whole")
     run_study(STUDY, folder, workers=1)
     return files(folder)

@@ -134,7 +134,7 @@ BELOW = "<!-- Below this line: written by the fault campaign. -->\n"
 
 
 def _above(out: Path) -> str:
-    """What people wrote on a page, above the tables; the tables are written again."""
+    """The hand-written part of a page, above its generated tables."""
     written = out.read_text() if out.is_file() else ""
     return written[: written.index(BELOW)] + BELOW + "\n" if BELOW in written else ""
 

@@ -45,7 +45,7 @@ Break = Callable[[EmulatedBench], object]
 
 @dataclass(frozen=True, kw_only=True)
 class ByteFault:
-    """Something that goes wrong with laser box or data acquisition after so many acquisitions."""
+    """A fault of laser box or data acquisition that begins after a number of acquisitions."""
 
     name: str
     begin: Break

@@ -22,7 +22,7 @@ SAMPLE_S = 120.0
 
 @dataclass(kw_only=True)
 class Verdict:
-    """What was seen in a run; ``broken`` holds promise and sentence."""
+    """Findings of a run; ``broken`` holds promise and sentence."""
 
     broken: list[tuple[str, str]] = field(default_factory=list)
     outcome: str = ""

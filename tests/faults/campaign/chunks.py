@@ -37,7 +37,7 @@ def readings(seed: int, first: int, count: int) -> Tally:
 
 
 def restarts_of(kind: str, seed: int, first: int, count: int) -> Restarts:
-    """Counts of a chunk of restarts: of which data acquisition, and which death, the first argument says."""
+    """Counts of a chunk of restarts; the first argument names the data acquisition and the kind of death."""
     daq, death = kind.rsplit(", ", 1)
     with tempfile.TemporaryDirectory(dir=_ram()) as folder:
         # far enough apart that no chunk repeats what another drew: those that do not die are drawn again

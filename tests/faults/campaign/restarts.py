@@ -51,7 +51,7 @@ DAQS: tuple[DaqName, ...] = ("late files", "counting triggers", "counting trigge
 
 
 class Killed(BaseException):
-    """The process is no more; nothing of it is cleaned up."""
+    """Death of the process, without any cleanup."""
 
 
 class HostClock:
@@ -115,7 +115,7 @@ class Written:
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What became of the search after the restart."""
+    """Outcome of the search after the restart."""
 
     died: bool = False
     answer: str = ""
@@ -316,7 +316,7 @@ def _kind(said: str) -> str:
 def restarts(
     daq: DaqName, death: DeathName, *, seed: int, count: int, folder: Path, first: int = 0, bare: bool = False
 ) -> Restarts:
-    """So many restarts under one data acquisition and one kind of death.
+    """Restarts under one data acquisition and one kind of death.
 
     ``bare`` leaves out what decision 20 brought: the settled folder, the watermark, the look at dark frames, the
     confirmation that counts.

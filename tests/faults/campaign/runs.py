@@ -57,7 +57,7 @@ METHODS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything about a run that chance decides."""
+    """All random parameters of a run."""
 
     number: int
     seed: int
@@ -109,7 +109,7 @@ def draw_plan(seed: int, number: int) -> Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """What is left of a run for the checker: truth, journal, and the guard after it."""
+    """The record of a run for the checker: truth, journal, and the guard after it."""
 
     plan: Plan
     world: WatchedWorld
@@ -248,7 +248,7 @@ _DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser",
 
 
 def leaves_fault(guard: Guard) -> bool:
-    """Whether any verb but a person's reset leads out of FAULT, or reset does not."""
+    """Whether any verb but a person's reset leaves FAULT, or reset fails to."""
     if guard.state is not State.FAULT:
         return False
     permit = Permit(token="permit-1", angle_deg=0.0, pulses=1, expires_s=math.inf)

@@ -1,7 +1,7 @@
 """Kills searches and scans with -9, resumes each, and compares with the one that was not killed.
 
 ``python -m tests.faults.kills --workers 3 --out docs/explanation/kills.txt`` (a quarter of an hour; Linux). Each kill
-is the death of a process of its own. What must hold after each: nothing is missing that was acknowledged (told to the
+is the death of a process of its own. What must hold after each: nothing is missing that was acknowledged (sent to the
 process outside, over a pipe), nothing moved or fired in a resume before a person armed the rig, and the resumed search
 ends with the same result, readings and frames, bit for bit. What does not hold is listed at the end of the report, with
 the files that show it.

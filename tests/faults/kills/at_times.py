@@ -39,7 +39,7 @@ _TRIES = 20
 
 @dataclass(frozen=True)
 class WholeCommand:
-    """A search by the command that nobody killed."""
+    """A search by the command that was not killed."""
 
     printed: object
     result: bytes
@@ -131,7 +131,7 @@ def _killed(
 
 
 def _left_well(path: Path, acknowledged: int, row: Row, wanted: WholeCommand) -> bool:
-    """Whether a death left a run; nothing acknowledged may be missing in it."""
+    """Whether a kill left a run; no acknowledged event may be missing in it."""
     row.kills += 1
     row.acknowledged += acknowledged
     if acknowledged == 0 and not begun(path):
@@ -147,14 +147,14 @@ def _left_well(path: Path, acknowledged: int, row: Row, wanted: WholeCommand) ->
 
 
 def _says_and_does_nothing(path: Path) -> bool:
-    """Whether the run is over; if not, a resume that nobody arms must end with exit code 4 and leave it as it is."""
+    """Whether the run is over; if not, an unarmed resume must end with exit code 4 and leave it unchanged."""
     before = _bytes_of(path)
     end = command("resume", path, "--json", out=path)
     over = run_state(read_journal(path, frames=False).entries).state == "finished"
     if end.code not in ((0, 3) if over else (NOT_ARMED,)):
-        raise MismatchError(f"a resume that nobody armed ended with exit code {end.code}")
+        raise MismatchError(f"an unarmed resume ended with exit code {end.code}")
     if _bytes_of(path) != before:
-        raise MismatchError("a resume that nobody armed changed the journal")
+        raise MismatchError("an unarmed resume changed the journal")
     return over
 
 

@@ -25,7 +25,7 @@ _VERBS = {
 
 
 class Fuse:
-    """Kills this process at the n-th step, and writes its name to the parent process.
+    """Kills this process at the n-th step, and writes the step's name to the parent process.
 
     Parameters
     ----------

@@ -57,12 +57,12 @@ _numbers = iter(range(1, 1 << 62))
 
 
 def new_path(suffix: str = ".journal") -> Path:
-    """A name that was not used before."""
+    """A path that was not used before."""
     return folder() / f"{next(_numbers)}{suffix}"
 
 
 def copy_of(path: Path) -> Path:
-    """A journal once more, with the rollback journal that a death left beside it."""
+    """A copy of a journal, with the rollback journal that a kill left beside it."""
     copied = new_path()
     for part in path.parent.glob(f"{path.name}*"):
         shutil.copyfile(part, f"{copied}{part.name.removeprefix(path.name)}")
@@ -90,7 +90,7 @@ def begun(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class Whole:
-    """A search that nobody killed."""
+    """A search that was not killed."""
 
     steps: int
     result: bytes
@@ -100,7 +100,7 @@ class Whole:
 
 @cache
 def whole(name: str) -> Whole:
-    """What a search holds at its end, lived through in this process."""
+    """Content of a search's journal at its end, run in this process."""
     path = new_path()
     with Path(os.devnull).open("wb") as nobody:
         steps = SEARCHES[name].live(path, ack_fd=nobody.fileno(), blows_at=None, resume=False)
@@ -116,7 +116,7 @@ def whole(name: str) -> Whole:
 
 
 def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, tally: Tally) -> None:
-    """Resume in this process from what a death left, and compare with the whole search; counted in a row.
+    """Resume in this process from what a kill left, and compare with the whole search; counted in a row.
 
     Raises
     ------
@@ -149,9 +149,9 @@ def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, 
 
 
 def require_whole(path: Path, wanted: Happened, result: bytes) -> None:
-    """Refuse a journal that does not hold just what the run holds that nobody killed."""
+    """Refuse a journal that differs from that of the run that was not killed."""
     held = read_journal(path)
     if happened(held) != wanted:
-        raise MismatchError("the resumed search is not the one that nobody killed")
+        raise MismatchError("the resumed search is not the one that was not killed")
     if msgspec.json.encode(result_of(held)[1]) != result:
         raise MismatchError("the result of the resumed search differs")

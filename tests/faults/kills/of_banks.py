@@ -77,7 +77,7 @@ def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None =
 
 @dataclass(frozen=True)
 class WholeScan:
-    """A scan that nobody killed: its acquisitions in their order."""
+    """A scan that was not killed: its acquisitions in order."""
 
     angles_deg: tuple[float, ...]
     frames: dict[float, bytes]
@@ -121,7 +121,7 @@ def _frames(bank: FrameBank) -> Iterator[tuple[float, bytes]]:
 
 
 def at_random_times(seed: int, first: int, runs: int) -> Tally:
-    """Kill scans at random times from the making of the file on."""
+    """Kill scans at random times from the creation of the file on."""
     tally = Tally()
     for number in range(first, first + runs):
         chance = random.Random(f"{seed} scan {number}")

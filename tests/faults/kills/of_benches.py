@@ -47,7 +47,7 @@ acceleration_deg_s2 = 25.0
 """
 
 PATIENT = "[supervisor]\nlease_s = 1.0\n"
-"""A busy machine is no fault."""
+"""A lease long enough for a busy machine."""
 
 METHOD = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--json")
 
@@ -60,7 +60,7 @@ class Emulation:
         self.rig = rig
 
     def pulses(self) -> int:
-        """End it, and say how many pulses of light there were."""
+        """End it; the number of pulses of light it counted."""
         self.process.send_signal(signal.SIGINT)
         _, printed = self.process.communicate(timeout=60)
         return int(re.findall(r"(\d+) pulses of light", printed)[0])
@@ -144,7 +144,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
         before = read_journal(path, frames=False)
         if run_state(before.entries).state != "finished":
             unarmed = command("resume", path, "--json", out=path)
-            _require(unarmed.code == 4, f"a resume that nobody armed ended with exit code {unarmed.code}")
+            _require(unarmed.code == 4, f"an unarmed resume ended with exit code {unarmed.code}")
         if end.killed:
             end = command("resume", path, "--rig", devices.rig, "--arm", "--json", out=path)
             _require(end.code in (0, 3), f"the resume failed: {Path(f'{path}.err').read_text()}")
@@ -174,7 +174,7 @@ def _require_continued(before: Recording, held: Recording) -> None:
 
 
 def _acquisitions(held: Recording) -> int:
-    """Acquisitions with light of which the journal holds what came of them."""
+    """Acquisitions with light whose outcome is in the journal."""
     lit, count = False, 0
     for entry in held.entries:
         match entry.event:

@@ -24,7 +24,7 @@ from .searches import arming_watched
 
 
 class MismatchError(AssertionError):
-    """Something that must hold does not."""
+    """A required property does not hold."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _command(words: Sequence[str], out: Path, *, ack_fd: int) -> None:
 
 
 def warm(*words: object) -> None:
-    """Let a command load in this process whatever it loads, so that no forked one has to do so before it begins."""
+    """Run a command once in this process, so that forked ones find its modules already imported."""
     with (
         mock.patch.object(sys, "argv", ["markerseek", *map(str, words)]),
         redirect_stdout(StringIO()),

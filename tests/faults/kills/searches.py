@@ -34,7 +34,7 @@ MARKER_DEG = 6.3
 PERSON = "the campaign"
 
 REFUSED_EVERY = 4
-"""Every so many frames one is refused."""
+"""One frame in this many is refused."""
 
 SMALL = SimulatedSettings(
     probe=Probe(array=LinearArray(elements=32, pitch_m=0.43e-3)), receiver=ReceiverSettings(samples=2080)
@@ -114,7 +114,7 @@ _read_once = cache(read_bank)
 
 
 def replayed_frames() -> Rig:
-    """A rig that plays it back; that the file does no harm is found out once in each process, and not each time."""
+    """A rig that replays it; the file is probed once in each process, not each time."""
     with mock.patch("markerseek.rigs.replay.read_bank", _read_once):
         return rigs.replayed(recorded_frames())
 

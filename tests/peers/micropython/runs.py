@@ -1,4 +1,4 @@
-"""Random steps for a laser box, and what the emulator says and fires: ``python runs.py FILE``."""
+"""Random steps for a laser box, and the emulator's answers and pulses: ``python runs.py FILE``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Dark:
         self.flashes: list[Flash] = []
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Let no light fall on anything."""
+        """Ignore the light."""
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         return ReadingFrame(header=header, intensity=0.0)
