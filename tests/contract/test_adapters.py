@@ -1,4 +1,4 @@
-"""Other people's optimisers keep the contract of a policy; BoTorch's where it is installed."""
+"""Optimisers of other packages keep the contract of a policy; BoTorch's where it is installed."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class TestScikitOptimize(FewCurves):
     def make(self, limits: Interval) -> Policy:
         from markerseek.adapters.scikit_optimize import ScikitOptimize
 
-        # its model is fitted once it has heard as many samples as its first design has
+        # its model is fitted once it has received as many samples as its first design has
         policy = ScikitOptimize(limits=limits, acquisitions=3)
         policy._optimizer._n_initial_points = 2
         return policy

@@ -1,4 +1,4 @@
-"""The real drivers keep the promises of `markerseek.testing` over the emulated devices, in virtual time."""
+"""The real drivers keep the contracts of `markerseek.testing` on emulated devices, in virtual time."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TestSonixDaq(ReceiverContract):
 
 
 class ScriptedPicolas:
-    """Answers as the notes of `devices.md` say that a PicoLAS driver does; no real one was ever heard."""
+    """Answers as the notes of `devices.md` say that a PicoLAS driver does; none was tested on a real device."""
 
     def __init__(self, answer: bytes = b"0\r\n\n") -> None:
         self.commands: list[bytes] = []
@@ -63,7 +63,7 @@ class ScriptedPicolas:
         return data
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to release."""
 
 
 class TestPicolas(LaserContract):

@@ -1,4 +1,4 @@
-"""The simulated and the replayed devices keep the promises of `markerseek.testing`."""
+"""The simulated and the replayed devices keep the contracts of `markerseek.testing`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage's driver, over the emulated stage, keeps the rules of stages."""
+"""The stage's driver on the emulated stage keeps the contract of a stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every method, in both forms, keeps the rules of a policy."""
+"""Every method, in both forms, keeps the contract of a policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes .mat files of version 7.3 with somebody else's writer, to be kept as fixtures: python make_mat73.py FOLDER.
+"""Makes .mat files of version 7.3 with an independent writer, as fixtures: python make_mat73.py FOLDER.
 
 Needs ``pip install hdf5storage==0.2.2 mat73==0.65``; mat73, a third program, must read what hdf5storage wrote.
 """

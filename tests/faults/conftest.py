@@ -1,4 +1,4 @@
-"""The far ends of the two lines that the tests of the supervisor share."""
+"""Fixtures of the supervisor's tests: the far ends of its two lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The decoders of files as functions of bytes, a small whole file for each, and how either may end."""
+"""File decoders as functions of bytes, a small valid file for each, and the outcome of a reading."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def outcome(read: Callable[[Path], object], path: Path, data: bytes) -> str:
 
 
 def zip_bomb() -> bytes:
-    """An ``.npz`` of some kilobytes that says it holds a hundred megabytes of zeros."""
+    """An ``.npz`` of some kilobytes that claims a hundred megabytes of zeros."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         inner = io.BytesIO()

@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of one decoder by atheris: ``python tests/faults/fuzz.py mat CORPUS -max_total_time=300``.
 
-What it finds is minimised by hand and put into ``tests/faults/corpus``, where `test_hostile_files` and
-`test_hostile_devices` read it for ever.
+Its findings are minimised by hand and put into ``tests/faults/corpus``, where `test_hostile_files` and
+`test_hostile_devices` read them.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _FILES = decoders.UNVETTED | journal_decoders.JOURNALS
 
 
 def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:
-    """A whole file, or all that a sound device says, and what reads such bytes."""
+    """A valid file or all bytes of a correct device, and the function that reads them."""
     if name in wire_decoders.WIRES:
-        whole, hear = wire_decoders.WIRES[name]
-        return whole, lambda data: wire_decoders.wire_outcome(hear, data)
+        whole, decode = wire_decoders.WIRES[name]
+        return whole, lambda data: wire_decoders.wire_outcome(decode, data)
     file_name, whole, read = _FILES[name]
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm"))
     return whole, lambda data: decoders.outcome(read, folder / file_name, data)

@@ -1,4 +1,4 @@
-"""A rig under a guard, whose truth stands beside what it reports, for the checks of seeded bugs."""
+"""A rig under a guard, which keeps its true state beside what it reports, for the checks of seeded bugs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from markerseek.scan import Scanner
 
 
 class Rig:
-    """Stage, laser, receiver, reader, clock and dead man in one; the truth stands beside what it reports."""
+    """Stage, laser, receiver, reader, clock and dead-man switch in one; keeps its true state beside what it reports."""
 
     def __init__(self) -> None:
         self.limits = Interval(low_deg=-36.5, high_deg=36.5)
@@ -88,16 +88,16 @@ class Rig:
 
 
 class Twice:
-    """A policy that looks at two angles."""
+    """A policy that asks for two angles."""
 
     def __init__(self) -> None:
-        self.told: list[Sample] = []
+        self.samples: list[Sample] = []
 
     def ask(self) -> float | None:
-        return float(len(self.told)) if len(self.told) < 2 else None
+        return float(len(self.samples)) if len(self.samples) < 2 else None
 
     def tell(self, sample: Sample) -> None:
-        self.told.append(sample)
+        self.samples.append(sample)
 
     def estimate(self) -> NotFound:
         return NotFound(mean_deg=0.0, reason="a test")

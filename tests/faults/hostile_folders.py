@@ -1,7 +1,7 @@
-"""A folder that somebody fills with what harms a reader, as bytes say: steps that are made as time goes by.
+"""A folder that changes as a script of bytes says, filled with content that could harm a reader.
 
-A step has 8 bytes: what is done, to which channel, when, and numbers. Before the first an acquisition is written as it
-should be, where the first byte of all is even.
+A step has 8 bytes: an action, its channel, its time, and numbers. If the first byte of the script is even, a valid
+acquisition is written before the first step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What must hold of a journal, as checks that notice the bugs of `test_seeded_journal_bugs`."""
+"""Properties of a journal, as checks that detect the bugs of `test_seeded_journal_bugs`."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def copied(place: Path) -> list[object]:
 
 
 def unreadable_after(*statements: str) -> bool:
-    """Whether a journal is refused once somebody has changed it so."""
+    """Whether a journal is refused after these changes."""
     with folder() as place:
         kept(place / "a")
         with closing(sqlite3.connect(place / "a")) as connection:
@@ -133,7 +133,7 @@ def a_number_that_is_not_finite_is_refused() -> None:
             journal.commit(Measured(role="search", index=1, sample=sample), clock_s=0.0)
         except RecordError:
             return
-        raise AssertionError("a noise that is no number is taken for one that is not known")
+        raise AssertionError("a NaN noise is read as an unknown noise")
 
 
 def a_signal_behind_a_commit_leaves_room_for_a_note() -> None:

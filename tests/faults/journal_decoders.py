@@ -1,4 +1,4 @@
-"""The journal's readers as functions of bytes, for fuzzing: of the file, and of its rollback journal."""
+"""The journal's readers as functions of bytes, for fuzzing: the file and its rollback journal."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _write(journal: Journal) -> None:
 
 
 def read_file(path: Path) -> None:
-    """All that is done with a journal that somebody sends."""
+    """Every operation on a foreign journal."""
     rollback_file(path).unlink(missing_ok=True)
     _read(path)
 

@@ -1,4 +1,4 @@
-"""Journals with frames that can be told again from their number, for tests of damage and of full disks."""
+"""Journals whose frames can be computed again from their number, for tests of damage and of full disks."""
 
 from __future__ import annotations
 

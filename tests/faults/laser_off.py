@@ -1,10 +1,10 @@
-"""How soon the laser is told to disarm when the real command dies: ``python -m tests.faults.laser_off --kills 100``.
+"""Time from the death of the real command to DISARM at the laser: ``python -m tests.faults.laser_off --kills 100``.
 
 ``markerseek emulate bench`` runs in one process and ``markerseek search --rig RIG --arm`` in another one, started again
 for each kill. Between its supervisor and the emulated laser box lies a pseudo-terminal of this program, which passes
 the bytes on and notes when DISARM comes. The search is killed (or stopped) at a random moment of a train of pulses.
 
-Two times are noted: when the supervisor has written DISARM (inotify tells of a write), and when it came out at the
+Two times are noted: when the supervisor has written DISARM (inotify reports a write), and when it came out at the
 other end: a thread of the kernel passes the bytes of a pseudo-terminal on when it gets a turn.
 
 Promised (P2): 10 ms after a kill in 99 of 100 on a quiet computer, and always the lease and 10 ms.
@@ -57,7 +57,7 @@ class Relay:
     box: int
     far: int
     writes: int
-    heard: bytes = b""
+    received: bytes = b""
     fired: int = 0
     written_s: float = 0.0
     disarmed_s: float | None = None
@@ -75,7 +75,7 @@ class Relay:
             now_s = time.monotonic()
             os.write(self.far if fd == self.box else self.box, data)
             if fd == self.far:
-                *lines, self.heard = (self.heard + data).split(b"\n")
+                *lines, self.received = (self.received + data).split(b"\n")
                 self.fired += sum(line.startswith(b"FIRE") for line in lines)
                 if self.disarmed_s is None and any(line.startswith(b"DISARM") for line in lines):
                     self.disarmed_s = now_s
@@ -139,12 +139,12 @@ class Bench:
 
 
 def _size(pid: int) -> tuple[int, float]:
-    """Threads and resident memory of a process; zeros where the system does not tell."""
+    """Threads and resident memory of a process; zeros where the system does not report them."""
     try:
-        told = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+        status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
     except OSError:
         return 0, 0.0
-    return int(told["Threads"]), int(told["VmRSS"].split()[0]) / 1000
+    return int(status["Threads"]), int(status["VmRSS"].split()[0]) / 1000
 
 
 def _watch_writes(path: str) -> int:

@@ -1,4 +1,4 @@
-"""Change the safety kernel in every small way that mutmut knows, and see whether its own tests notice each.
+"""Mutation test of the safety kernel: mutmut's mutants, each run against the kernel's own tests.
 
 ``python tests/faults/mutants.py`` works in a folder of its own, prints the mutants that no test of ``test_guard_*.py``
 noticed, and exits 1 if there is one.

@@ -19,7 +19,7 @@ STOP = bytes.fromhex("65 04 01 02 50 01")
 
 
 class Device:
-    """The far end of a pseudo-terminal, which records what it is told."""
+    """The far end of a pseudo-terminal, which records the bytes it receives."""
 
     def __init__(self) -> None:
         self.fd, self._near = os.openpty()
@@ -27,7 +27,7 @@ class Device:
         self.path = os.ttyname(self._near)
 
     def heard(self, until: bytes, *, within_s: float = SOON_S) -> bytes:
-        """What it is told up to and with some bytes; fails when they do not come."""
+        """Bytes received up to and including `until`; fails when they do not come."""
         ends_s = time.monotonic() + within_s
         data = b""
         while until not in data:

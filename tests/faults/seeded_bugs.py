@@ -1,4 +1,4 @@
-"""A checker of the checker: bugs that somebody might write into the package, each caught by its check.
+"""Prints a table of bugs seeded into the package and whether the check of each detects it.
 
 A bug is one piece of source text replaced by another. ``python tests/faults/seeded_bugs.py`` prints the table.
 """

@@ -1,4 +1,4 @@
-"""Bugs that are put into the package: one piece of source text replaced by another, and taken out again."""
+"""Seeding of bugs into the package: one piece of source text replaced by another, and restored."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def seeded(bug: Bug) -> Iterator[None]:
     sound = vars(owner)[attribute]
     plain = getattr(sound, "__func__", sound)
     source = textwrap.dedent(inspect.getsource(inspect.unwrap(plain)))
-    assert source.count(bug.old) == 1, f"{bug.where} does not hold {bug.old!r} once: write the bug anew"
+    assert source.count(bug.old) == 1, f"{bug.where} does not hold {bug.old!r} once: write the bug again"
     made: dict[str, object] = {}
     text = source.replace(bug.old, bug.new)
     exec(compile(text, module.__file__ or "", "exec", flags=ANNOTATIONS), vars(module), made)

@@ -55,7 +55,7 @@ def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pyt
     assert {"fault", "finished"} <= tally.outcomes.keys()
 
 
-def test_the_long_campaign_runs_on_two_processes_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(tmp_path: Path) -> None:
     root, state = Path(__file__).parents[2], tmp_path / "state.json"
     command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4", "--frames", "2", "--state", str(state)]
     pages = [
@@ -93,13 +93,13 @@ def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) 
     fired = 0
     plan = next(plan for plan in (campaign_runs.draw_plan(1, number) for number in range(500)) if not plan.faults)
     with HeldLines(period_s=0.1) as lines:
-        tell = lines.tell_permit
-        lines.tell_permit = lambda permit: (tell(permit), hang(permit))[0]
+        send = lines.send_permit
+        lines.send_permit = lambda permit: (send(permit), hang(permit))[0]
         trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
         assert lines.receives_safe_command(within_s=5.0)
     assert "released the devices" in str(trace.raised)
     assert trace.guard.state is State.FAULT
-    assert len(trace.told_permits) <= 5
+    assert len(trace.sent_permits) <= 5
     assert check(trace).broken == []
 
 
@@ -142,20 +142,20 @@ def test_the_checker_sees_a_probe_beyond_its_limits(healthy: campaign_runs.Trace
     assert seen(healthy) == {"P1"}
 
 
-def test_the_checker_sees_pulses_that_nobody_permitted(healthy: campaign_runs.Trace) -> None:
+def test_the_checker_sees_pulses_without_a_permit(healthy: campaign_runs.Trace) -> None:
     lights = healthy.world.lights
     healthy.world.lights = [*lights, replace(lights[-1], pulses=1)]
     assert seen(healthy) == {"P3"}
     healthy.world.lights = [*lights[:-1], replace(lights[-1], moving=True)]
     assert seen(healthy) == {"P3"}
     healthy.world.lights = lights
-    assert seen(replace(healthy, told_permits=(*healthy.told_permits, ("permit-99", 1)))) == {"P3"}
+    assert seen(replace(healthy, sent_permits=(*healthy.sent_permits, ("permit-99", 1)))) == {"P3"}
 
 
-def test_the_checker_sees_an_accepted_frame_that_was_not_heard_so(healthy: campaign_runs.Trace) -> None:
-    heard = healthy.world.heard
+def test_the_checker_sees_an_accepted_frame_that_differs_from_the_received_one(healthy: campaign_runs.Trace) -> None:
+    received = healthy.world.received
     for change in ({"token": "x"}, {"intensity": 1.0}, {"angle_deg": 80.0}, {"pulses": 1}):
-        healthy.world.heard = [*heard[:-1], replace(heard[-1], **change)]
+        healthy.world.received = [*received[:-1], replace(received[-1], **change)]
         assert seen(healthy) == {"P6"}
 
 
@@ -171,7 +171,7 @@ def test_the_checker_sees_a_run_that_does_not_end_and_a_fault_that_was_left(heal
     assert seen(replace(healthy, left_fault=True)) == {"P7"}
 
 
-def test_the_checker_sees_an_angle_that_is_off(healthy: campaign_runs.Trace) -> None:
+def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:
     last = healthy.journal.entries[-1]
     for off_deg, wrong in ((0.9, False), (1.1, True)):
         mean_deg = (healthy.plan.marker_deg or 0.0) + off_deg

@@ -1,4 +1,4 @@
-"""Any sequence of steps, sensible or not: what the guard allowed is held against a model that knows only the promises.
+"""Stateful test of the guard: random sequences of steps against a model that knows only the promises.
 
 ``MARKERSEEK_TRACES=100000 pytest tests/faults/test_guard_machine.py`` walks as many traces as P7 asks for.
 """
@@ -24,7 +24,7 @@ PULSES = st.integers(-1, 10)
 
 
 class Traces(RuleBasedStateMachine):
-    """The guard, and beside it what devices did by its leave."""
+    """The guard, and a model of what devices did with its permission."""
 
     permits = Bundle("permits")
 
@@ -126,7 +126,7 @@ class Traces(RuleBasedStateMachine):
 
     @rule(angle_deg=st.floats(-35, 35), pulses=st.integers(0, 8))
     def measure(self, angle_deg: float, pulses: int) -> None:
-        """The sensible order, as far as the guard lets it go."""
+        """The regular order of steps, as far as the guard permits."""
         self.begin_move(angle_deg)
         self.end_move(angle_deg)
         permit = self.issue(angle_deg, pulses)

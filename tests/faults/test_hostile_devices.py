@@ -1,7 +1,7 @@
-"""Devices that say what nobody should: a `DeviceError` with a sentence, or what a sound one would have said.
+"""Invalid answers of devices: a `DeviceError` with a sentence, or a valid result; never anything else.
 
-No crash, no hang, no memory for what is promised. ``tests/faults/corpus`` holds what once did otherwise, by the name of
-the decoder; ``tests/faults/fuzz.py`` looks for more of it.
+No crash, no hang, no memory allocated for a claimed size. ``tests/faults/corpus`` holds inputs that once failed this,
+by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ ROOM_BYTES = 3_000_000
 @pytest.mark.parametrize("decoder", sorted(WIRES))
 def test_a_sound_device_is_understood(decoder: str) -> None:
     """Without it the other tests could not fail."""
-    whole, hear = WIRES[decoder]
-    assert wire_outcome(hear, whole()) == "read"
+    whole, decode = WIRES[decoder]
+    assert wire_outcome(decode, whole()) == "read"
 
 
 @settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), decoder=st.sampled_from(ON_LINES))
 def test_damaged_answers_are_understood_or_refused(data: st.DataObject, decoder: str) -> None:
-    whole, hear = WIRES[decoder]
+    whole, decode = WIRES[decoder]
     damaged = bytearray(whole())
     for _ in range(data.draw(st.integers(1, 8))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
     length = data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))
-    assert wire_outcome(hear, bytes(damaged[:length])) in ("read", "refused")
+    assert wire_outcome(decode, bytes(damaged[:length])) in ("read", "refused")
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -78,13 +78,13 @@ def test_any_folder_is_read_or_refused(steps: list[tuple[int, ...]]) -> None:
     "noise", [b"\x01\xff" + b"\xa5" * 255, b"\x01\xff" + b"\n" * 255, b"\x01\x01*", b"\x01\x02\n\n"]
 )
 def test_a_device_that_never_ends_is_refused_and_costs_little(decoder: str, noise: bytes) -> None:
-    hear = WIRES[decoder][1]
-    wire_outcome(hear, b"\0")  # what is loaded at first is not counted
+    decode = WIRES[decoder][1]
+    wire_outcome(decode, b"\0")  # what is loaded at first is not counted
     tracemalloc.start()
-    told = wire_outcome(hear, noise)
+    outcome = wire_outcome(decode, noise)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert told == "refused"
+    assert outcome == "refused"
     assert most < ROOM_BYTES
 
 
@@ -93,7 +93,7 @@ def corpus() -> list[Path]:
 
 
 @pytest.mark.parametrize("path", corpus(), ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_what_once_did_harm_is_refused(path: Path) -> None:
+def test_inputs_that_once_did_harm_are_refused(path: Path) -> None:
     assert wire_outcome(WIRES[path.parent.name][1], path.read_bytes()) == "refused"
 
 
@@ -106,7 +106,7 @@ def test_a_laser_box_whose_tokens_are_used_up_is_refused_before_anything_is_perm
 
 
 @pytest.mark.parametrize("position", [2**31 - 1, -(2**31)])
-def test_a_stage_so_far_from_home_that_no_target_could_be_said_is_refused(position: int) -> None:
+def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(position: int) -> None:
     clock = VirtualClock()
     emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
     port = DirectPort(device=emulator, clock=clock)

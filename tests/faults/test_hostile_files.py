@@ -1,7 +1,7 @@
-"""Files that somebody damaged, or made to do harm: a `RecordError` with a sentence, or what they say; nothing else.
+"""Damaged or malicious files: a `RecordError` with a sentence, or their content; never anything else.
 
-No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once did
-otherwise, by the name of the decoder; ``tests/faults/fuzz.py`` looks for more of them.
+No crash, no hang, no memory beyond the order of the file's size. ``tests/faults/corpus`` holds inputs that once failed
+this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def sandbox():
 )
 @given(data=st.data(), decoder=st.sampled_from(("mat", "mat73", "mat-frame", "npy", "npz")))
 def test_damaged_arrays_are_read_or_refused_by_one_child(tmp_path, sandbox, data, decoder):
-    """Which goes on after any of them, or is started again."""
+    """It continues after any of them, or is started again."""
     name, whole, _ = DECODERS[decoder]
     damaged = bytearray(whole())
     for _ in range(data.draw(st.integers(1, 8))):
@@ -157,7 +157,7 @@ def test_a_reader_that_goes_out_of_bounds_is_a_refusal_and_the_next_file_is_read
         assert arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)[""].shape == (2, 6)
 
 
-def test_what_a_library_prints_is_not_taken_for_an_answer(tmp_path, readers):
+def test_output_printed_by_a_library_is_not_read_as_an_answer(tmp_path, readers):
     (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
     with Sandbox() as sandbox:
         np.testing.assert_array_equal(sandbox.read(readers.says_too_much, tmp_path / "a.npy")[""], [0, 1, 2])
@@ -186,7 +186,7 @@ def test_a_sandbox_serves_many_files_by_one_child(tmp_path):
     assert child.poll() is not None
 
 
-def test_a_sandbox_that_is_forgotten_ends_its_child(tmp_path):
+def test_a_sandbox_that_is_garbage_collected_ends_its_child(tmp_path):
     (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
     sandbox = Sandbox()
     arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
@@ -200,7 +200,7 @@ def corpus():
 
 
 @pytest.mark.parametrize("path", corpus(), ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_what_once_did_harm_is_refused(tmp_path, path):
+def test_inputs_that_once_did_harm_are_refused(tmp_path, path):
     name, _, read = DECODERS[path.parent.name]
     assert outcome(read, tmp_path / name, path.read_bytes()) == "refused"
 
@@ -225,10 +225,10 @@ def test_what_once_did_harm_is_refused(tmp_path, path):
 def test_a_file_that_promises_much_costs_little(tmp_path, decoder, data):
     name, _, read = DECODERS[decoder]
     tracemalloc.start()
-    told = outcome(read, tmp_path / name, data)
+    result = outcome(read, tmp_path / name, data)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert told == "refused"
+    assert result == "refused"
     assert most < 40 * len(data) + ROOM_BYTES
 
 

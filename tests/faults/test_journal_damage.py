@@ -1,4 +1,4 @@
-"""Torn and flipped files, rubbish in them: one kind of error, and what is read is what was written."""
+"""Truncated, bit-flipped and random journals: one kind of error, or exactly what was written."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from markerseek.records.journal.connection import rollback_file
 
 @pytest.fixture(scope="module")
 def closed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A journal of 25 entries, closed as it should be."""
+    """A journal of 25 entries, closed properly."""
     path = tmp_path_factory.mktemp("closed") / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)

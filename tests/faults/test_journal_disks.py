@@ -1,4 +1,4 @@
-"""Full disks and folders that cannot be written: one kind of error, and nothing is lost."""
+"""Full disks and folders that cannot be written: one kind of error, and no acknowledged event is lost."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def in_a_process(work: Callable[[], object]) -> None:
 
 @pytest.fixture
 def small_disk(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
-    """A disk of one megabyte, or as many as a parameter says."""
+    """A disk of one megabyte, or of the parameter's size."""
     folder = tmp_path / "small"
     folder.mkdir()
     size = f"size={getattr(request, 'param', 1)}m"
@@ -62,7 +62,7 @@ def test_a_full_disk_ends_the_run_with_an_error_and_loses_nothing(small_disk: Pa
     path = small_disk / "run.journal"
     acknowledged = fill(path)
     require_all(path, acknowledged)
-    # with room the run goes on in the same file
+    # with room the run continues in the same file
     grown = small_disk.parent / "run.journal"
     for each in small_disk.iterdir():
         shutil.copyfile(each, small_disk.parent / each.name)

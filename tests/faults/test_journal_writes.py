@@ -1,4 +1,4 @@
-"""A search that is killed before each single write of a commit, by ptrace: what was acknowledged is there."""
+"""A process killed by ptrace before each write of a commit: every acknowledged event is in the journal."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def test_a_commit_that_is_killed_at_any_of_its_writes_is_there_or_is_not(tmp_pat
     for number in range(1, 200):
         path = tmp_path / f"{number}.journal"
 
-        def work(*, told: int, path: Path = path) -> None:
+        def work(*, ack_fd: int, path: Path = path) -> None:
             journal = Journal.create(path, configuration())
             journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
             commit(journal, 1, channels=4)
             journal.commit(Asked(role="search", index=2, angle_deg=0.0), clock_s=0.0)
             around(journal.commit)(measured(2), clock_s=0.0)
-            os.write(told, b".")
+            os.write(ack_fd, b".")
 
         end = killed_at_write(work, number)
         entries = len(read_journal(path).entries)

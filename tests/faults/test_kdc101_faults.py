@@ -1,4 +1,4 @@
-"""Every fault of the emulated stage against its driver: refused by name, inside the limits, never a wrong angle."""
+"""Every fault of the emulated stage against its driver: refused by name, within limits, never a wrong angle."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TARGETS = (-35.0, 35.0, 12.3, -7.0, 20.5)
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What a tour under a fault came to."""
+    """The result of a tour under a fault."""
 
     error: DeviceError | None
     misses_deg: list[float]
@@ -103,7 +103,7 @@ def test_every_fault_is_accounted_for() -> None:
 
 @pytest.mark.parametrize("from_step", [0, 1, 4])
 @pytest.mark.parametrize("name", sorted(REFUSED))
-def test_a_fault_is_refused_by_name_and_harms_nobody(name: str, from_step: int) -> None:
+def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) -> None:
     outcome = tour(replace(STAGE_FAULTS[name], from_step=from_step))
     error, words = REFUSED[name]
     assert isinstance(outcome.error, error)
@@ -126,7 +126,7 @@ def test_a_byte_lost_now_and_then_does_not_end_a_search() -> None:
     assert len(outcome.misses_deg) == len(TARGETS)
 
 
-def test_a_stage_that_says_done_before_it_moves_is_waited_for() -> None:
+def test_a_stage_that_reports_done_before_it_moves_is_waited_for() -> None:
     outcome = tour(STAGE_FAULTS["done too early"])
     assert outcome.error is None
     require_harmless(outcome)
@@ -135,7 +135,7 @@ def test_a_stage_that_says_done_before_it_moves_is_waited_for() -> None:
     require_harmless(late)
 
 
-def test_a_stage_that_says_it_stands_is_not_believed_before_its_angle_stands() -> None:
+def test_a_stage_that_reports_rest_is_not_believed_before_its_angle_is_steady() -> None:
     outcome = tour(STAGE_FAULTS["hides its moves"], targets=tuple(np.linspace(-35, 35, 15).tolist()))
     assert outcome.error is None
     # Where it was read is where it came to rest, to the count.
@@ -143,7 +143,7 @@ def test_a_stage_that_says_it_stands_is_not_believed_before_its_angle_stands() -
     require_harmless(outcome)
 
 
-def test_a_stage_that_does_not_stop_is_said_to_go_on() -> None:
+def test_a_stage_that_does_not_stop_is_reported_as_moving() -> None:
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=0.0)
     emulator = Kdc101Emulator(probe=probe)
     port = DirectPort(device=emulator, clock=clock)
@@ -162,7 +162,7 @@ def test_a_stage_that_does_not_stop_is_said_to_go_on() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "most_deg"), [(0.0, 0.02), (0.02, 0.05), (0.05, 0.1)])
-def test_a_stage_that_only_says_that_it_is_there_is_not_believed_at_short_ways_either(
+def test_a_stage_that_only_reports_arrival_is_not_believed_over_short_moves_either(
     late_s: float, most_deg: float
 ) -> None:
     """Way by way: what it would be off by, and whether that is noticed, also where the answers come late."""
@@ -179,7 +179,7 @@ def test_a_sound_stage_is_believed_however_late_its_answers_are(late_s: float) -
 
 
 def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError | None:
-    """What is said against a short way that a stage claims to have gone; None if it is believed."""
+    """The refusal of a short move that a stage claims to have made; None if it is accepted."""
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
     late = replace(STAGE_FAULTS["late answers"], amount=late_s)
     emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(play_deg=0.0), faults=[late] if late_s else [])

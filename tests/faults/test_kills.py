@@ -27,17 +27,17 @@ def test_searches_and_scans_that_are_killed_lose_nothing_and_resume_to_the_same_
     rows = {(kind.strip(), place.strip()): figures for (kind, place), figures in rows.items()}
     kinds = {kind for kind, _ in rows}
     assert kinds == {"intensities", "frames", "replayed frames", "command", "bank scan"}
-    for where, (kills, begun, told, lost, equal) in rows.items():
+    for where, (kills, begun, acknowledged, lost, equal) in rows.items():
         assert kills >= 1, where
         assert (lost, equal) == (0, begun), where
-        assert told > 0 or begun < 3, where
+        assert acknowledged > 0 or begun < 3, where
     steps = [figures for (_, place), figures in rows.items() if "step" in place]
     assert len(steps) == 12
     assert sum(figures[1] for figures in steps) >= 40
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_search_that_hands_on_before_it_commits_is_found_out(tmp_path: Path) -> None:
+def test_a_search_that_hands_on_before_it_commits_is_detected(tmp_path: Path) -> None:
     program = [sys.executable, "-m", "tests.faults.kills.hasty"]
     there = {**os.environ, "TMPDIR": str(tmp_path)}
     done = subprocess.run(program, cwd=ROOT, env=there, capture_output=True, text=True, check=True)

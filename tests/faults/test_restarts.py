@@ -1,4 +1,4 @@
-"""Restarts in short: a search dies in mid-acquisition, and no frame of it makes the next one find a wrong angle.
+"""Short restart campaign: frames of a search that died never make the next search find a wrong angle.
 
 ``python -m tests.faults.campaign --runs 0 --frames 0 --restarts 200`` is the long form.
 """
@@ -27,10 +27,10 @@ def test_no_wrong_angle_is_found_after_a_restart(
     assert counts.off == 0
     if "loses power" not in daq:  # a small share of light in the dark frames is lost in the noise
         assert counts.accepted == 0
-        assert "fault" not in counts.answers  # the search goes on
+        assert "fault" not in counts.answers  # the search continues
 
 
-def test_without_what_decision_20_brought_frames_of_other_triggers_are_believed(tmp_path: Path) -> None:
+def test_without_decision_20_frames_of_other_triggers_are_accepted(tmp_path: Path) -> None:
     """The judge can see it: else it would prove nothing."""
     counts = restarts("late files", "Ctrl-C", seed=1, count=6, folder=tmp_path, bare=True)
     assert counts.accepted > 0

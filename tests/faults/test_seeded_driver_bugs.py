@@ -1,4 +1,4 @@
-"""Bugs that somebody might write into the drivers, each caught by its check; see `seeded_bugs`."""
+"""Bugs seeded into the drivers, each detected by its check; see `seeded_bugs`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def the_controller_adds_no_backlash_of_its_own() -> None:
 
 
 def refusal_of(stage: Kdc101Stage, *targets_deg: float) -> str:
-    """What is said against a move; empty if all are believed."""
+    """The refusal of a move; empty if all are accepted."""
     try:
         for target_deg in targets_deg:
             stage.move_to(target_deg)
@@ -129,7 +129,7 @@ def an_interrupted_move_is_stopped() -> None:
 
 
 def fired_by(faults: LaserBoxFaults) -> tuple[int | None, list[object]]:
-    """What a driver says was fired by a box with these faults; None if it refuses."""
+    """Pulses that the driver of a box with these faults reports; None if it refuses."""
     clock = VirtualClock()
     world: Any = SimpleNamespace(flash=lambda **_: None, angle_deg=0.0)
     box = EmulatedLaserBox(world=world, on_triggers=lambda _: None, faults=faults)

@@ -1,4 +1,4 @@
-"""Bugs that somebody might write into guard and scan, each caught by its check; see `seeded_bugs`."""
+"""Bugs seeded into guard and scan, each detected by its check; see `seeded_bugs`."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def the_record_comes_before_the_policy() -> None:
     policy = Twice()
     for event in run(policy, scanner(Rig())):
         if isinstance(event, Measured):
-            assert event.sample not in policy.told
+            assert event.sample not in policy.samples
 
 
 def devices_act_under_the_lease_alone() -> None:
@@ -134,7 +134,7 @@ def devices_act_under_the_lease_alone() -> None:
     assert not rig.held
 
 
-def a_step_told_twice_renews_nothing() -> None:
+def a_repeated_step_renews_nothing() -> None:
     lease = Lease(period_s=0.1)
     lease.hold(now_s=0.0)
     lease.beat(1, now_s=0.05)
@@ -231,7 +231,7 @@ GUARD_BUGS = {
         where="guard.lease:Lease.beat",
         old="if step > self._step:",
         new="if True:",
-        check=a_step_told_twice_renews_nothing,
+        check=a_repeated_step_renews_nothing,
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Bugs that somebody might write into the journal, each caught by its check; see `seeded_bugs`."""
+"""Bugs seeded into the journal, each detected by its check; see `seeded_bugs`."""
 
 from __future__ import annotations
 

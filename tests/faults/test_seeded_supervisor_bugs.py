@@ -1,4 +1,4 @@
-"""Bugs that somebody might write into the supervisor, each caught by its check; see `seeded_bugs`."""
+"""Bugs seeded into the supervisor, each detected by its check; see `seeded_bugs`."""
 
 from __future__ import annotations
 
@@ -120,10 +120,10 @@ def a_timer_cannot_stand_in_for_a_loop_that_hangs() -> None:
         thread = threading.Thread(target=timer)
         supervisor.hold()
         thread.start()
-        heard = far.receives_safe_command(within_s=5 * LEASE_S)
+        received = far.receives_safe_command(within_s=5 * LEASE_S)
         over.set()
         thread.join()
-        assert heard
+        assert received
 
 
 SUPERVISOR_BUGS = {
@@ -154,7 +154,7 @@ SUPERVISOR_BUGS = {
 }
 
 SEEDED: list[str] = []
-"""Name of the bug that is in the code now; the supervisor's process is told."""
+"""Name of the bug that is in the code now; the supervisor's process gets it as an argument."""
 
 
 @pytest.mark.parametrize("name", SUPERVISOR_BUGS)

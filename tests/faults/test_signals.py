@@ -1,7 +1,7 @@
-"""A search on emulated devices, struck by a signal in each phase: laser off, stage inside limits, journal whole.
+"""A search on emulated devices, sent a signal in each phase: laser off, stage in limits, journal whole.
 
-The devices' truth is in this process, the search in another. ``python tests/faults/test_signals.py 20`` strikes each
-phase with each signal so often, on a quiet machine, and prints how soon the last pulse came and the motor stood.
+The devices' truth is in this process, the search in another. ``python tests/faults/test_signals.py 20`` sends each
+signal in each phase 20 times, on a quiet machine, and prints the times to the last pulse and to rest.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class HeldUpError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Struck:
-    """What came of a strike: seconds from it to the last pulse and until the motor stood, both 0 if there was none."""
+    """Result of a signal: seconds to the last pulse and until the motor stood, both 0 if there was none."""
 
     code: int | None
     last_pulse_s: float

@@ -68,8 +68,8 @@ def control(request: pytest.FixtureRequest, laser: Device, stage: Device) -> Ite
         [sys.executable, "-c", CONTROL, laser.path, stage.path, request.param], stdout=subprocess.PIPE, text=True
     )
     try:
-        laser.heard(b"READY\n", within_s=60)
-        stage.heard(STOP)
+        laser.received(b"READY\n", within_s=60)
+        stage.received(STOP)
         assert process.stdout is not None
         yield Control(process=process, supervisor_pid=int(process.stdout.readline()))
     finally:
@@ -84,8 +84,8 @@ def test_after_sigkill_of_the_control_process_every_line_receives_its_safe_comma
     control: Control, laser: Device, stage: Device
 ) -> None:
     control.process.kill()
-    laser.heard(b"DISARM*1234\n")
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n")
+    stage.received(STOP)
     assert gone(control.supervisor_pid)
 
 
@@ -96,8 +96,8 @@ def test_a_child_that_keeps_the_socket_open_does_not_keep_the_lines(
     assert control.process.stdout is not None
     child = int(control.process.stdout.readline())
     control.process.kill()
-    laser.heard(b"DISARM*1234\n", within_s=0.5 + SOON_S)
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n", within_s=0.5 + SOON_S)
+    stage.received(STOP)
     assert gone(control.supervisor_pid)
     os.kill(child, signal.SIGKILL)
 
@@ -107,11 +107,11 @@ def test_after_sigstop_the_lease_ends_and_nothing_passes_when_the_process_goes_o
     control: Control, laser: Device, stage: Device
 ) -> None:
     control.process.send_signal(signal.SIGSTOP)
-    laser.heard(b"DISARM*1234\n", within_s=0.2 + SOON_S)
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n", within_s=0.2 + SOON_S)
+    stage.received(STOP)
     control.process.send_signal(signal.SIGCONT)
     # What it tries to write next is refused, and ends it; the end is one more safe command.
-    rest = laser.heard(b"DISARM*1234\n", within_s=5) if control.process.args[-1] == "firing" else b"DISARM*1234\n"  # type: ignore[index]
+    rest = laser.received(b"DISARM*1234\n", within_s=5) if control.process.args[-1] == "firing" else b"DISARM*1234\n"  # type: ignore[index]
     assert rest == b"DISARM*1234\n"
 
 
@@ -119,8 +119,8 @@ def test_after_sigstop_the_lease_ends_and_nothing_passes_when_the_process_goes_o
 def test_a_control_loop_that_hangs_at_full_speed_lets_the_lease_end(
     control: Control, laser: Device, stage: Device
 ) -> None:
-    laser.heard(b"DISARM*1234\n", within_s=2 + SOON_S)
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n", within_s=2 + SOON_S)
+    stage.received(STOP)
     assert control.process.poll() is None
 
 
@@ -130,8 +130,8 @@ def test_a_supervisor_that_is_told_to_end_says_safe_command_first(
     control: Control, laser: Device, stage: Device, number: signal.Signals
 ) -> None:
     os.kill(control.supervisor_pid, number)
-    laser.heard(b"DISARM*1234\n")
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n")
+    stage.received(STOP)
     assert gone(control.supervisor_pid)
 
 
@@ -149,7 +149,7 @@ def test_a_supervisor_whose_parent_died_before_it_could_ask_for_its_signal_ends_
         command = [sys.executable, "-P", "-m", "markerseek.supervisor", str(theirs.fileno()), orders]
         process = subprocess.Popen(command, pass_fds=[theirs.fileno()])
         assert process.wait(timeout=60) == 0
-    laser.heard(b"DISARM*1234\n" * 2)
+    laser.received(b"DISARM*1234\n" * 2)
 
 
 def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
@@ -159,10 +159,10 @@ def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
     thread.start()
     thread.join()
     with made[0] as supervisor:
-        laser.heard(line.safe_command)
+        laser.received(line.safe_command)
         supervisor.arm()
         supervisor.port("laser").write(b"still there")
-        laser.heard(b"still there")
+        laser.received(b"still there")
 
 
 SLEEPER = """

@@ -31,15 +31,15 @@ def lines(laser: Device, stage: Device) -> list[Line]:
 def held(laser: Device, stage: Device) -> Iterator[Supervisor]:
     """A supervisor of two lines, whose first safe commands have come."""
     with Supervisor(lines=lines(laser, stage), period_s=0.4) as supervisor:
-        laser.heard(b"DISARM*1234\n")
-        stage.heard(STOP)
+        laser.received(b"DISARM*1234\n")
+        stage.received(STOP)
         yield supervisor
 
 
 def test_bytes_go_both_ways(held: Supervisor, laser: Device, stage: Device) -> None:
     port = held.port("laser")
     port.write(b"HELLO*0000\n")
-    assert laser.heard(b"\n") == b"HELLO*0000\n"
+    assert laser.received(b"\n") == b"HELLO*0000\n"
     os.write(laser.fd, b"OK\n")
     os.write(stage.fd, bytes(range(256)))
     assert port.read(2, timeout_s=SOON_S) == b"OK"
@@ -52,7 +52,7 @@ def test_bytes_go_both_ways(held: Supervisor, laser: Device, stage: Device) -> N
 
 def test_a_long_message_arrives_whole(held: Supervisor, laser: Device) -> None:
     held.port("laser").write(b"x" * 3000 + b"\n")
-    assert laser.heard(b"\n") == b"x" * 3000 + b"\n"
+    assert laser.received(b"\n") == b"x" * 3000 + b"\n"
 
 
 def test_a_wait_of_a_port_renews_the_lease_and_silence_does_not(held: Supervisor, laser: Device, stage: Device) -> None:
@@ -61,17 +61,17 @@ def test_a_wait_of_a_port_renews_the_lease_and_silence_does_not(held: Supervisor
     assert port.read(1, timeout_s=1.0) == b""
     assert laser.silent()
     port.write(b"?\n")
-    assert laser.heard(b"\n") == b"?\n"
+    assert laser.received(b"\n") == b"?\n"
     began_s = time.monotonic()
-    assert laser.heard(b"\n") == b"DISARM*1234\n"
+    assert laser.received(b"\n") == b"DISARM*1234\n"
     assert time.monotonic() - began_s > 0.1
-    assert stage.heard(STOP) == STOP
+    assert stage.received(STOP) == STOP
 
 
 def test_after_a_lapse_nothing_is_written_until_it_is_armed_again(held: Supervisor, laser: Device) -> None:
     port = held.port("laser")
     held.hold()
-    laser.heard(b"DISARM*1234\n")
+    laser.received(b"DISARM*1234\n")
     held.port("stage").read(1, timeout_s=0.1)
     with pytest.raises(NotConnectedError, match=r"longer than the lease of .*; a person must arm it again"):
         port.write(b"FIRE 1*0000\n")
@@ -82,7 +82,7 @@ def test_after_a_lapse_nothing_is_written_until_it_is_armed_again(held: Supervis
     assert port.read(12, timeout_s=SOON_S) == b"still heard\n"
     held.arm()
     port.write(b"FIRE 2*0000\n")
-    assert laser.heard(b"\n") == b"FIRE 2*0000\n"
+    assert laser.received(b"\n") == b"FIRE 2*0000\n"
     held.hold()
     held.release()
     held.release()
@@ -104,7 +104,7 @@ def test_the_beat_of_another_thread_is_refused(held: Supervisor, laser: Device) 
     thread.start()
     thread.join()
     assert "not from a timer" in str(errors[0])
-    laser.heard(b"DISARM*1234\n")
+    laser.received(b"DISARM*1234\n")
 
 
 def test_a_flood_to_a_line_that_does_not_drain_ends_in_a_safe_command(held: Supervisor, laser: Device) -> None:
@@ -117,7 +117,7 @@ def test_a_flood_to_a_line_that_does_not_drain_ends_in_a_safe_command(held: Supe
 
     with pytest.raises(NotConnectedError, match="more was written to the line 'laser' than it can carry"):
         flood()
-    laser.heard(b"DISARM*1234\n")
+    laser.received(b"DISARM*1234\n")
 
 
 @pytest.mark.parametrize(
@@ -134,8 +134,8 @@ def test_nonsense_from_the_control_process_ends_it_in_a_safe_command(
     held: Supervisor, laser: Device, stage: Device, nonsense: bytes
 ) -> None:
     held._socket.sendall(nonsense)
-    laser.heard(b"DISARM*1234\n")
-    stage.heard(STOP)
+    laser.received(b"DISARM*1234\n")
+    stage.received(STOP)
     assert gone(held.pid)
     with pytest.raises(NotConnectedError, match="the supervisor is gone"):
         held.port("laser").read(1, timeout_s=SOON_S)
@@ -199,7 +199,7 @@ def test_a_line_that_is_pulled_out_silences_the_other_and_cannot_be_armed(
     held: Supervisor, laser: Device, stage: Device
 ) -> None:
     stage.close()
-    laser.heard(b"DISARM*1234\n")
+    laser.received(b"DISARM*1234\n")
     held.port("laser").read(1, timeout_s=0.05)
     with pytest.raises(NotConnectedError, match="the line 'stage' is gone"):
         held.port("laser").write(b"x")

@@ -1,7 +1,7 @@
-"""What reads bytes from devices, as functions of bytes: decoders by themselves, and drivers over a scripted line.
+"""Decoders of device bytes as functions of bytes: protocol decoders, and drivers on a scripted line.
 
-A script says what a driver hears, reading after reading: a length, and so many bytes. After its end the device is
-silent, or, where the first byte of the script is odd, says everything again for ever.
+A script holds what a driver reads, one reading after another: a length, and that number of bytes. After its end the
+device is silent, or, if the first byte of the script is odd, repeats the script without end.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LONGEST_S = 60.0
 
 
 class ScriptedPort:
-    """A line on which a script is heard."""
+    """A port that plays back a script."""
 
     def __init__(self, script: bytes, *, dress: Callable[[bytes], bytes] = bytes) -> None:
         self.said = b""
@@ -59,16 +59,16 @@ class ScriptedPort:
         if not self._script:
             return b""
         length = min(self._script[self._at], size)
-        heard = self._script[self._at + 1 : self._at + 1 + length]
+        received = self._script[self._at + 1 : self._at + 1 + length]
         self._at += 1 + length
-        return self._dress(heard)
+        return self._dress(received)
 
     def close(self) -> None:
         pass
 
 
 class RecordingPort:
-    """Writes the script of what is heard on another line."""
+    """Records what is read from another port as a script."""
 
     def __init__(self, port: Port) -> None:
         self.script = bytearray(b"\0")
@@ -78,17 +78,17 @@ class RecordingPort:
         self._port.write(data)
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        heard = self._port.read(size, timeout_s=timeout_s)
-        assert len(heard) < 256
-        self.script += bytes([len(heard)]) + heard
-        return heard
+        received = self._port.read(size, timeout_s=timeout_s)
+        assert len(received) < 256
+        self.script += bytes([len(received)]) + received
+        return received
 
     def close(self) -> None:
         self._port.close()
 
 
 class AllIsWell:
-    """A PicoLAS driver that obeys."""
+    """A PicoLAS driver that confirms every command."""
 
     def __init__(self) -> None:
         self._said = b""
@@ -143,7 +143,7 @@ def _scripted(
     *,
     dress: Callable[[bytes], bytes] = bytes,
 ) -> Callable[[bytes], None]:
-    def hear(data: bytes) -> None:
+    def decode(data: bytes) -> None:
         port, clock = ScriptedPort(data, dress=dress), VirtualClock()
         try:
             use(port, clock)
@@ -151,11 +151,11 @@ def _scripted(
             require(port.said)
             assert clock.now_s() <= LONGEST_S, f"it took {clock.now_s()} s"
 
-    return hear
+    return decode
 
 
 def _require_targets_inside(said: bytes) -> None:
-    """Whatever it heard, the driver asked for nothing but targets inside the limits that it wrote."""
+    """Whatever it received, the driver asked only for targets inside the limits that it wrote."""
     limits: tuple[int, int] | None = None
     for message in AptFramer(TO_CONTROLLER, to=CONTROLLER).feed(said):
         assert message.ident not in (0x0443, 0x0448, 0x046A, 0x0457), f"{message.ident:#x} was said"
@@ -204,7 +204,7 @@ def _whole_unsigned() -> bytes:
 
 
 def _read_messages(data: bytes) -> None:
-    """Messages do not depend on how the bytes arrive, and what they say is understood or refused."""
+    """Messages do not depend on how the bytes arrive; each is decoded or refused."""
     at_once = AptFramer().feed(data)
     framer, one_by_one = AptFramer(), []
     for byte in data:
@@ -215,7 +215,7 @@ def _read_messages(data: bytes) -> None:
 
 
 def _read_lines(data: bytes) -> None:
-    """Lines do not depend on how the bytes arrive; what is understood is what the other end would write."""
+    """Lines do not depend on how the bytes arrive; each decoded one encodes to the same bytes."""
     at_once = laserbox.Lines().feed(data)
     lines, one_by_one = laserbox.Lines(), []
     for byte in data:
@@ -237,11 +237,11 @@ def _read_lines(data: bytes) -> None:
 
 def _whole_messages() -> bytes:
     script = _whole_of(_use_stage, _stage)()[1:]
-    heard, at = b"", 0
+    received, at = b"", 0
     while at < len(script):
-        heard += script[at + 1 : at + 1 + script[at]]
+        received += script[at + 1 : at + 1 + script[at]]
         at += 1 + script[at]
-    return heard
+    return received
 
 
 def _whole_lines() -> bytes:
@@ -281,13 +281,13 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "picolas": (_whole_of(_use_picolas, lambda _: AllIsWell()), _scripted(_use_picolas, _require_off_at_last)),
     "sonixdaq": (whole_folder, _read_folder),
 }
-"""What a sound device would say, and what hears it, by the name of the decoder."""
+"""What a sound device would say, and the function that decodes it, by the name of the decoder."""
 
 
-def wire_outcome(hear: Callable[[bytes], None], data: bytes) -> str:
+def wire_outcome(decode: Callable[[bytes], None], data: bytes) -> str:
     """``read`` or ``refused``; any other error comes through."""
     try:
-        hear(data)
+        decode(data)
     except DeviceError as refusal:
         if not str(refusal):
             raise AssertionError("a refusal without a sentence") from refusal

@@ -83,17 +83,17 @@ def test_patato_sees_the_marker_where_we_see_it(scan, tmp_path, falling):
     theirs = IPASCInterface(str(path))
     data = PAData(theirs)
     rows = np.asarray(theirs._get_pa_data()[0])[np.argsort(theirs.pa_data.get_custom_meta_datum("trus_angle_deg")), 0]
-    heard = rows[strongest].astype(np.float64)
-    heard[:, : preset.pickup_samples] = 0
+    samples = rows[strongest].astype(np.float64)
+    samples[:, : preset.pickup_samples] = 0
     band = butter(3, (5e6, 9e6), "band", fs=data.get_sampling_frequency(), output="sos")
-    heard = sosfiltfilt(band, heard, axis=-1).astype(np.float32)
+    samples = sosfiltfilt(band, samples, axis=-1).astype(np.float32)
     half_m = np.abs(np.asarray(data.get_scan_geometry())[:, 0]).max()
     low_m, width_m = np.array((-half_m, 0.0, 0.004)), np.array((2 * half_m, 0.0, 0.076))
     pixels = (128, 1, 761)
     geometry = np.array(data.get_scan_geometry()) - (low_m + width_m / 2)
     imaging = ReferenceBackprojection(pixels, tuple(width_m))
     speed_m_s = theirs.pa_data.get_speed_of_sound()
-    image = imaging.reconstruct(heard[None], data.get_sampling_frequency(), geometry, pixels, width_m, speed_m_s)
+    image = imaging.reconstruct(samples[None], data.get_sampling_frequency(), geometry, pixels, width_m, speed_m_s)
     envelope = np.abs(hilbert(np.asarray(image).reshape(pixels[2], pixels[0]), axis=0))
     depth, lateral = np.unravel_index(envelope.argmax(), envelope.shape)
 
@@ -103,7 +103,7 @@ def test_patato_sees_the_marker_where_we_see_it(scan, tmp_path, falling):
     assert low_m[2] + depth * deep_m == pytest.approx(ours.depth_m, abs=deep_m)
 
 
-def test_frames_that_went_through_patato_are_imported_and_the_search_hears_the_same(scan, tmp_path):
+def test_frames_that_went_through_patato_are_imported_and_the_search_measures_the_same(scan, tmp_path):
     from patato.io.ipasc.read_ipasc import IPASCInterface
 
     theirs = IPASCInterface(str(scan))

@@ -1,4 +1,4 @@
-"""The emulated stage is driven by pylablib, which we did not write, over a pseudo-terminal.
+"""The emulated stage driven by pylablib, an independent driver, over a pseudo-terminal.
 
 pylablib is under the GPL, so it lives in an environment of its own, without markerseek's dependencies: the emulator
 runs in the interpreter that MARKERSEEK_PYTHON names (``.venv/bin/python`` if it does not), the tests in that one::

@@ -26,13 +26,13 @@ def intensity(model: AcousticModel, absorber: Absorber, angle_deg: float) -> flo
 
 def curve(model: AcousticModel, absorber: Absorber, step_deg: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     off = np.arange(0.0, 35.0 + step_deg / 2, step_deg)
-    heard = np.array([intensity(model, absorber, absorber.angle_deg + x) for x in off.tolist()])
-    return off, heard / heard[0]
+    received = np.array([intensity(model, absorber, absorber.angle_deg + x) for x in off.tolist()])
+    return off, received / received[0]
 
 
-def fwhm(off: np.ndarray, heard: np.ndarray) -> float:
-    below = int(np.flatnonzero(heard < 0.5)[0])
-    return 2 * float(np.interp(0.5, heard[below - 1 : below + 1][::-1], off[below - 1 : below + 1][::-1]))
+def fwhm(off: np.ndarray, received: np.ndarray) -> float:
+    below = int(np.flatnonzero(received < 0.5)[0])
+    return 2 * float(np.interp(0.5, received[below - 1 : below + 1][::-1], off[below - 1 : below + 1][::-1]))
 
 
 # name: model, absorber, FWHM and S(10 deg)/S(0) as they came out, kept so that a change is seen
@@ -54,22 +54,22 @@ CURVES = {
 @pytest.mark.parametrize("case", CURVES.values(), ids=CURVES.keys())
 def test_curve_is_narrow_with_slow_tails(case) -> None:
     model, absorber, width_deg, at_10 = case
-    off, heard = curve(model, absorber)
-    assert heard.argmax() == 0
-    assert fwhm(off, heard) == pytest.approx(width_deg, abs=0.1)
-    assert heard[20] == pytest.approx(at_10, abs=0.003)
+    off, received = curve(model, absorber)
+    assert received.argmax() == 0
+    assert fwhm(off, received) == pytest.approx(width_deg, abs=0.1)
+    assert received[20] == pytest.approx(at_10, abs=0.003)
     # tails fall about as 1/|t|, far slower than a Gaussian: a straight line in logarithms
     tail = off >= 8
-    slope = np.polyfit(np.log(off[tail]), np.log(heard[tail]), 1)[0]
+    slope = np.polyfit(np.log(off[tail]), np.log(received[tail]), 1)[0]
     assert -2.0 < slope < -0.8
-    assert 0.005 < heard[60] < 0.1
-    # nothing comes back: far out no angle is louder than a tenth above the quietest one nearer by
-    assert (np.diff(heard) < 0.03).all()
+    assert 0.005 < received[60] < 0.1
+    # nothing comes back: far out no angle is stronger than a tenth above the weakest one nearer by
+    assert (np.diff(received) < 0.03).all()
 
 
 def test_tail_is_monotone_under_a_short_laser_pulse() -> None:
-    _off, heard = curve(AcousticModel(laser=GaussianPulse()), Absorber(radius_m=60e-3))
-    assert (np.diff(heard) < 0).all()
+    _off, received = curve(AcousticModel(laser=GaussianPulse()), Absorber(radius_m=60e-3))
+    assert (np.diff(received) < 0).all()
 
 
 @pytest.mark.parametrize("off_deg", [1.0, 5.0, 17.3, 35.0])

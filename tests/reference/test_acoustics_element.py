@@ -43,7 +43,7 @@ def brute_force(model: AcousticModel, absorber: Absorber, angle_deg: float, elem
     axial = absorber.radius_m * math.cos(t) - probe.face_radius_m
     focus = probe.elevation_focus_m
     lens = np.zeros_like(eta) if focus is None else np.sqrt(focus**2 + eta**2) - focus
-    heard = []
+    received = []
     for element in elements:
         x = (element - (probe.array.elements - 1) / 2) * probe.array.pitch_m
         r = np.sqrt((absorber.lateral_m - x - u[:, None]) ** 2 + (elevation - eta) ** 2 + axial**2)
@@ -54,8 +54,8 @@ def brute_force(model: AcousticModel, absorber: Absorber, angle_deg: float, elem
             wave = 10 ** (-loss / 20) / r * np.exp(-2j * np.pi * f[i] * delay)
             channel[i] = spectrum[i] * simpson(simpson(wave, x=eta, axis=1), x=u)
         area = probe.element_width_m * probe.element_height_m
-        heard.append(absorber.strength * np.fft.irfft(channel / area, WINDOW) * WINDOW)
-    return np.array(heard)[:, : model.samples]
+        received.append(absorber.strength * np.fft.irfft(channel / area, WINDOW) * WINDOW)
+    return np.array(received)[:, : model.samples]
 
 
 CASES = {
@@ -111,11 +111,11 @@ CASES = {
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_agrees_with_brute_force_to_one_per_cent(case: tuple[AcousticModel, Absorber, float]) -> None:
     model, absorber, angle_deg = case
-    heard = model.channel_data([absorber], angle_deg=angle_deg)[list(TRACED)]
+    received = model.channel_data([absorber], angle_deg=angle_deg)[list(TRACED)]
     expected = brute_force(model, absorber, angle_deg, TRACED)
     largest = np.abs(expected).max(axis=1)
     assert (largest > 0).all()
-    assert (np.abs(heard - expected).max(axis=1) < 0.01 * largest).all()
+    assert (np.abs(received - expected).max(axis=1) < 0.01 * largest).all()
 
 
 LOSSLESS = Medium(attenuation_db_cm_mhz=0.0)
@@ -129,32 +129,32 @@ def amplitude(channel: np.ndarray, frequency_hz: float, sampling_hz: float = 40e
     return float(abs(channel.astype(float) @ wave))
 
 
-def test_point_element_hears_a_peak_of_one_at_50_mm_and_spreads_as_one_over_r() -> None:
+def test_point_element_receives_a_peak_of_one_at_50_mm_and_spreads_as_one_over_r() -> None:
     probe = Probe(array=LinearArray(elements=3), element_width_m=1e-6, element_height_m=1e-6)
     model = AcousticModel(probe=probe, medium=LOSSLESS, laser=SHORT, samples=4096)
-    loud = []
+    peaks = []
     for radius_m in (35e-3, 60e-3, 110e-3):
         channel = model.channel_data([Absorber(radius_m=radius_m, source=TINY)], angle_deg=0.0)[1]
         spectrum = np.fft.fft(channel, 4096)
         spectrum[2048:] = 0
-        loud.append(np.abs(np.fft.ifft(2 * spectrum, 4096)).max())
+        peaks.append(np.abs(np.fft.ifft(2 * spectrum, 4096)).max())
         wide = np.concatenate([spectrum[:2048], np.zeros(7 * 4096), np.zeros(2048)])
         assert np.abs(np.fft.ifft(2 * wide)).max() * 8 == pytest.approx(50e-3 / (radius_m - 10e-3), rel=2e-3)
-    assert loud[0] > loud[1] > loud[2]
+    assert peaks[0] > peaks[1] > peaks[2]
 
 
 @pytest.mark.parametrize(("db", "power"), [(0.1, 1.0), (0.5, 1.0), (0.3, 1.5), (1.0, 0.0)])
 @pytest.mark.parametrize("frequency_hz", [5e6, 6.5e6, 8e6])
 def test_attenuation_has_the_slope_that_was_asked_for(db: float, power: float, frequency_hz: float) -> None:
     probe = Probe(array=LinearArray(elements=3), element_width_m=1e-6, element_height_m=1e-6)
-    heard = {}
+    received = {}
     for medium in (LOSSLESS, Medium(attenuation_db_cm_mhz=db, power=power)):
         model = AcousticModel(probe=probe, medium=medium, laser=SHORT)
         for radius_m in (30e-3, 63e-3):
             channel = model.channel_data([Absorber(radius_m=radius_m, source=TINY)], angle_deg=0.0)[1]
-            heard[medium, radius_m] = amplitude(channel, frequency_hz)
-    lossy = heard[medium, 63e-3] / heard[medium, 30e-3]
-    spread = heard[LOSSLESS, 63e-3] / heard[LOSSLESS, 30e-3]
+            received[medium, radius_m] = amplitude(channel, frequency_hz)
+    lossy = received[medium, 63e-3] / received[medium, 30e-3]
+    spread = received[LOSSLESS, 63e-3] / received[LOSSLESS, 30e-3]
     expected_db = db * (frequency_hz / 1e6) ** power * 3.3
     assert -20 * math.log10(lossy / spread) == pytest.approx(expected_db, rel=5e-3, abs=0.02)
 
@@ -168,16 +168,16 @@ def test_far_away_an_element_without_lens_has_the_directivity_of_a_rectangle(fre
     model = AcousticModel(
         probe=probe, medium=LOSSLESS, laser=SHORT, trigger_offset_s=-(distance_m - 0.03) / 1540.0, samples=2080
     )
-    heard = []
+    received = []
     incidence = np.radians([0.0, 2.0, 4.0, 10.0, 17.0, 25.0, 31.0])
     for angle in incidence:
         off, axial = distance_m * math.sin(angle), distance_m * math.cos(angle) + probe.face_radius_m
         absorber = Absorber(
             radius_m=math.hypot(off, axial), angle_deg=-math.degrees(math.atan2(off, axial)), source=TINY
         )
-        heard.append(amplitude(model.channel_data([absorber], angle_deg=0.0)[1], frequency_hz))
+        received.append(amplitude(model.channel_data([absorber], angle_deg=0.0)[1], frequency_hz))
     expected = np.abs(np.sinc(height_m * np.sin(incidence) * frequency_hz / 1540.0))
-    np.testing.assert_allclose(np.array(heard) / heard[0], expected, atol=2e-3)
+    np.testing.assert_allclose(np.array(received) / received[0], expected, atol=2e-3)
 
 
 def test_off_plane_the_pulse_splits_into_a_doublet_of_edge_waves() -> None:
@@ -250,14 +250,14 @@ def test_width_of_the_elevation_beam_is_that_of_pymust(axial_m: float) -> None:
 def test_in_the_focal_plane_the_lens_makes_the_near_field_a_far_field(frequency_hz: float) -> None:
     """Fraunhofer: sinc(h y f/(c F)) at the distance y from the focus."""
     model = AcousticModel(probe=Probe(array=LinearArray(elements=3)), medium=LOSSLESS, laser=SHORT)
-    heard = []
+    received = []
     off = np.linspace(0, 1.5e-3, 7)
     for y in off:
         radius_m, angle = math.hypot(y, 40e-3), math.degrees(math.atan2(y, 40e-3))
         absorber = Absorber(radius_m=radius_m, angle_deg=angle, source=TINY)
-        heard.append(amplitude(model.channel_data([absorber], angle_deg=0.0)[1], frequency_hz))
+        received.append(amplitude(model.channel_data([absorber], angle_deg=0.0)[1], frequency_hz))
     expected = np.abs(np.sinc(5e-3 * off * frequency_hz / (1540.0 * 30e-3)))
-    np.testing.assert_allclose(np.array(heard) / heard[0], expected, atol=0.01)
+    np.testing.assert_allclose(np.array(received) / received[0], expected, atol=0.01)
 
 
 def test_default_laser_pulse_and_band_are_those_of_the_physics_table() -> None:

@@ -16,7 +16,7 @@ F = np.linspace(0.2e6, 12e6, 60)
 
 
 def poisson(p0, r: float, t: float) -> float:
-    """Poisson's formula: p(r, t) = d/dt [t · mean of p0 over the sphere of radius ct about the place of hearing].
+    """Poisson's formula: p(r, t) = d/dt [t · mean of p0 over the sphere of radius ct about the receiver].
 
     For a ball p0(x) about the origin the mean over that sphere is an integral over the distances x that it cuts.
     """

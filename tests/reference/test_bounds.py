@@ -183,13 +183,13 @@ def test_maximum_likelihood_attains_the_bound() -> None:
     bound = float(angle_bound_deg(information, unknown=unknown))
     rng = np.random.default_rng(5)
 
-    def residuals(p: np.ndarray, heard: np.ndarray) -> np.ndarray:
-        return p[1] * curve.value((angles - p[0]) / p[2]) + p[3] - heard
+    def residuals(p: np.ndarray, intensities: np.ndarray) -> np.ndarray:
+        return p[1] * curve.value((angles - p[0]) / p[2]) + p[3] - intensities
 
     found = []
     for _ in range(400):
-        heard = snr * curve.value(angles - 1.0) + rng.standard_normal(angles.size)
-        found.append(least_squares(residuals, [0.5, 90.0, 1.1, 0.0], args=(heard,)).x[0])
+        intensities = snr * curve.value(angles - 1.0) + rng.standard_normal(angles.size)
+        found.append(least_squares(residuals, [0.5, 90.0, 1.1, 0.0], args=(intensities,)).x[0])
     assert np.std(found) == pytest.approx(bound, rel=0.1)
 
 

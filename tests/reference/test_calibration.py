@@ -1,4 +1,4 @@
-"""Calibration against what it should find: closed-form wave fronts, and simulated scans of a point source."""
+"""Calibration against closed-form wave fronts and simulated scans of a point source."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def scan(*, speed: float, face_m: float, height_m: float, late_s: float, source_
     )
     source = GaussianAbsorber(radius_m=0.15e-3)
     absorber = Absorber(source=source, strength=1.0, radius_m=0.06, angle_deg=source_deg, lateral_m=-6e-3)
-    loud = 600 / np.abs(model.channel_data([absorber], angle_deg=source_deg)).max()
+    scale = 600 / np.abs(model.channel_data([absorber], angle_deg=source_deg)).max()
     reader = ImageReader(PRESET)
     samples = []
     for angle_deg in np.arange(-12.0, 12.1, 1.0):
-        heard = loud * model.channel_data([absorber], angle_deg=float(angle_deg))
-        counts = np.rint(heard + 20 * rng.standard_normal(heard.shape)).astype(np.int16)
+        scan_of = scale * model.channel_data([absorber], angle_deg=float(angle_deg))
+        counts = np.rint(scan_of + 20 * rng.standard_normal(scan_of.shape)).astype(np.int16)
         frame = ChannelFrame(header=HEADER, samples=counts, sampling_hz=40e6)
         samples.append(Sample(angle_deg=float(angle_deg), reading=reader.read(frame), frame=frame))
     return samples
@@ -99,8 +99,8 @@ def test_a_simulated_scan_gives_its_truth_within_the_intervals(
     assert 8 <= found.waves <= found.frames == len(samples)
 
 
-def heard(intensities: list[float], *, saturated: float = 0.0) -> list[Sample]:
-    """Samples at -8, -7 ... deg of such intensities, over noise of 20 counts."""
+def scan_of(intensities: list[float], *, saturated: float = 0.0) -> list[Sample]:
+    """Samples at -8, -7 ... deg with these intensities, over noise of 20 counts."""
     return [
         Sample(
             angle_deg=float(index - 8),
@@ -117,14 +117,17 @@ PEAK = [30.0, 60.0, 200.0, 600.0, 1500.0, 700.0, 250.0, 80.0, 40.0]
 @pytest.mark.parametrize(
     ("samples", "said"),
     [
-        (heard(PEAK[2:]), r"7 angles are too few .* at least 8 .*; scan one small source"),
-        (heard([500.0] * 9), r"the intensity is 500 at every one of 9 angles"),
-        (heard([each / 15 for each in PEAK]), r"at -4 deg, is 5 times the noise, more than 8 are needed; check laser"),
-        (heard([each / 30 for each in PEAK]), r"no source at any angle"),
-        (heard(sorted(PEAK)), r"strongest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
-        (heard(sorted(PEAK, reverse=True)), r"strongest at -8 deg, at an end of the scan from -8 to 0 deg"),
-        (heard([*PEAK[3:], 20.0, 20.0]), r"strongest at -7 deg, at an end"),
-        (heard(PEAK, saturated=0.3), r"30% of the channels are saturated at -4 deg, at most 5% may be.*; reduce the"),
+        (scan_of(PEAK[2:]), r"7 angles are too few .* at least 8 .*; scan one small source"),
+        (scan_of([500.0] * 9), r"the intensity is 500 at every one of 9 angles"),
+        (
+            scan_of([each / 15 for each in PEAK]),
+            r"at -4 deg, is 5 times the noise, more than 8 are needed; check laser",
+        ),
+        (scan_of([each / 30 for each in PEAK]), r"no source at any angle"),
+        (scan_of(sorted(PEAK)), r"strongest at 0 deg, at an end of the scan from -8 to 0 deg; scan further"),
+        (scan_of(sorted(PEAK, reverse=True)), r"strongest at -8 deg, at an end of the scan from -8 to 0 deg"),
+        (scan_of([*PEAK[3:], 20.0, 20.0]), r"strongest at -7 deg, at an end"),
+        (scan_of(PEAK, saturated=0.3), r"30% of the channels are saturated at -4 deg, at most 5% may be.*; reduce the"),
     ],
 )
 def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: list[Sample], said: str) -> None:
@@ -133,7 +136,7 @@ def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: l
 
 
 def test_a_scan_over_a_peak_is_let_through() -> None:
-    require_peak(heard(PEAK, saturated=0.04), saturated_limit=0.05)
+    require_peak(scan_of(PEAK, saturated=0.04), saturated_limit=0.05)
 
 
 def test_noise_alone_calibrates_nothing() -> None:

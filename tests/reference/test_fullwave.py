@@ -47,8 +47,8 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_envelope_peaks_are_those_of_the_full_wave_run(case) -> None:
-    stored, heard = case
-    peaks = compare.compare(stored, **heard)
+    stored, options = case
+    peaks = compare.compare(stored, **options)
     assert (peaks.full_wave > 0).all()
     assert np.abs(peaks.of_first).max() < PROMISE
     assert np.abs(peaks.of_own).max() < ATTAINED

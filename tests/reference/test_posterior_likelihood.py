@@ -203,7 +203,7 @@ def moments_of(theta, measured_deg, *, height_m=5e-3, radius_m=11e-3):
 
 
 def test_exact_moments_point_at_the_marker():
-    """With one outlier among the arrivals, and offset, face radius and element height that nobody knows."""
+    """With one outlier among the arrivals, and unknown offset, face radius and element height."""
     theta, measured_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
     moments_s = moments_of(theta, measured_deg)
     moments_s[4, 0] += 9e-6
@@ -213,7 +213,7 @@ def test_exact_moments_point_at_the_marker():
     assert log.max() - log[angles_deg == 25.0] > 5
 
 
-def test_two_moments_tell_which_side():
+def test_two_moments_determine_the_side():
     """One frame nearer than the other: the marker lies on the side of the earlier and shorter one."""
     angles_deg = np.arange(-35.0, 36.0)
     measured_deg = np.array([-10.0, 10.0])

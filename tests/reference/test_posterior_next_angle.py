@@ -1,4 +1,4 @@
-"""The next angle while nothing is detected, against probabilities written out."""
+"""The next angle while nothing is detected, against explicitly computed probabilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole searches by the posterior: how accurate, how honest. Monte Carlo of a small size, fixed seeds.
+"""Whole searches by the posterior: accuracy and calibration, by small Monte Carlo runs with fixed seeds.
 
 Curves as in ``test_search_coverage.py``: full widths of 3–17° and tails as 1/|t| to 1/|t|^2.5.
 """
@@ -157,7 +157,7 @@ def test_the_number_that_would_do(peak):
     assert not detected(needed - 2).all()
 
 
-def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
+def test_a_budget_too_small_for_the_noise_is_reported():
     rng = np.random.default_rng(8)
     few, _ = search(Posterior(acquisitions=8), rng=rng, sigma=1.0, markers=[])
     assert "8 acquisitions may have missed a marker 20 dB above the noise" in few.reason
@@ -168,7 +168,7 @@ def test_a_budget_too_small_for_the_noise_is_said_to_be_so():
     assert "missed" not in enough.reason
 
 
-def test_clutter_is_not_taken_for_the_marker():
+def test_clutter_is_not_detected_as_the_marker():
     """A weak source is detected first, a marker eight times as strong is missed: found, or nothing is claimed."""
     rng = np.random.default_rng(9)
     for _ in range(6):

@@ -1,4 +1,4 @@
-"""The peak SNR of a simulated rig is the one that was asked for, measured on its frames and not on its settings."""
+"""The peak SNR of a simulated rig equals the requested one, as measured on its frames."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_every_tissue_is_searched_on_and_its_noise_does_not_depend_on_the_angle(
     assert max(sigmas) / min(sigmas) < 1.25  # type: ignore[type-var, operator]
 
 
-def test_a_marker_that_cannot_be_heard_is_refused() -> None:
+def test_a_marker_that_cannot_be_detected_is_refused() -> None:
     far = SimulatedSettings(marker=MarkerSettings(radius_m=0.2, angle_deg=0.0))
     with pytest.raises(ConfigError, match="not heard in 2080 samples"):
         rigs.simulated(seed=1, settings=far)
@@ -60,7 +60,7 @@ def test_a_marker_that_cannot_be_heard_is_refused() -> None:
 
 def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> None:
     without = SimulatedSettings(marker=MarkerSettings(present=False))
-    silent, heard = rigs.simulated(seed=4, settings=without), rigs.simulated(seed=4)
+    silent, detected = rigs.simulated(seed=4, settings=without), rigs.simulated(seed=4)
     assert silent.facts.truth_deg is None
-    one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, heard))
+    one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, detected))
     assert one == pytest.approx(other, rel=0.02)

@@ -1,4 +1,4 @@
-"""How often the guarded answers are right about themselves: coverage, false finds, misses. Monte Carlo, fixed seeds.
+"""Coverage, false finds and misses of the guarded answers, by Monte Carlo with fixed seeds.
 
 Curves: S(t) = (1 + k·(2t/F)²)^(−p/2) with k = 2^(2/p) − 1, so that F is the full width at half maximum and the tails
 fall as 1/|t|^p, p uniform in 1–2.5. At 10° they are at 1–45 % of the peak for F of 3–17°, which holds the 4–39 % of the
@@ -35,8 +35,8 @@ def search(policy, *, rng, sigma, marker_deg, fwhm_deg=10.0, tail=1.5):
         policy.tell(Sample(angle_deg=0.0, reading=reading, dark=True))
     while (angle_deg := policy.ask()) is not None:
         signal = 0.0 if marker_deg is None else shape(angle_deg - marker_deg, fwhm_deg, tail)
-        heard = abs(signal + sigma * complex(*rng.standard_normal(2)))
-        intensity = float(max(heard, noise_maximum(rng, sigma)))
+        received = abs(signal + sigma * complex(*rng.standard_normal(2)))
+        intensity = float(max(received, noise_maximum(rng, sigma)))
         policy.tell(Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity)))
     return policy.estimate()
 
@@ -122,8 +122,8 @@ def test_guarded_methods_say_not_found_in_noise(name):
 
 @pytest.mark.parametrize("cells", [100, 1_000, 12_800])
 @pytest.mark.parametrize("source", ["dark frames", "lower quartile"])
-def test_false_finds_where_no_frame_tells_its_noise(source, cells):
-    """Neither σ nor M is told: three dark intensities, or 15 lit ones alone, still keep false finds to 1e-3."""
+def test_false_finds_where_no_frame_states_its_noise(source, cells):
+    """Neither σ nor M is given: three dark intensities, or 15 lit ones alone, still keep false finds to 1e-3."""
     rng = np.random.default_rng(8)
     false_found = 0
     for _ in range(4000):

@@ -1,4 +1,4 @@
-"""The noise of the image against Monte Carlo: its strength, its floor under a source, how high its peaks reach."""
+"""Noise of the image against Monte Carlo: level, floor under a source, and height of its peaks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def frame_of(samples, hz=40e6):
 
 
 def pulse_frame(preset, *, lateral_m, depth_m, samples=2080):
-    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element hears it from one point."""
+    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element receives it from one point."""
     path = np.hypot(preset.array.lateral_m - lateral_m, depth_m)
     arrival = path / preset.sound_speed_m_s + preset.trigger_offset_s
     time = np.arange(samples) / preset.sampling_hz - arrival[:, None]

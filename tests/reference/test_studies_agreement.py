@@ -44,8 +44,8 @@ def test_intensities_are_distributed_alike(peak_snr_db: float, off_plane_deg: fl
     )
     read = intensities(rigs.simulated(seed=1, settings=settings), off_plane_deg, count=FRAMES) / sigma
     chance = 3 * float(np.hypot(read.std() / np.sqrt(FRAMES), drawn.std() / np.sqrt(1500)))
-    heard = off_plane_deg is not None and drawn.mean() > 6
-    tolerance = 0.6 + 0.007 * float(drawn.mean()) if heard else 0.1
+    detected = off_plane_deg is not None and drawn.mean() > 6
+    tolerance = 0.6 + 0.007 * float(drawn.mean()) if detected else 0.1
     assert abs(read.mean() - drawn.mean()) < chance + tolerance
     # three standard errors of a standard deviation from this many frames, and a third
     assert abs(np.log(read.std() / drawn.std())) < 3 / np.sqrt(2 * FRAMES) + np.log(4 / 3)

@@ -52,7 +52,7 @@ def test_readings_near_the_marker_are_those_of_frames(trial: int, off_deg: float
     heights = [
         [reading.intensity / floor for reading in each] for each, floor in ((cut, floor_cut), (whole, floor_whole))
     ]
-    assert np.mean(heights[1]) > 7, "this is about a marker that is heard"
+    assert np.mean(heights[1]) > 7, "this is about a marker that is detected"
     assert apart(*heights, tolerance=0.02 * float(np.mean(heights[1]))) < 1
     for name, tolerance in (("lateral_m", 0.05e-3), ("depth_m", 0.03e-3), ("arrival_s", 10e-9), ("coherence", 0.03)):
         assert apart(*([getattr(r, name) for r in each] for each in (cut, whole)), tolerance=tolerance) < 1, name
@@ -81,11 +81,11 @@ def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:
     assert drawn.unknowns is not None
     window = marker_window(drawn.unknowns, cell.world.rig)
     assert noise_free(window, off_deg=0.0) == pytest.approx(1.0, rel=0.01)
-    loud = replace(STUDY, level="frames", rig=replace(STUDY.rig, noise=NoiseSettings(peak_snr_db=45.0)))
-    top = np.mean([reading.intensity for reading in readings(loud, 1, 0.0)])
+    strong = replace(STUDY, level="frames", rig=replace(STUDY.rig, noise=NoiseSettings(peak_snr_db=45.0)))
+    top = np.mean([reading.intensity for reading in readings(strong, 1, 0.0)])
     for off_deg in (1.5, 5.0):
-        heard = np.mean([reading.intensity for reading in readings(loud, 1, off_deg)]) / top
-        assert noise_free(window, off_deg=off_deg) == pytest.approx(heard, rel=0.05, abs=0.01)
+        measured = np.mean([reading.intensity for reading in readings(strong, 1, off_deg)]) / top
+        assert noise_free(window, off_deg=off_deg) == pytest.approx(measured, rel=0.05, abs=0.01)
 
 
 def test_searches_are_as_wrong_from_readings_as_from_frames() -> None:

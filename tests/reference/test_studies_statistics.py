@@ -1,4 +1,4 @@
-"""Means, shares and intervals against scipy.stats, however the sample is cut up."""
+"""Means, shares and intervals against scipy.stats, for any partition of the sample."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_too_few_values_have_no_interval_and_none_have_no_mean() -> None:
     assert Share.of(0, 0) == Share(hits=0, count=0, share=None, interval95=None)
 
 
-def test_the_interval_holds_the_true_mean_as_often_as_it_says() -> None:
+def test_the_interval_holds_the_true_mean_at_its_nominal_rate() -> None:
     rng = np.random.default_rng(5)
     held = 0
     for _ in range(600):

@@ -1,4 +1,4 @@
-"""The shell in which the system tests type their commands."""
+"""The shell in which the system tests run their commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 @pytest.fixture(autouse=True)
 def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Journals that nobody named go into a folder of the test, also from processes that it starts."""
+    """Journals without a given path go into a folder of the test, also from processes that it starts."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 

@@ -52,7 +52,7 @@ def test_a_scan_holds_the_whole_range_and_what_is_known(shell, scan):
     assert "simulated" in info["description"]
 
 
-def test_info_for_people_names_the_statistics_of_the_peak_and_draws(shell, scan, tmp_path):
+def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tmp_path):
     code, out, _ = shell("bank", "info", scan, "--plot", "--out", tmp_path)
     assert code == 0
     for word in ("max", "com", "cen", "fwhm", "reference", "dark frames", "simulated", "760 nm"):
@@ -155,7 +155,7 @@ def angles_in(path):
         return 0
 
 
-def test_a_killed_scan_says_how_it_becomes_whole(shell, scan, tmp_path):
+def test_a_killed_scan_reports_how_to_complete_it(shell, scan, tmp_path):
     killed, whole = tmp_path / "killed.hdf5", tmp_path / "whole.hdf5"
     shutil.copy(scan, killed)
     with h5py.File(killed, "r+") as file:
@@ -194,7 +194,7 @@ def test_a_damaged_frame_is_no_answer_and_its_import_leaves_nothing_behind(shell
     assert code == 0, err
 
 
-def test_a_scan_says_what_made_it_and_when(shell, scan):
+def test_a_scan_records_its_program_and_its_time(shell, scan):
     info = json.loads(shell("bank", "info", scan, "--json")[1])
     assert (info["seed"], info["made_with"].split()[0], len(info["configuration"])) == (3, "markerseek", 32)
     assert abs(info["began_unix_s"] - scan.stat().st_mtime) < 600

@@ -50,10 +50,10 @@ class Emulation:
     def end(self) -> tuple[float, float, int]:
         """Ctrl-C; the truth comes back: lowest and highest angle of the probe in degrees, and pulses of light."""
         self.process.send_signal(signal.SIGINT)
-        _, told = self.process.communicate(timeout=20)
-        assert self.process.returncode == 0, told
-        low, high = re.findall(r"probe was between (\S+) and (\S+) deg", told)[0]
-        return float(low), float(high), int(re.findall(r"(\d+) pulses of light", told)[0])
+        _, printed = self.process.communicate(timeout=20)
+        assert self.process.returncode == 0, printed
+        low, high = re.findall(r"probe was between (\S+) and (\S+) deg", printed)[0]
+        return float(low), float(high), int(re.findall(r"(\d+) pulses of light", printed)[0])
 
 
 def markerseek(*words: object) -> list[str]:
@@ -93,7 +93,9 @@ def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emu
         process.communicate()
 
 
-def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does(shell: Shell, tmp_path: Path) -> None:
+def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_does(
+    shell: Shell, tmp_path: Path
+) -> None:
     journal = tmp_path / "run.journal"
     with emulation(tmp_path, seed=3) as devices:
         code, out, err = shell("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", journal)
@@ -116,7 +118,7 @@ def test_a_search_over_emulated_devices_hears_and_finds_what_the_simulation_does
     assert json.loads(shell("resume", journal, "--json")[1]) == over_bytes
 
 
-def test_a_search_over_emulated_devices_goes_on_after_kill_9(shell: Shell, tmp_path: Path) -> None:
+def test_a_search_over_emulated_devices_is_resumed_after_kill_9(shell: Shell, tmp_path: Path) -> None:
     """The devices live on, as real ones do: what was measured is kept, two angles are checked, the rest is measured."""
     journal = tmp_path / "run.journal"
     with emulation(tmp_path, seed=3) as devices:
@@ -162,7 +164,7 @@ def times_and_kinds(held: RecordedRun) -> list[tuple[float, str]]:
     return [(entry.clock_s, type(entry.event).__name__) for entry in held.entries]
 
 
-def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell: Shell, tmp_path: Path) -> None:
+def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell: Shell, tmp_path: Path) -> None:
     with emulation(tmp_path, seed=4) as devices:
         bare = tmp_path / "bare.toml"
         bare.write_text(devices.rig.read_text().replace(PATIENT, "[supervisor]\nenabled = false\n"))
@@ -184,10 +186,10 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_everything_and_lets_go(shell:
             time.sleep(0.02)
         time.sleep(0.7)  # into the second move or acquisition
         process.send_signal(signal.SIGINT)
-        _, told = process.communicate(timeout=20)
-        assert process.returncode == 130, told
-        assert "stopped by SIGINT: the laser is disarmed" in told
-        assert f"markerseek resume {kept} --rig {devices.rig}" in told
+        _, printed = process.communicate(timeout=20)
+        assert process.returncode == 130, printed
+        assert "stopped by SIGINT: the laser is disarmed" in printed
+        assert f"markerseek resume {kept} --rig {devices.rig}" in printed
         # the lines are free again, and the devices fit for another search
         code, out, err = shell("search", "--rig", devices.rig, "--arm", "--stay", *SEARCH)
         assert code in (0, 3), err
@@ -205,8 +207,8 @@ def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
             assert box.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=clock.now_s() + 5)) == 7
             box.disarm()
         devices.process.send_signal(signal.SIGTERM)
-        _, told = devices.process.communicate(timeout=20)
-    assert "7 pulses of light were fired" in told
+        _, printed = devices.process.communicate(timeout=20)
+    assert "7 pulses of light were fired" in printed
     assert not (tmp_path / "bench" / "laser").is_symlink()
 
 
@@ -243,8 +245,8 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
             assert devices.process.poll() is None
             time.sleep(0.02)
         devices.process.send_signal(signal.SIGINT)
-        _, told = devices.process.communicate(timeout=20)
-    assert "the marker is at 6.400 deg" in told
+        _, printed = devices.process.communicate(timeout=20)
+    assert "the marker is at 6.400 deg" in printed
     assert load_frame(tmp_path / "bench" / "daq").header.pulses == 16
 
 

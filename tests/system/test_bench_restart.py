@@ -1,4 +1,4 @@
-"""The real command is killed in mid-acquisition, and begun again at once, on emulated devices that live on."""
+"""The real command, killed in mid-acquisition and started again at once on devices that keep running."""
 
 from __future__ import annotations
 

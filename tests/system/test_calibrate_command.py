@@ -1,4 +1,4 @@
-"""`markerseek calibrate` as a user types it: a scan that calibrates, and those that cannot."""
+"""`markerseek calibrate` as a user types it: scans that calibrate, and scans that cannot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands as a user types them: what comes out, what the exit code is, and how wrong input is met."""
+"""The commands as a user types them: output, exit codes, and messages for wrong input."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_the_page_of_a_replay_names_the_form_and_the_confirmation_and_has_no_emp
     assert "<tr><td>confirmation</td><td>" in text
 
 
-def test_the_table_for_people_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:
+def test_the_text_table_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:
     code, out, _ = shell("search", "--seed", 1)
     assert code == 0
     for word in ("simulated rig", "marker angle", "±", "95 % interval", "acquisitions", "rotation", "time", "error"):
@@ -132,7 +132,7 @@ def test_a_scan_in_sonixdaq_folders_of_both_layouts_is_searched(shell: Shell, sc
     assert result["samples"][0]["depth_m"] == pytest.approx(0.05, abs=2e-3)
 
 
-def test_a_frame_tells_its_source_to_people_and_programs(shell: Shell, scan_folder: Path, tmp_path: Path) -> None:
+def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folder: Path, tmp_path: Path) -> None:
     folder = scan_folder / "angle_+2.0deg"
     code, out, _ = shell("frame", folder, "--probe", "BPL9-5/55", "--plot", "--out", tmp_path, "--json")
     report = json.loads(out)
@@ -164,11 +164,11 @@ def _without_a_channel(scan: Path, to: Path) -> Path:
     return to / "frame"
 
 
-@pytest.mark.parametrize(("spoil", "word"), [(_truncated, "CH017.daq"), (_without_a_channel, "127")])
-def test_a_spoilt_acquisition_is_an_error_that_names_the_file(
-    shell: Shell, scan_folder: Path, tmp_path: Path, spoil: object, word: str
+@pytest.mark.parametrize(("damage", "word"), [(_truncated, "CH017.daq"), (_without_a_channel, "127")])
+def test_a_damaged_acquisition_is_an_error_that_names_the_file(
+    shell: Shell, scan_folder: Path, tmp_path: Path, damage: object, word: str
 ) -> None:
-    folder = spoil(scan_folder, tmp_path)  # type: ignore[operator]
+    folder = damage(scan_folder, tmp_path)  # type: ignore[operator]
     code, out, err = shell("frame", folder, "--probe", "BPL9-5/55", "--json")
     assert code == 2
     assert word in err
@@ -252,7 +252,7 @@ def test_without_matplotlib_the_cure_is_named(shell: Shell, monkeypatch: pytest.
     assert "pip install 'markerseek[plot]'" in err
 
 
-def test_the_doctor_is_content(shell: Shell) -> None:
+def test_the_doctor_passes(shell: Shell) -> None:
     code, out, _ = shell("doctor", "--json")
     findings = json.loads(out)
     assert (code, findings["ok"]) == (0, True)
@@ -274,7 +274,7 @@ def test_the_installed_command_prints_its_version() -> None:
     assert ran.stdout.strip().count(".") == 2
 
 
-def test_the_first_run_says_that_it_compiles_and_the_second_does_not(tmp_path: Path) -> None:
+def test_the_first_run_reports_that_it_compiles_and_the_second_does_not(tmp_path: Path) -> None:
     command = [Path(sys.executable).with_name("markerseek"), "frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55"]
     np.save(tmp_path / "noise.npy", np.random.default_rng(3).normal(0, 40, (128, 2080)).astype(np.int16))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}

@@ -1,4 +1,4 @@
-"""The step that proves the sense of rotation, on simulated and on emulated devices."""
+"""The check of the sense of rotation, on simulated and on emulated devices."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
     rig.write_text('kind = "simulated"\n')
     words = ("doctor", "--rig", rig, "--source-deg", SOURCE_DEG, "--json")
     ended, out, _ = shell(*words)
-    assert (ended, json.loads(out)["armed"]) == (4, False)  # nobody armed it
+    assert (ended, json.loads(out)["armed"]) == (4, False)  # it was not armed
     assert made[-1].scanner.guard.pulses_permitted == 0
     ended, out, err = shell(*words, "--arm")
     finding = json.loads(out)["findings"][-1]

@@ -1,4 +1,4 @@
-"""The examples run as they stand, and the one that makes a file makes the file that is kept."""
+"""The examples run unchanged, and the committed scan is the output of its script."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_the_example_finds_the_marker_by_both_loops(capsys: pytest.CaptureFixtur
     assert np.abs(np.array(found) - truth).max() < 0.75
 
 
-def test_the_scan_that_is_kept_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
+def test_the_committed_scan_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
     script = tmp_path / "make_simulated_scan.py"
     script.write_text((ROOT / "examples" / "make_simulated_scan.py").read_text(encoding="utf-8"), encoding="utf-8")
     subprocess.run([sys.executable, script], check=True)

@@ -1,4 +1,4 @@
-"""`markerseek bank export` of frames whose intensities nobody wrote down, as a user types it."""
+"""`markerseek bank export` of frames without stored intensities, as a user types it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def folder(scan):
     return place
 
 
-def heard(path):
+def decoded(path):
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
@@ -51,16 +51,16 @@ def test_intensities_are_computed_for_a_log_as_for_a_table(shell, folder, tmp_pa
     exported(shell, folder, tmp_path / "a.mcap")
     exported(shell, folder, tmp_path / "a.csv")
     table = read_bank(tmp_path / "a.csv")
-    told = [json.loads(each.data) for topic, each in heard(tmp_path / "a.mcap") if topic == "/pa_search/sample"]
-    assert [each["angle_deg"] for each in told] == list(table.angles_deg)
-    assert [each["intensity"] for each in told] == list(table.intensities)
+    samples = [json.loads(each.data) for topic, each in decoded(tmp_path / "a.mcap") if topic == "/pa_search/sample"]
+    assert [each["angle_deg"] for each in samples] == list(table.angles_deg)
+    assert [each["intensity"] for each in samples] == list(table.intensities)
     assert max(table.intensities) > 0
 
 
 def test_the_strongest_image_reaches_white(shell, scan, tmp_path):
     exported(shell, scan, tmp_path / "a.mcap")
     pictures = [
-        np.frombuffer(bytes(each.data), np.uint8) for topic, each in heard(tmp_path / "a.mcap") if "image" in topic
+        np.frombuffer(bytes(each.data), np.uint8) for topic, each in decoded(tmp_path / "a.mcap") if "image" in topic
     ]
     bank = read_bank(scan)
     assert isinstance(bank, FrameBank)
@@ -74,17 +74,17 @@ def test_the_rigs_times_are_those_of_the_bank(shell, scan, tmp_path):
     assert isinstance(bank, FrameBank)
     zero_s = bank.facts.clock_zero_unix_s or 0.0
     expected = [zero_s + bank.frame(index).header.started_s for index in range(5)]
-    told = [
-        json.loads(each.data)["time_s"] for topic, each in heard(tmp_path / "a.mcap") if topic == "/pa_search/sample"
+    samples = [
+        json.loads(each.data)["time_s"] for topic, each in decoded(tmp_path / "a.mcap") if topic == "/pa_search/sample"
     ]
-    assert told == expected
+    assert samples == expected
     image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
     stamps = [float(image.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(5)]
     np.testing.assert_allclose(stamps, np.subtract(expected, expected[0]), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["igs.mha", "mcap"])
-def test_the_face_radius_places_the_images_or_its_want_is_told(shell, folder, tmp_path, kind):
+def test_the_face_radius_places_the_images_or_is_reported_missing(shell, folder, tmp_path, kind):
     err = exported(shell, folder, tmp_path / f"a.{kind}")
     assert "give --face-radius-mm" in " ".join(err.split())
     err = exported(shell, folder, tmp_path / f"b.{kind}", "--face-radius-mm", 10)
@@ -93,7 +93,7 @@ def test_the_face_radius_places_the_images_or_its_want_is_told(shell, folder, tm
         links = [
             [link.child_frame_id for link in each.transforms]
             for name in "ab"
-            for topic, each in heard(tmp_path / f"{name}.mcap")
+            for topic, each in decoded(tmp_path / f"{name}.mcap")
             if topic == "/tf"
         ]
         assert links == [["trus_probe"]] * 5 + [["trus_probe", "trus_image"]] * 5

@@ -1,4 +1,4 @@
-"""Texts and angles of a journal from elsewhere: shown without commanding the terminal, refused outside the limits."""
+"""Texts and angles of foreign journals: no terminal control characters, no angle outside the limits."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_nor_does_a_list_of_journals(shell: Shell, tmp_path: Path) -> None:
     assert SHOWN in shell("journal", "list", tmp_path)[1]
 
 
-def test_what_people_write_is_left_as_it_is() -> None:
+def test_ordinary_text_is_unchanged() -> None:
     plain = "Zwölf Grad: 12.5° ± 0.1°, 14 µs – λ\n\tend"
     assert printable(plain) == plain
     assert printable(EVIL) == SHOWN + "\nstate: finished"

@@ -1,4 +1,4 @@
-"""Journals from the command line: kept by a search, shown, verified, worked out again, resumed after any end."""
+"""Journals from the command line: written by a search, shown, verified, replayed, resumed after any end."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
         "from markerseek.cli import main\n"
         "from markerseek.records.result import Recorder\n"
         "add = Recorder.add\n"
-        "def heard(self, event):\n"
+        "def add_and_kill(self, event):\n"
         "    add(self, event)\n"
         f"    if len(self.samples) == {after} and type(event).__name__ == 'Asked':\n"
         f"        os.kill(os.getpid(), {int(number)})\n"
-        "Recorder.add = heard\n"
+        "Recorder.add = add_and_kill\n"
         "main()\n"
     )
     words = [*map(str, SEARCH), "--journal", str(path)]
@@ -74,8 +74,8 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
         for e in shown["entries"]
         if e["kind"] == "measured" and not e["body"]["sample"]["dark"]
     ]
-    told = json.loads(searched[1])
-    assert angles[: told["acquisitions"]] == [sample["angle_deg"] for sample in told["samples"]]
+    printed = json.loads(searched[1])
+    assert angles[: printed["acquisitions"]] == [sample["angle_deg"] for sample in printed["samples"]]
     assert json.loads(shell("journal", "verify", path, "--json")[1]) == {
         "ok": True,
         "entries": len(kinds),
@@ -92,16 +92,16 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_p
     killed_search(killed, signal.SIGKILL, after=2)
     kept.with_name("foreign.journal").write_text("text" * 999)
     code, out, _ = shell("journal", "list", "--json")
-    told = json.loads(out)
-    by_name = {Path(each["path"]).name: each for each in told["journals"]}
-    assert (code, told["count"], next(iter(by_name))) == (0, 3, kept.name)
+    printed = json.loads(out)
+    by_name = {Path(each["path"]).name: each for each in printed["journals"]}
+    assert (code, printed["count"], next(iter(by_name))) == (0, 3, kept.name)
     over, open_run = by_name[kept.name], by_name["killed.journal"]
     assert (over["state"], over["answer"]) == ("finished", result["answer"])
     assert (over["angle_deg"], over["acquisitions"]) == (result["angle_deg"], 8)
     assert (open_run["state"], open_run["answer"], open_run["acquisitions"]) == ("open", None, 2)
     assert open_run["size_bytes"] >= killed.stat().st_size > 0
     assert by_name["foreign.journal"]["state"] == "unreadable"
-    assert told["total_bytes"] == sum(each["size_bytes"] for each in told["journals"])
+    assert printed["total_bytes"] == sum(each["size_bytes"] for each in printed["journals"])
     code, out, _ = shell("journal", "list", "--last", 1)
     assert (code, kept.name in out) == (0, False)
     assert "3 journals" in out
@@ -142,14 +142,14 @@ def test_a_killed_search_is_resumed_once_it_is_armed(shell: Shell, tmp_path: Pat
     assert "3 acquisitions are kept; the next is at" in out
     assert "nothing moved and nothing was fired; add --arm" in out
     code, out, _ = shell("resume", path, "--json")
-    told = json.loads(out)
-    assert (code, told["armed"], told["acquisitions"]) == (4, False, 3)
+    printed = json.loads(out)
+    assert (code, printed["armed"], printed["acquisitions"]) == (4, False, 3)
     assert len(read_journal(path).entries) == before
     assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
     resumed = shell("resume", path, "--arm", "--json")
     whole = shell(*SEARCH, "--no-journal", "--json")
     assert resumed[:2] == whole[:2]
-    assert told["next_deg"] == pytest.approx(json.loads(whole[1])["samples"][3]["angle_deg"], abs=0.001)
+    assert printed["next_deg"] == pytest.approx(json.loads(whole[1])["samples"][3]["angle_deg"], abs=0.001)
     assert shell("resume", path, "--json")[:2] == whole[:2]
 
 
@@ -215,7 +215,9 @@ def test_a_damaged_journal_is_shown_as_far_as_it_is_whole(shell: Shell, tmp_path
 
 
 @pytest.mark.parametrize("words", [("journal", "show"), ("journal", "verify"), ("journal", "replay"), ("resume",)])
-def test_what_is_no_journal_is_an_error_in_words(words: tuple[str, ...], shell: Shell, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_journal_is_an_error_with_a_sentence(
+    words: tuple[str, ...], shell: Shell, tmp_path: Path
+) -> None:
     assert shell(*words, tmp_path / "missing.journal")[0] == 2
     (tmp_path / "text").write_text("text" * 999)
     code, out, err = shell(*words, tmp_path / "text")

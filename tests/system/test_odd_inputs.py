@@ -1,4 +1,4 @@
-"""Odd inputs to all commands and options: each is refused in one sentence, at once, with exit code 2, or is used."""
+"""Unusual inputs to all commands and options: refused at once in one sentence with exit code 2, or used."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refused(shell: Shell, *words: object) -> None:
-    """Run a command twice, for people and for programs: each time one sentence."""
+    """Run a command twice, with text and with JSON output: each time one sentence."""
     code, out, err = shell(*words)
     assert (code, out) == (2, ""), (words, err)
     assert "error" in err.lower(), (words, err)

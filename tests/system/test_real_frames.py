@@ -1,4 +1,4 @@
-"""The imaging chain on frames that no simulator of ours made; they stay outside of the repository.
+"""The imaging chain on measured frames, which are stored outside of the repository.
 
 The positions are those of the data set's README, read off by another beamformer, and no ground truth.
 """

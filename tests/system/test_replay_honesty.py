@@ -1,4 +1,4 @@
-"""A replayed search is no surer than the recording allows: coarse scans with known markers, through the whole loop."""
+"""Intervals of replayed searches cover the marker: coarse scans with known markers, through the whole loop."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def test_the_interval_holds_the_marker_of_a_coarse_scan(
     rng = np.random.default_rng(17)
     angles = np.arange(-35, 35 + step_deg / 2, step_deg)
     path = tmp_path / "scan.csv"
-    held, told = 0, 0
+    held, answered = 0, 0
     for marker_deg in rng.uniform(-30, 30, SCANS).tolist():
         curve = 1 / (1 + (2 * (angles - marker_deg) / fwhm_deg) ** 2)
-        heard = curve + np.abs(0.02 + 0.005 * rng.standard_normal(angles.size))
-        np.savetxt(path, np.c_[angles, heard], delimiter=",", header="angle_deg,intensity", comments="")
+        measured = curve + np.abs(0.02 + 0.005 * rng.standard_normal(angles.size))
+        np.savetxt(path, np.c_[angles, measured], delimiter=",", header="angle_deg,intensity", comments="")
         rig = replayed(path)
         most = min(method_named(method).acquisitions, len(angles))
         policy = build(method, limits=rig.limits.search, acquisitions=most, start_deg=rig.stage.angle_deg)
@@ -34,7 +34,7 @@ def test_the_interval_holds_the_marker_of_a_coarse_scan(
         if isinstance(estimate, Found):
             assert abs(estimate.mean_deg - marker_deg) < 1
         if isinstance(estimate, Found | Unsure):
-            told += 1
+            answered += 1
             held += marker_deg in estimate.interval95_deg
-    assert told >= SCANS // 2
-    assert held >= 0.85 * told
+    assert answered >= SCANS // 2
+    assert held >= 0.85 * answered

@@ -1,4 +1,4 @@
-"""``markerseek reproduce`` as a user types it: files, numbers, progress that ends, and how wrong input is met."""
+"""``markerseek reproduce`` as a user types it: files, numbers, progress, and messages for wrong input."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def test_the_same_seed_gives_the_same_numbers_and_another_seed_others(shell: She
 def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tmp_path: Path) -> None:
     """A wide symmetric curve without noise: TS and GSS answer as without noise, WA as NumPy's average."""
     angles = np.linspace(-35, 35, 141)
-    heard = 1 / (1 + ((angles - 6.2) / 8) ** 2)
+    intensities = 1 / (1 + ((angles - 6.2) / 8) ** 2)
     bank = tmp_path / "mine.csv"
-    write_bank(IntensityBank(angles_deg=tuple(angles.tolist()), intensities=tuple(heard.tolist())), bank)
+    write_bank(IntensityBank(angles_deg=tuple(angles.tolist()), intensities=tuple(intensities.tolist())), bank)
     assert read_bank(bank).angles_deg == tuple(angles.tolist())
     code, _, _ = shell("reproduce", "fig6", "--bank", bank, "--reference-deg", 6.2, "--out", tmp_path, "--workers", 1)
     assert code == 0
@@ -65,7 +65,7 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert float(errors["TS", 28]["error_deg"]) < 70 * (2 / 3) ** 14
     assert float(errors["GSS", 28]["error_deg"]) < 0.3
     asked = np.round(np.linspace(-35, 35, 16) * 1919.6418578623391) / 1919.6418578623391
-    at = np.interp(asked, angles, heard)
+    at = np.interp(asked, angles, intensities)
     kept = at >= 0.2 * at.max()
     expected = np.average(asked[kept], weights=at[kept])
     assert float(errors["WA", 16]["angle_deg"]) == pytest.approx(expected, abs=1e-6)
@@ -86,7 +86,7 @@ def test_table_1_of_a_users_bank_without_a_reference_counts_from_its_maximum(she
 def test_a_folder_of_channel_data_is_imaged_once_by_the_probe_that_is_named(shell: Shell, tmp_path: Path) -> None:
     """The errors of table1 are those on the same intensities as a CSV; another preset gives other intensities."""
     rig = rigs.simulated(seed=11, marker_deg=1.3)
-    heard = {}
+    intensities = {}
     for angle_deg in range(-6, 9, 2):
         sample = rig.scanner.measure(angle_deg)
         assert isinstance(sample.frame, ChannelFrame)
@@ -95,13 +95,13 @@ def test_a_folder_of_channel_data_is_imaged_once_by_the_probe_that_is_named(shel
         for number in range(128):
             line = sample.frame.samples[element_of_file(number)]
             (folder / f"CH{number:03d}.daq").write_bytes(encode_file(line[None], number=number))
-        heard[float(angle_deg)] = sample.reading.intensity
+        intensities[float(angle_deg)] = sample.reading.intensity
     words = ("--reference-deg", 1.3, "--workers", 1)
     code, _, _ = shell("reproduce", "table1", "--bank", tmp_path / "scan", *words, "--out", tmp_path / "frames")
     assert code == 0
     imaged = read_bank(tmp_path / "frames" / "banks" / "scan-intensities.csv")
     assert isinstance(imaged, IntensityBank)
-    assert dict(zip(imaged.angles_deg, imaged.intensities, strict=True)) == pytest.approx(heard, rel=1e-6)
+    assert dict(zip(imaged.angles_deg, imaged.intensities, strict=True)) == pytest.approx(intensities, rel=1e-6)
     write_bank(imaged, tmp_path / "same.csv")
     shell("reproduce", "table1", "--bank", tmp_path / "same.csv", *words, "--out", tmp_path / "curve")
     from_frames, from_curve = (

@@ -1,4 +1,4 @@
-"""`markerseek resume` of a journal of devices: the rig comes from the user's rig file, never from the journal."""
+"""`markerseek resume` of a journal of devices: the rig comes from the user's rig file, not the journal."""
 
 from __future__ import annotations
 

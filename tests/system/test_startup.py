@@ -1,4 +1,4 @@
-"""What the quick commands import: none of the packages that take a tenth of a second each."""
+"""Imports of the quick commands: none of the packages that take a tenth of a second each."""
 
 from __future__ import annotations
 

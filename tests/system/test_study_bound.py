@@ -1,4 +1,4 @@
-"""``markerseek study`` with the bound and a picture, and another study beside it."""
+"""``markerseek study`` with the bound, a picture, and a second study for comparison."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *
     return (code if isinstance(code, int) else 0), output.out, output.err
 
 
-def test_a_table_for_people_an_object_for_programs_and_any_row_again(
+def test_a_text_table_a_json_object_and_any_row_again(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study.write_text(STUDY.replace("800", "20"), encoding="utf-8")

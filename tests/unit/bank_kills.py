@@ -1,4 +1,4 @@
-"""Kills a process at writes of a bank, in the middle of them, and says what the file then holds.
+"""Kills a process in the middle of writes of a bank, and prints what the file then holds.
 
 ``python bank_kills.py FOLDER MOMENT COUNT`` says one JSON line for each of about COUNT places, the last ones among
 them; `test_ipasc_kills.py` judges them. The HDF5 library writes through a file of Python here, so that each of its
@@ -17,11 +17,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from made_up_banks import FACTS, counts, sample
 from markerseek.core import RecordError
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 from markerseek.records.banks.ipasc.writer import whole_bank
+from synthetic_banks import FACTS, counts, sample
 
 PLANNED, TAKEN = 8, 5
 
@@ -106,7 +106,7 @@ def importing(path: Path, acknowledged: Path) -> None:
 
 
 def left(path: Path) -> dict[str, object]:
-    """What the file of a process that was killed holds: angles, and whether each frame is the one that was taken."""
+    """Content of a killed process's file: its angles, and whether each frame is the acquired one."""
     if not path.exists():
         return {"there": False}
     try:

@@ -1,4 +1,4 @@
-"""What several files of tests share lies in modules beside them, such as `scan_bench`, imported by name."""
+"""Helpers shared by several test files are modules beside them, such as `scan_bench`, imported by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run with every kind of entry, which ``tests/data/every-kind.journal`` holds."""
+"""A run with every kind of journal entry, stored in ``tests/data/every-kind.journal``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests of exports export: three images, their angles and times, and what is known of them."""
+"""Data for the tests of exports: three images with angles, times and facts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def images():
 
 
 def place_mm(number, column, row):
-    """The place of a pixel as conventions.md has it: (ρ sin θ, y, ρ cos θ)."""
+    """The position of a pixel by conventions.md: (ρ sin θ, y, ρ cos θ)."""
     radius_mm, angle = 10.0 + 1e3 * DEPTH[row], math.radians(ANGLES[number])
     return radius_mm * math.sin(angle), 1e3 * LATERAL[column], radius_mm * math.cos(angle)
 
@@ -47,5 +47,5 @@ def messages(path):
         ]
 
 
-def on_topic(heard, topic):
-    return [each for name, _, _, each in heard if name == topic]
+def on_topic(decoded, topic):
+    return [each for name, _, _, each in decoded if name == topic]

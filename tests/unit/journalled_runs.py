@@ -1,4 +1,4 @@
-"""Simulated runs that keep a journal, for tests: begun, stopped after some event, and gone on with."""
+"""Simulated runs that keep a journal, for tests: begun, stopped after some event, and resumed."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ def configured(rig: Rig, **changes: object) -> Configuration:
 
 
 def live(path: Path, *, until: int | None = None) -> list[Event]:
-    """The events of a run, or as many as there are until it is stopped."""
+    """The events of a run, up to its end or to the `until`-th."""
     policy, rig, configuration = begin()
-    heard: list[Event] = []
+    handed_on: list[Event] = []
     with Journal.create(path, configuration) as journal, closing(journalled(policy, rig, journal)) as events:
         for event in events:
-            heard.append(event)
-            if len(heard) == until:
+            handed_on.append(event)
+            if len(handed_on) == until:
                 break
-    return heard
+    return handed_on
 
 
-def go_on(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> list[Event]:
+def resume_run(path: Path, *, rig: Rig | None = None, reset_fault: bool = False) -> list[Event]:
     policy, same, _ = begin()
     journal, held = Journal.reopen(path)
     with journal:

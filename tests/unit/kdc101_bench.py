@@ -1,4 +1,4 @@
-"""The emulated stage on a watched line in virtual time: the tests of the stage's driver run on it."""
+"""The emulated stage on a watched line in virtual time, for the tests of the stage's driver."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Killed(BaseException):
 
 
 class WatchedClock(VirtualClock):
-    """Knows the longest wait, and ends the program at some moment."""
+    """Records the longest wait, and ends the program at a given moment."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class WatchedClock(VirtualClock):
 
 
 class WatchedPort(DirectPort):
-    """Keeps what was said to the controller; can be cut, or made to swallow a kind of message."""
+    """Records the messages to the controller; can be cut, or set to drop a kind of message."""
 
     def __init__(self, **parts: Any) -> None:
         super().__init__(**parts)

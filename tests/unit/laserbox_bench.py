@@ -15,7 +15,7 @@ from markerseek.wire import laserbox as wire
 
 @dataclass
 class Lit:
-    """A world that remembers what light fell on it."""
+    """A simulated world that records the light that fell on it."""
 
     angle_deg: float = 3.0
     flashes: list[Flash] = field(default_factory=list)
@@ -49,10 +49,10 @@ class Bench:
 
     def say(self, *messages: wire.Command, at_s: float | None = None) -> list[wire.Reply]:
         """Talk to the box without a driver."""
-        told = self.box.advance(self.clock.now_s() if at_s is None else at_s)
+        replies = self.box.advance(self.clock.now_s() if at_s is None else at_s)
         for message in messages:
-            told += self.box.feed(wire.encode(message))
-        return [wire.decode_reply(line) for line in told.split(b"\n")[:-1]]
+            replies += self.box.feed(wire.encode(message))
+        return [wire.decode_reply(line) for line in replies.split(b"\n")[:-1]]
 
 
 def permit(token: str = "a", *, pulses: int = 16, expires_s: float = math.inf) -> Permit:

@@ -1,4 +1,4 @@
-"""A bench of all parts in one, and a policy that visits the angles it is given: the scan's tests run on them."""
+"""A bench with all devices in one class and a policy that visits given angles, for the tests of the scan."""
 
 from __future__ import annotations
 
@@ -91,18 +91,18 @@ class Bench:
 
 
 class Tour:
-    """Visits the angles given and then says what it was told to say."""
+    """Visits the angles given and then returns the estimate given."""
 
     def __init__(self, *angles_deg: float, answer: Found | NotFound = FOUND) -> None:
         self.left = list(angles_deg)
-        self.told: list[Sample] = []
+        self.samples: list[Sample] = []
         self.answer = answer
 
     def ask(self) -> float | None:
         return self.left[0] if self.left else None
 
     def tell(self, sample: Sample) -> None:
-        self.told.append(sample)
+        self.samples.append(sample)
         if not sample.dark:
             self.left.pop(0)
 
@@ -124,9 +124,9 @@ def scanner(bench: Bench, **changes: object) -> Scanner:
 
 
 def kinds(events: list[Event]) -> list[str]:
-    """Names of the events without `Asked`, which stands before each acquisition."""
-    heard = [event for event in events if not isinstance(event, Asked)]
-    return [event.role if isinstance(event, Measured) else type(event).__name__ for event in heard]
+    """Names of the events without `Asked`, which precedes each acquisition."""
+    others = [event for event in events if not isinstance(event, Asked)]
+    return [event.role if isinstance(event, Measured) else type(event).__name__ for event in others]
 
 
 def drain(events: Iterator[Event], error: type[Exception]) -> list[Event]:

@@ -39,11 +39,11 @@ angles = st.floats(-35.0, 35.0)
 
 @settings(max_examples=60, deadline=None)
 @given(absorber=places, angle_deg=angles)
-def test_whatever_is_heard_is_finite_and_of_the_right_shape(absorber: Absorber, angle_deg: float) -> None:
-    heard = MODEL.channel_data([absorber], angle_deg=angle_deg)
-    assert heard.shape == (128, 2080)
-    assert heard.dtype == np.float32
-    assert np.isfinite(heard).all()
+def test_channel_data_are_finite_and_of_the_right_shape(absorber: Absorber, angle_deg: float) -> None:
+    received = MODEL.channel_data([absorber], angle_deg=angle_deg)
+    assert received.shape == (128, 2080)
+    assert received.dtype == np.float32
+    assert np.isfinite(received).all()
 
 
 @settings(max_examples=40, deadline=None)
@@ -78,10 +78,10 @@ def test_absorbers_add_up_and_strength_is_a_factor() -> None:
 
 def test_sound_arrives_at_the_middle_channel_after_range_over_speed() -> None:
     medium = Medium(sound_speed_m_s=1480.0)
-    heard = AcousticModel(medium=medium).channel_data([MARKER], angle_deg=0.0)[64].astype(float)
-    centroid = (np.arange(heard.size) * heard**2).sum() / (heard**2).sum()
+    received = AcousticModel(medium=medium).channel_data([MARKER], angle_deg=0.0)[64].astype(float)
+    centroid = (np.arange(received.size) * received**2).sum() / (received**2).sum()
     assert centroid == pytest.approx(50e-3 / 1480.0 * 40e6, abs=0.5)
-    assert heard[: round(centroid) - 60].any() == 0
+    assert received[: round(centroid) - 60].any() == 0
 
 
 def test_absorber_beside_or_behind_the_face_is_silent() -> None:
@@ -118,11 +118,11 @@ def test_lines_are_made_once_for_equal_sources() -> None:
 def test_reverberation_repeats_each_arrival_behind_itself() -> None:
     plain = MODEL.channel_data([MARKER], angle_deg=0.0)
     echoing = AcousticModel(reverberation=Reverberation(delay_s=5e-6, gain=-0.3, repeats=2))
-    heard = echoing.channel_data([MARKER], angle_deg=0.0)
+    received = echoing.channel_data([MARKER], angle_deg=0.0)
     expected = plain.copy()
     expected[:, 200:] += -0.3 * plain[:, :-200]
     expected[:, 400:] += 0.09 * plain[:, :-400]
-    np.testing.assert_allclose(heard, expected, atol=1e-4 * np.abs(plain).max())
+    np.testing.assert_allclose(received, expected, atol=1e-4 * np.abs(plain).max())
 
 
 def test_clutter_fills_its_sector_evenly_and_repeats_with_its_seed() -> None:
@@ -141,9 +141,9 @@ def test_clutter_fills_its_sector_evenly_and_repeats_with_its_seed() -> None:
     assert np.abs(strength).mean() == pytest.approx(0.05, rel=0.06)
     assert np.mean(strength > 0) == pytest.approx(0.5, abs=0.03)
     assert Clutter(count=0).draw(np.random.default_rng(1)) == ()
-    heard = MODEL.channel_data(drawn[:30], angle_deg=-10.0)
-    assert np.isfinite(heard).all()
-    assert 0 < np.abs(heard).max() < 1
+    received = MODEL.channel_data(drawn[:30], angle_deg=-10.0)
+    assert np.isfinite(received).all()
+    assert 0 < np.abs(received).max() < 1
 
 
 NAN, INF = float("nan"), float("inf")
@@ -190,9 +190,9 @@ def test_what_cannot_be_used_is_refused_by_name(message: str) -> None:
 
 
 def test_array_of_two_elements_will_do() -> None:
-    heard = AcousticModel(probe=Probe(array=LinearArray(elements=2)), samples=2000).channel_data(
+    received = AcousticModel(probe=Probe(array=LinearArray(elements=2)), samples=2000).channel_data(
         [MARKER], angle_deg=0.0
     )
-    assert heard.shape == (2, 2000)
-    np.testing.assert_allclose(heard[0], heard[1], atol=1e-5)
-    assert np.abs(heard).max() > 0.1
+    assert received.shape == (2, 2000)
+    np.testing.assert_allclose(received[0], received[1], atol=1e-5)
+    assert np.abs(received).max() > 0.1

@@ -31,7 +31,7 @@ def test_sigma_is_what_was_asked_for_and_samples_are_normal(noise: Noise, sample
     assert drawn.dtype == np.float32
     assert drawn.std() == pytest.approx(3.0, rel=0.01)
     assert abs(drawn.mean()) < 0.05
-    # every moment of the record is as loud as any other, at the ends too
+    # every moment of the record is as noisy as any other, at the ends too
     assert drawn[:, :20].std() == pytest.approx(3.0, rel=0.1)
     assert drawn[:, -20:].std() == pytest.approx(3.0, rel=0.1)
     apart = drawn[:, ::40].ravel()

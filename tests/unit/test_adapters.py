@@ -1,4 +1,4 @@
-"""Other people's optimisers as policies: they ask what they would by themselves, and claim no more than they know."""
+"""Optimisers of other packages as policies: same angles as by themselves, and no unfounded claims."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_scikit_optimize_asks_what_it_asks_by_itself() -> None:
     for _ in range(6):
         angle_deg = float(alone.ask()[0])
         asked.append(angle_deg)
-        # it is told relative to the first intensity
+        # it gets intensities relative to the first one
         alone.tell([angle_deg], -curve(angle_deg) / curve(asked[0]))
     assert search(build_adapter("scikit-optimize", acquisitions=6, as_published=True)) == asked
 

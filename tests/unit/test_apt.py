@@ -1,4 +1,4 @@
-"""Messages and units of the APT protocol: captured frames, the library's parsers, and bytes that are none."""
+"""Messages and units of the APT protocol: captured frames, the library's parsers, and invalid bytes."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_captured_numbers_are_the_units_of_the_stage() -> None:
 @pytest.mark.parametrize("frame", CAPTURED, ids=["velocity", "backlash", "home"])
 def test_captured_frames_are_cut_out_of_a_stream(frame: bytes) -> None:
     framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
-    heard = [message.raw for byte in frame + frame for message in framer.feed(bytes([byte]))]
-    assert heard == [frame, frame]
+    messages = [message.raw for byte in frame + frame for message in framer.feed(bytes([byte]))]
+    assert messages == [frame, frame]
     assert framer.discarded == 0
 
 
@@ -78,7 +78,7 @@ def test_what_has_no_count_is_refused(angle_deg: float) -> None:
     position=st.integers(-(2**31), 2**31 - 1),
     bits=st.integers(0, 2**32 - 1),
 )
-def test_a_status_says_what_its_bits_say(position: int, bits: int) -> None:
+def test_a_status_is_decoded_from_its_bits(position: int, bits: int) -> None:
     said = apt.decode(only(status(position, bits)))
     assert isinstance(said, apt.Status)
     assert said.position == position
@@ -94,7 +94,7 @@ def test_signed_limits_come_back(low: int, high: int) -> None:
     assert apt.decode(only(answer(apt.LIMITS, data))) == limits
 
 
-def test_who_it_is() -> None:
+def test_the_identity() -> None:
     data = struct.pack("<i8sH4B60s3H", 83843619, b"TDC001\0\0", 44, 2, 1, 3, 0, b"", 1, 0, 1)
     assert apt.decode(only(answer(apt.INFO, data))) == apt.Info(
         model="TDC001", serial_number=83843619, firmware="3.1.2"
@@ -120,12 +120,12 @@ def test_a_lost_byte_costs_one_message() -> None:
 
 
 @given(noise=st.binary(max_size=400), cut=st.integers(1, 7))
-def test_any_bytes_are_survived_and_then_a_message_is_heard(noise: bytes, cut: int) -> None:
+def test_any_bytes_are_survived_and_then_a_message_is_received(noise: bytes, cut: int) -> None:
     framer = AptFramer()
     messages = []
     for at in range(0, len(noise), cut):
         messages += framer.feed(noise[at : at + cut])
-    # However it begins, no message is longer than this: a row of good ones is heard again.
+    # However it begins, no message is longer than this: a row of good ones is received again.
     good = status(-7, 0x400)
     for _ in range(8):
         messages += framer.feed(good)

@@ -1,4 +1,4 @@
-"""Banks that NumPy and MATLAB saved: what is in them comes back in the order of the angles, or a sentence says why."""
+"""Banks saved by NumPy and MATLAB: read in the order of the angles, or refused with a reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from markerseek.records.banks.folder import FolderBank
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
-HEARD = np.array([5.0, 1.0, 3.0, 2.0])
+INTENSITIES = np.array([5.0, 1.0, 3.0, 2.0])
 FRAMES = np.random.default_rng(0).integers(-2048, 2048, (4, 8, 30)).astype(np.int16)
 ORDER = (1, 2, 0, 3)
 
@@ -28,10 +28,10 @@ def save(path, **arrays):
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])
 @pytest.mark.parametrize("names", [("angle_deg", "intensity"), ("trus_angle_deg", "intensities")])
 def test_intensities_come_back(tmp_path, suffix, names):
-    bank = read_arrays(save(tmp_path / f"a{suffix}", **dict(zip(names, (ANGLES, HEARD), strict=True))))
+    bank = read_arrays(save(tmp_path / f"a{suffix}", **dict(zip(names, (ANGLES, INTENSITIES), strict=True))))
     assert isinstance(bank, IntensityBank)
     assert bank.angles_deg == tuple(ANGLES[list(ORDER)])
-    assert bank.intensities == tuple(HEARD[list(ORDER)])
+    assert bank.intensities == tuple(INTENSITIES[list(ORDER)])
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])
@@ -48,8 +48,8 @@ def test_frames_come_back(tmp_path, suffix):
 
 
 def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
-    np.save(tmp_path / "a.npy", np.c_[ANGLES, HEARD])
-    assert read_arrays(tmp_path / "a.npy").intensities == tuple(HEARD[list(ORDER)])
+    np.save(tmp_path / "a.npy", np.c_[ANGLES, INTENSITIES])
+    assert read_arrays(tmp_path / "a.npy").intensities == tuple(INTENSITIES[list(ORDER)])
     np.save(tmp_path / "b.npy", FRAMES)
     bank = read_arrays(tmp_path / "b.npy", first_and_step_deg=(3.0, -0.5))
     assert bank.angles_deg == (1.5, 2.0, 2.5, 3.0)
@@ -59,18 +59,21 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"intensity": HEARD}, "angle_deg is missing, it holds intensity float64"),
+        ({"intensity": INTENSITIES}, "angle_deg is missing, it holds intensity float64"),
         ({"angle_deg": ANGLES}, "intensity or frames expected"),
-        ({"angle_deg": ANGLES[:2], "intensity": HEARD[:2]}, "2 angles, at least 3"),
-        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": HEARD}, "-1 deg appears twice"),
-        ({"angle_deg": ANGLES * np.nan, "intensity": HEARD}, "an angle is nan deg, it must be finite"),
-        ({"angle_deg": ANGLES * 1e4, "intensity": HEARD}, "within one turn"),
-        ({"angle_deg": ANGLES, "intensity": HEARD[:3]}, "for 4 angles"),
-        ({"angle_deg": ANGLES, "intensity": -HEARD}, "not negative"),
+        ({"angle_deg": ANGLES[:2], "intensity": INTENSITIES[:2]}, "2 angles, at least 3"),
+        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": INTENSITIES}, "-1 deg appears twice"),
+        ({"angle_deg": ANGLES * np.nan, "intensity": INTENSITIES}, "an angle is nan deg, it must be finite"),
+        ({"angle_deg": ANGLES * 1e4, "intensity": INTENSITIES}, "within one turn"),
+        ({"angle_deg": ANGLES, "intensity": INTENSITIES[:3]}, "for 4 angles"),
+        ({"angle_deg": ANGLES, "intensity": -INTENSITIES}, "not negative"),
         ({"angle_deg": ANGLES, "frames": FRAMES.astype(np.float64)}, "int16 of"),
         ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
         ({"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)}, "angles, channels, samples"),
-        ({"angle_deg": ANGLES, "intensity": HEARD, "sampling_hz": HEARD}, "sampling_hz must be one finite number"),
+        (
+            {"angle_deg": ANGLES, "intensity": INTENSITIES, "sampling_hz": INTENSITIES},
+            "sampling_hz must be one finite number",
+        ),
     ],
 )
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])

@@ -1,4 +1,4 @@
-"""Banks read from disk, and refused when they are not what they should be; each complaint says where and what to do."""
+"""Banks read from disk, and invalid ones refused with the place and the remedy."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_arrays_name_the_command_that_makes_a_bank_of_them(tmp_path: Path, name:
         read_bank(tmp_path / name)
 
 
-def test_what_is_not_there_is_said_to_be_so(tmp_path: Path) -> None:
+def test_missing_data_are_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="there is no such file or folder"):
         read_bank(tmp_path / "nothing")
 

@@ -1,4 +1,4 @@
-"""Rig files of kind "bench": what they say is what comes out, and what cannot be guessed must be said."""
+"""Rig files of kind "bench": settings as written, and an error for missing required ones."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
     )
 
 
-def test_the_least_that_must_be_said_is_enough_and_folders_lie_beside_the_file(tmp_path: Path) -> None:
+def test_the_required_settings_suffice_and_folders_lie_beside_the_file(tmp_path: Path) -> None:
     settings = read(tmp_path, 'kind = "bench"\n' + LEAST)
     assert settings.stage.zero_deg == 12.5
     assert settings.receiver.folder == str(tmp_path / "daq")

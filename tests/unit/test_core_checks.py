@@ -1,4 +1,4 @@
-"""Plans, facts and ranges are checked when they are made; NaN passes no limit."""
+"""Plans, facts and ranges are checked when made; NaN passes no limit."""
 
 from __future__ import annotations
 

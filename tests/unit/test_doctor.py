@@ -1,4 +1,4 @@
-"""What the doctor says of a computer that wakes up late."""
+"""The doctor's report on a computer that wakes up late."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from markerseek.core import ConfigError
         (0.034, 1.0, "ok", "after 1 s"),
     ],
 )
-def test_a_computer_that_wakes_up_late_is_told_of(
+def test_a_computer_that_wakes_up_late_is_reported(
     monkeypatch: pytest.MonkeyPatch, late_s: float, lease_s: float, state: str, words: str
 ) -> None:
     naps = iter([0.01] * 57 + [0.01 + late_s] + [0.0101] * 42)

@@ -1,4 +1,4 @@
-"""The emulated bench in virtual time, in one process: the simulation again, count for count, and what may go wrong."""
+"""The emulated bench in virtual time, in one process: equal to the simulation count for count, and its faults."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ def golden() -> Policy:
 
 
 @pytest.mark.parametrize("sdk", [5, 6])
-def test_a_search_hears_count_for_count_what_the_simulation_hears(tmp_path: Path, sdk: int) -> None:
+def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path: Path, sdk: int) -> None:
     bench = VirtualBench(tmp_path, seed=7, sdk=sdk)
     over_bytes = list(run(golden(), bench.scanner, dark_frames=2))
     simulated = rigs.simulated(seed=7, settings=SETTINGS)
     direct = list(run(golden(), simulated.scanner, dark_frames=2))
     assert len(over_bytes) == len(direct)
-    for heard, expected in zip(over_bytes, direct, strict=True):
-        if isinstance(heard, Measured) and isinstance(expected, Measured):
-            assert heard.sample.frame is not None
+    for received, expected in zip(over_bytes, direct, strict=True):
+        if isinstance(received, Measured) and isinstance(expected, Measured):
+            assert received.sample.frame is not None
             assert expected.sample.frame is not None
-            np.testing.assert_array_equal(heard.sample.frame.samples, expected.sample.frame.samples)
-            assert heard.sample == expected.sample
+            np.testing.assert_array_equal(received.sample.frame.samples, expected.sample.frame.samples)
+            assert received.sample == expected.sample
     assert over_bytes[-1].estimate == direct[-1].estimate  # type: ignore[union-attr]
     assert isinstance(over_bytes[-1].estimate, Found)  # type: ignore[union-attr]
     lit = [event.sample for event in over_bytes if isinstance(event, Measured) and not event.sample.dark]
@@ -115,11 +115,11 @@ def test_without_arming_nothing_moves_and_nothing_is_fired(tmp_path: Path) -> No
     assert bench.emulated.laser_box.pulses == []
 
 
-def test_the_clock_of_the_bench_tells_its_followers_each_tick_and_ends_where_it_should() -> None:
-    clock, heard = BenchClock(tick_s=0.25), []
-    clock.lead(heard.append)
+def test_the_clock_of_the_bench_notifies_its_followers_of_each_tick_and_ends_where_it_should() -> None:
+    clock, received = BenchClock(tick_s=0.25), []
+    clock.lead(received.append)
     clock.wait(0.6)
-    assert heard == pytest.approx([0.25, 0.5, 0.6])
+    assert received == pytest.approx([0.25, 0.5, 0.6])
     with pytest.raises(ConfigError, match="a wait of nan s"):
         clock.wait(float("nan"))
 
@@ -139,7 +139,7 @@ def test_a_pace_that_cannot_be_kept_is_refused(pace: float) -> None:
         require_pace(pace)
 
 
-def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_heard() -> None:
+def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_detected() -> None:
     beats: list[float] = []
     clock = SystemClock(beat=lambda: beats.append(clock.now_s()))
     began_s = clock.now_s()
@@ -157,16 +157,16 @@ def test_the_clock_of_real_devices_beats_in_every_slice_and_a_late_beat_is_heard
         SystemClock(beat=lapsed).wait(1.0)
 
 
-def test_what_is_made_ready_changes_nothing_that_is_heard(tmp_path: Path) -> None:
-    heard = []
+def test_preparation_changes_no_received_sample(tmp_path: Path) -> None:
+    received = []
     for warm in (False, True):
         bench = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=tmp_path)
         if warm:
             bench.daq.warm_up()
         bench.world.flash(pulses=16, at_s=0.0)
         assert len(bench.world.flashes) == 1
-        heard.append(bench.world.counts(bench.world.flashes[0]))
-    assert np.array_equal(*heard)
+        received.append(bench.world.counts(bench.world.flashes[0]))
+    assert np.array_equal(*received)
 
 
 def test_the_stage_of_a_bench_turns_on_while_the_computer_holds_up_its_emulator(tmp_path: Path) -> None:

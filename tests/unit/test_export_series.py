@@ -1,4 +1,4 @@
-"""What is written of a bank beside its images, tables, and exports that fail."""
+"""Export of image series: their order and times, tables, and exports that fail."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from markerseek.records.exports import series_of, write_intensities, write_mcap,
 
 @dataclass(frozen=True, kw_only=True)
 class Frames(FrameBank):
-    """A bank of which nobody asks a frame."""
+    """A bank whose frames are never read."""
 
     def frame(self, index):
         raise NotImplementedError
@@ -56,9 +56,9 @@ def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
 @pytest.mark.parametrize(
     "started_s",
     [(), (0.0, 0.0, 0.0), (1.0, math.nan, 3.0), (5.0, 5.0, 6.0), (0.0, 1e6, 1e6 + 0.5), (-1.0, 2.0, 3.0)],
-    ids=["none", "not told", "not of all", "doubled", "too close for Slicer", "negative"],
+    ids=["none", "unknown", "not of all", "doubled", "too close for Slicer", "negative"],
 )
-def test_times_that_tell_nothing_are_numbers(started_s):
+def test_uninformative_times_are_replaced_by_numbers(started_s):
     series = series_of(frames(started_s, facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.order, series.times_s, series.clock) == ((0, 1, 2), (0.0, 1.0, 2.0), "none")
 

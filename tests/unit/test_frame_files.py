@@ -1,4 +1,4 @@
-"""Frames from files: what is in them comes back, and whatever else is in them is a `RecordError`."""
+"""Frames read from files: their content comes back, and invalid content is a `RecordError`."""
 
 from __future__ import annotations
 
@@ -274,7 +274,7 @@ def test_hostile_files_are_refused_by_name(tmp_path, name):
         ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
     ],
 )
-def test_what_holds_something_else_names_the_command_for_it(tmp_path, name, content, message):
+def test_another_kind_of_file_names_the_command_for_it(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(RecordError, match=message):
         load_frame(tmp_path / name)

@@ -1,4 +1,4 @@
-"""Files that somebody names are opened one way: regular files only, of at most the size that their format needs."""
+"""Opening of user-named files: regular files only, up to the size that their format needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a bank in IPASC HDF5 says that its elements are: straight rows along x1, either way round, and nothing else."""
+"""Element positions in IPASC HDF5 banks: straight rows along x1, in either direction, and nothing else."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from made_up_banks import ANGLES, FACTS, changed, counts, write
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
 from markerseek.records.banks.ipasc.array import TOLERANCE, element_row
 from markerseek.records.banks.ipasc.reading import read_probed
+from synthetic_banks import ANGLES, FACTS, changed, counts, write
 
 PITCH_M = FACTS.pitch_m
 ROW_M = np.column_stack(((np.arange(8) - 3.5) * PITCH_M, np.zeros(8), np.zeros(8)))
 
 
 class Positions:
-    """The part of a file that says where the elements are."""
+    """The part of a file that holds the positions of the elements."""
 
     def __init__(self, positions_m):
         self.positions_m = positions_m

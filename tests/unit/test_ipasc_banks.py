@@ -1,4 +1,4 @@
-"""Banks in IPASC HDF5: what is written comes back, also by pacfish; versions; and what a cut-off scan leaves."""
+"""IPASC HDF5 banks: round trips, also by pacfish; versions; and what an interrupted scan leaves."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import numpy as np
 import pacfish
 import pytest
 
-from made_up_banks import ANGLES, FACTS, counts, sample, write
 from markerseek.core import RecordError
 from markerseek.records.banks import IntensityBank, read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.fields import DEVICE_IDENTIFIERS, device_identifier
 from markerseek.records.banks.ipasc.reading import IpascBank
 from markerseek.signals.presets import PRESET_NAMES
+from synthetic_banks import ANGLES, FACTS, counts, sample, write
 
 
 def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
@@ -88,7 +88,7 @@ def test_a_scan_that_ended_early_is_cut_to_what_was_taken(tmp_path, planned):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-import made_up_banks as here
+import synthetic_banks as here
 from markerseek.records.banks.ipasc import BankWriter
 from pathlib import Path
 from types import SimpleNamespace

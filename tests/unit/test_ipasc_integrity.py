@@ -1,4 +1,4 @@
-"""Banks in IPASC HDF5 notice what was changed, are on the disk when they say so, and are whole or not there."""
+"""IPASC HDF5 banks detect changes, are on the disk when acknowledged, and are whole or absent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from made_up_banks import ANGLES, FACTS, changed, counts, put, sample, write
 from markerseek.core import RecordError
 from markerseek.files import create_atomically
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
@@ -24,6 +23,7 @@ from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, row_sum
 from markerseek.records.banks.ipasc.writer import whole_bank
+from synthetic_banks import ANGLES, FACTS, changed, counts, put, sample, write
 
 
 def every_frame(bank):
@@ -110,14 +110,14 @@ def test_an_acquisition_is_on_the_disk_when_add_returns_and_its_angle_after_all_
     path = tmp_path / "a.hdf5"
     seen = []
 
-    def told(descriptor):
+    def synced(descriptor):
         if os.path.samestat(os.fstat(descriptor), path.stat()):
             with on_disk(path) as file:
                 seen.append((np.isfinite(file["meta_data/trus_angle_deg"][()]).sum(), file["meta_data/row_crc32"][0]))
 
     with BankWriter(path, angles=3, facts=FACTS) as writer:
         writer.add(sample(1.0, seed=1))
-        monkeypatch.setattr(os, "fsync", told)
+        monkeypatch.setattr(os, "fsync", synced)
         writer.add(sample(2.0, seed=2))
         assert [angles for angles, _ in seen] == [1, 2]
         writer.add(sample(3.0, seed=3))
@@ -223,7 +223,7 @@ def test_an_import_replaces_no_file_that_came_meanwhile(tmp_path):
 
 
 @pytest.mark.parametrize(("folder", "said"), [("file", "file is no folder"), ("new", "there is no folder .*new")])
-def test_a_folder_that_is_none_is_said_to_be_so(tmp_path, folder, said):
+def test_a_path_that_is_not_a_folder_is_reported(tmp_path, folder, said):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(RecordError, match=rf"a\.hdf5: it cannot be written: .*{said}.*name another"),

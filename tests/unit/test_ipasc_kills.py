@@ -36,7 +36,7 @@ def killed(folder, moment, count):
 
 
 def judge(each):
-    """Whatever was acknowledged is there and as it was taken; at most the one under way is there beside it."""
+    """Every acknowledged acquisition is there, unchanged; at most the one under way is there too."""
     if each["acknowledged"] < 3 and (not each["there"] or "refused" in each):
         assert "at least 3 are needed" in each.get("refused", "at least 3 are needed"), each
         return

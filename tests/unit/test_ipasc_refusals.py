@@ -1,4 +1,4 @@
-"""What no bank can hold, and files that are none: refused with a sentence."""
+"""Content that no bank can hold, and files that are not banks: refused with a sentence."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from made_up_banks import FACTS, changed, counts, put, sample, write
 from markerseek.core import ChannelFrame, ConfigError, Reading, RecordError
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import read_probed
+from synthetic_banks import FACTS, changed, counts, put, sample, write
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
             writer.add(sample(1.0))
 
 
-def spoilt(**changes):
+def invalid(**changes):
     taken = sample(1.0, seed=1)
     return replace(taken, **changes)
 
@@ -85,13 +85,13 @@ def spoilt(**changes):
         (sample(1.0, shape=(8, 51)), "keep one probe"),
         (sample(1.0, shape=(8, 51), dark=True), "keep one probe"),
         (sample(1.0, frame=False), "keep one probe"),
-        (spoilt(frame=ChannelFrame(header=sample(1.0).frame.header, samples=counts(0), sampling_hz=20e6)), "2e.07 Hz"),
-        (spoilt(angle_deg=math.nan), "the angle is nan deg, it must be finite and within one turn, -360 to 360 deg"),
-        (spoilt(angle_deg=-360.1), "the angle is -360.1 deg"),
-        (spoilt(angle_deg=0.0), "the angle 0 deg appears twice"),
-        (spoilt(angle_deg=-0.0), "appears twice"),
-        (spoilt(reading=Reading(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
-        (spoilt(reading=Reading(intensity=math.inf)), "is inf"),
+        (invalid(frame=ChannelFrame(header=sample(1.0).frame.header, samples=counts(0), sampling_hz=20e6)), "2e.07 Hz"),
+        (invalid(angle_deg=math.nan), "the angle is nan deg, it must be finite and within one turn, -360 to 360 deg"),
+        (invalid(angle_deg=-360.1), "the angle is -360.1 deg"),
+        (invalid(angle_deg=0.0), "the angle 0 deg appears twice"),
+        (invalid(angle_deg=-0.0), "appears twice"),
+        (invalid(reading=Reading(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
+        (invalid(reading=Reading(intensity=math.inf)), "is inf"),
     ],
 )
 def test_an_acquisition_that_could_not_be_read_again_is_refused_before_the_first_byte(tmp_path, taken, message):
@@ -107,7 +107,7 @@ def test_an_acquisition_that_could_not_be_read_again_is_refused_before_the_first
     assert read_bank(path).angles_deg == (0.0, 2.0, 3.0)
 
 
-def test_an_intensity_that_nobody_knows_is_kept_beside_a_frame_and_not_without(tmp_path):
+def test_an_unknown_intensity_is_kept_with_a_frame_and_refused_without_one(tmp_path):
     unknown = Reading(intensity=math.nan)
     with BankWriter(tmp_path / "a.hdf5", angles=3, facts=FACTS) as writer:
         for angle in (0.0, 2.0, 3.0):
@@ -121,7 +121,7 @@ def test_an_intensity_that_nobody_knows_is_kept_beside_a_frame_and_not_without(t
     assert not (tmp_path / "b.hdf5").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_said_to_be_so(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(RecordError, match="cannot be written"),

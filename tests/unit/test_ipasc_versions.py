@@ -1,4 +1,4 @@
-"""Banks of today's version, and of another program: what they say comes back, and nothing is made up."""
+"""Banks of the current version and of another program: read as written, with no invented values."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 import pacfish
 import pytest
 
-from made_up_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
 from markerseek.core import RecordError
 from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import read_probed
+from synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
 
 
 def test_a_bank_of_another_program_is_read():
@@ -47,7 +47,7 @@ def test_another_version_is_refused(tmp_path, version):
         read_probed(changed(tmp_path / "a.hdf5", put("meta_data/markerseek_bank_version", version)))
 
 
-def test_times_of_somebody_else_count_from_1970(tmp_path):
+def test_times_of_another_program_count_from_1970(tmp_path):
     shutil.copy(FIXTURES / "foreign.hdf5", tmp_path / "a.hdf5")
 
     def change(file):
@@ -59,7 +59,7 @@ def test_times_of_somebody_else_count_from_1970(tmp_path):
     np.testing.assert_array_equal(np.sort(bank.started_s), (1.7e9, 1.7e9 + 1, 1.7e9 + 3, np.nan))
 
 
-def test_times_that_nobody_knows_stay_unknown(tmp_path):
+def test_unknown_times_stay_unknown(tmp_path):
     path = tmp_path / "a.hdf5"
     with BankWriter(path, angles=3, facts=BankFacts(clock_zero_unix_s=None)) as writer:
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):

@@ -1,4 +1,4 @@
-"""Frames of a journal as a bank: the same counts at the same angles, with what is known of them."""
+"""Frames of a journal exported as a bank: the same counts at the same angles, with the same facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a commit leaves on the disk, also where a signal strikes, a program writes meanwhile, or the power goes."""
+"""Durability of a commit under signals, concurrent writers and power loss."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Literal
 
 import pytest
 
-from made_up_journals import RANGE, configuration, counts, died, whole_run, write
 from markerseek.core import Asked, Failed, MoveError, RecordError, Started
 from markerseek.records.journal import (
     Entry,
@@ -30,6 +29,7 @@ from markerseek.records.journal import (
     writer,
 )
 from markerseek.records.journal.connection import rollback_file
+from synthetic_journals import RANGE, configuration, counts, died, whole_run, write
 
 
 @contextmanager
@@ -127,7 +127,7 @@ def test_a_journal_that_is_read_cannot_be_written_meanwhile(tmp_path: Path) -> N
     assert len(refused) == len(read_journal(path).entries)
 
 
-def test_a_journal_that_is_written_before_it_is_locked_is_not_gone_on_with(
+def test_a_journal_that_is_written_before_it_is_locked_is_not_continued(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.journal"
@@ -149,12 +149,12 @@ def flushed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     seen: list[Path] = []
     flush = os.fsync
 
-    def heard(descriptor: int) -> None:
+    def synced(descriptor: int) -> None:
         if stat.S_ISDIR(os.fstat(descriptor).st_mode):
             seen.append(Path(f"/proc/self/fd/{descriptor}").readlink())
         flush(descriptor)
 
-    monkeypatch.setattr(os, "fsync", heard)
+    monkeypatch.setattr(os, "fsync", synced)
     return seen
 
 
@@ -185,7 +185,7 @@ def test_where_folders_cannot_be_flushed_journals_are_made_all_the_same(
     assert (tmp_path / "new").is_dir()
 
 
-def test_folders_of_journals_that_nobody_named_are_their_owners_alone(tmp_path: Path) -> None:
+def test_default_folders_of_journals_are_readable_by_their_owner_only(tmp_path: Path) -> None:
     make_folder(tmp_path / "one" / "two")
     for each in (tmp_path / "one", tmp_path / "one" / "two"):
         assert stat.S_IMODE(each.stat().st_mode) == 0o700
@@ -220,9 +220,9 @@ def test_a_journal_whose_name_is_no_unicode_is_kept_and_listed(end: Callable[[Pa
     assert len(read_journal(path).entries) == 8
     assert verify(path).faults == []
     assert journals_in(tmp_path) == [path]
-    told = summary(path)
-    assert told.path == f"{tmp_path}/b\\udcf6s 100%?#.journal"
-    assert told.problem is None
+    summarised = summary(path)
+    assert summarised.path == f"{tmp_path}/b\\udcf6s 100%?#.journal"
+    assert summarised.problem is None
     journal, _ = Journal.reopen(path)
     journal.close()
     path.write_bytes(b"")

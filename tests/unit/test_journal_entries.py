@@ -1,4 +1,4 @@
-"""What is written into a journal is read back equal, and says how the run stands and what came of it."""
+"""Round trips of journal entries, and the state and result of the run derived from them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from made_up_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration, counts, measured, whole_run
 from markerseek.core import Asked, ChannelFrame, Failed, Finished, Measured, MoveError, RecordError, Started, Unsure
 from markerseek.records.journal import (
     Journal,
@@ -26,6 +25,7 @@ from markerseek.records.journal import (
     run_state,
     verify,
 )
+from synthetic_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration, counts, measured, whole_run
 
 
 @pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS.keys())
@@ -89,7 +89,7 @@ def test_a_number_that_is_not_finite_is_refused_and_nothing_is_written(number: f
     assert read_journal(path).entries == ()
 
 
-def test_where_a_run_stands(tmp_path: Path) -> None:
+def test_the_state_of_a_run(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)

@@ -1,4 +1,4 @@
-"""The file of a journal: where one can be begun, what is none, and who may open it; what is wrong is said."""
+"""The file of a journal: where it can be created, what is not one, and who may open it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from made_up_journals import RANGE, configuration, died, whole_run, write
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Journal, default_journal, is_journal, read_journal, verify
+from synthetic_journals import RANGE, configuration, died, whole_run, write
 
 
 def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
@@ -24,7 +24,7 @@ def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_a_journal_that_exists_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_journal_that_exists_is_continued(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     whole_run(path)
     before = path.read_bytes()
@@ -89,7 +89,7 @@ def hostile_view(path: Path) -> None:
     ],
     ids=["empty", "text", "foreign", "view", "folder", "pipe", "missing"],
 )
-def test_what_is_no_journal_is_said_to_be_none(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_journal_is_reported(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     make(path)
     for look in (read_journal, verify, Journal.reopen):
@@ -114,7 +114,7 @@ def a_file(path: Path) -> Path:
     ],
     ids=["folder", "no parent", "parent is a file", "another file", "long name"],
 )
-def test_where_no_journal_can_be_begun_the_cure_is_said(
+def test_where_no_journal_can_be_begun_the_remedy_is_given(
     place: Callable[[Path], Path], said: str, tmp_path: Path
 ) -> None:
     path = place(tmp_path)
@@ -134,7 +134,7 @@ def test_a_journal_is_known_by_its_beginning_also_while_it_is_written(tmp_path: 
 
 
 @pytest.mark.parametrize("name", ["run.journal", "run.csv", "run.hdf5"])
-def test_a_journal_taken_for_a_bank_is_called_a_journal(name: str, tmp_path: Path) -> None:
+def test_a_journal_given_as_a_bank_is_reported_as_a_journal(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     Journal.create(path, configuration()).close()
     with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*'markerseek journal replay .*{name}'"):

@@ -1,4 +1,4 @@
-"""What was changed in the rows of a journal is noticed, and so is an order that cannot be."""
+"""Changed rows and impossible sequences of entries in a journal are detected."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from made_up_journals import EVENTS, configuration, counts, measured, whole_run
 from markerseek.core import Asked, RecordError
 from markerseek.records.journal import Journal, JournalEvent, read_journal, salvage, verify
+from synthetic_journals import EVENTS, configuration, counts, measured, whole_run
 
 
 def changed(path: Path, sql: str) -> None:

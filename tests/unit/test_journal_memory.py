@@ -1,4 +1,4 @@
-"""Whoever needs no frames reads a journal in little memory, however long it is; what else it tells is the same."""
+"""Reading a journal without frames takes little memory, however long it is; all else that it returns is the same."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from every_kind_of_entry import journal_events
-from made_up_journals import configuration, counts, died, whole_run, write
 from markerseek.core import Finished, Measured, Refused
 from markerseek.records.journal import Checked, Entry, Journal, read_journal, salvage, summary, verify
+from synthetic_journals import configuration, counts, died, whole_run, write
 
 ACQUISITIONS, FRAME_BYTES = 40, 2 * 128 * 2080
 
@@ -39,7 +39,7 @@ def most_bytes(work: Callable[[], object]) -> int:
 @pytest.mark.parametrize(
     "look", [verify, summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
 )
-def test_frames_that_nobody_needs_are_not_held(look: Callable[[Path], object], long_run: Path) -> None:
+def test_unused_frames_are_not_kept_in_memory(look: Callable[[Path], object], long_run: Path) -> None:
     assert most_bytes(lambda: look(long_run)) < 10 * FRAME_BYTES
     assert most_bytes(lambda: read_journal(long_run)) > ACQUISITIONS * FRAME_BYTES
 

@@ -1,4 +1,4 @@
-"""Journals under other names, and journals that are deleted or replaced while a run is written."""
+"""Journals under other names, and journals deleted or replaced while a run is being written."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from journalled_runs import begin, go_on, live, times_and_events
-from made_up_journals import RANGE, configuration, died_in_commit, write
+from journalled_runs import begin, live, resume_run, times_and_events
 from markerseek.core import Asked, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.journal import Journal, is_journal, read_journal, summary, verify
 from markerseek.records.journal.connection import rollback_file
 from markerseek.runs.journalled import journalled
+from synthetic_journals import RANGE, configuration, died_in_commit, write
 
 
 def test_a_dead_run_is_read_through_a_symbolic_link_with_its_rollback_journal(tmp_path: Path) -> None:
@@ -32,11 +32,11 @@ def test_a_dead_run_is_read_through_a_symbolic_link_with_its_rollback_journal(tm
         assert (held.path, len(held.entries)) == (path, 6)
 
 
-def test_a_run_goes_on_through_a_symbolic_link(tmp_path: Path, whole: Path) -> None:
+def test_a_run_is_resumed_through_a_symbolic_link(tmp_path: Path, whole: Path) -> None:
     path, link = tmp_path / "run.journal", tmp_path / "latest.journal"
     live(path, until=9)
     link.symlink_to(path.name)
-    go_on(link)
+    resume_run(link)
     assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
 
 
@@ -99,11 +99,11 @@ def test_a_journal_that_is_lost_in_mid_run_stops_it_and_all_of_it_is_in_a_copy(
     # The event that was not acknowledged is there as well: it was committed to the file that was gone.
     assert [event for event, _ in times_and_events(held)][:9] == seen
     assert verify(journal.path).faults == []
-    go_on(journal.path)
+    resume_run(journal.path)
     assert times_and_events(read_journal(journal.path)) == times_and_events(read_journal(whole))
 
 
-def test_a_journal_that_is_lost_with_its_folder_is_said_to_be_gone(tmp_path: Path) -> None:
+def test_a_journal_that_is_lost_with_its_folder_is_reported_missing(tmp_path: Path) -> None:
     path = tmp_path / "runs" / "run.journal"
     path.parent.mkdir()
     with Journal.create(path, configuration()) as journal:

@@ -1,4 +1,4 @@
-"""Runs that died in a commit, damaged rollback journals, lost ends: nothing is read that was not written."""
+"""Runs that died in a commit, damaged rollback journals, lost ends: only what was written is read."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_up_journals import configuration, counts, died_in_commit, whole_run, write
 from markerseek.core import RecordError
 from markerseek.records.journal import Entry, Interrupted, Journal, read_journal, salvage, summary, verify
 from markerseek.records.journal.connection import rollback_file
+from synthetic_journals import configuration, counts, died_in_commit, whole_run, write
 
 ACQUISITIONS = 3
 ENTRIES = 2 * ACQUISITIONS + 2

@@ -1,4 +1,4 @@
-"""What a journal gives again by itself: the result from the frames, the rig, a run on a recording."""
+"""Reconstruction from a journal: the result from its frames, the rig, a run on a recording."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_result_is_worked_out_again_from_the_frames(whole: Path) -> None:
     assert differences(held, build("ternary", acquisitions=ACQUISITIONS), rebuild_reader(held.configuration)) != []
 
 
-class Louder:
+class Amplified:
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
 
@@ -38,7 +38,7 @@ class Louder:
         return replace(reading, intensity=reading.intensity * (1 + 1e-15))
 
 
-def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
+def test_a_last_bit_that_differs_is_reported(tmp_path: Path) -> None:
     rig = rigs.simulated(seed=2, marker_deg=4.0)
     path = tmp_path / "run.journal"
     configuration = configured(rig, dark_frames=1)
@@ -49,7 +49,7 @@ def test_a_last_bit_that_differs_is_said(tmp_path: Path) -> None:
     held = read_journal(path)
     reader = rebuild_reader(configuration)
     assert differences(held, rebuild_policy(configuration), reader) == []
-    found = differences(held, rebuild_policy(configuration), Louder(reader))
+    found = differences(held, rebuild_policy(configuration), Amplified(reader))
     assert found
     assert "its frame is read as" in found[0]
 
@@ -64,7 +64,7 @@ def test_a_rig_is_put_together_again_from_its_settings(tmp_path: Path) -> None:
         rebuild_rig(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
 
 
-def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -> None:
+def test_a_replayed_run_is_resumed_only_if_its_recording_is_unchanged(tmp_path: Path) -> None:
     scan = tmp_path / "scan.csv"
     rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
     scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
@@ -99,7 +99,7 @@ def test_a_recording_is_gone_on_with_and_must_not_have_changed(tmp_path: Path) -
         rebuild_rig(held.configuration)
 
 
-def test_a_replay_of_a_bank_goes_on_with_the_dark_frames_that_are_left(tmp_path: Path) -> None:
+def test_a_replay_of_a_bank_continues_with_the_remaining_dark_frames(tmp_path: Path) -> None:
     bank = tmp_path / "scan.hdf5"
     for _ in scan_bank(rigs.simulated(seed=3, marker_deg=6.3), bank, step_deg=5.0):
         pass

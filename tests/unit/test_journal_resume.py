@@ -1,4 +1,4 @@
-"""Runs that go on after an end: equal to the whole run, never without arming, never with another policy."""
+"""Resumed runs: equal to the whole run, never without arming, never with another policy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from journalled_runs import ACQUISITIONS, begin, go_on, live, times_and_events
+from journalled_runs import ACQUISITIONS, begin, live, resume_run, times_and_events
 from markerseek.core import Asked, DeviceError, Failed, Finished, Measured, MoveError, Permit, RecordError, Refused
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of, run_state, verify
@@ -37,16 +37,16 @@ def test_a_journal_holds_what_run_reports(whole: Path) -> None:
     assert by_kind[Asked].checkpoint is None
 
 
-def test_stopped_after_any_event_a_run_goes_on_to_the_same_end(whole: Path, tmp_path: Path) -> None:
+def test_stopped_after_any_event_a_run_is_resumed_to_the_same_end(whole: Path, tmp_path: Path) -> None:
     wanted = read_journal(whole)
     for until in range(1, len(wanted.entries)):
         path = tmp_path / f"{until}.journal"
         live(path, until=until)
         assert times_and_events(read_journal(path)) == times_and_events(wanted)[:until]
-        heard = go_on(path)
+        events = resume_run(path)
         held = read_journal(path)
         assert times_and_events(held) == times_and_events(wanted)
-        assert heard == [event for event, _ in times_and_events(wanted)]
+        assert events == [event for event, _ in times_and_events(wanted)]
         assert msgspec.json.encode(result_of(held)[1]) == msgspec.json.encode(result_of(wanted)[1])
         assert verify(path).faults == []
 
@@ -62,16 +62,16 @@ def test_a_run_may_be_stopped_many_times(whole: Path, tmp_path: Path) -> None:
             for _ in range(until):
                 next(events)
         assert len(times_and_events(read_journal(path))) == until
-    go_on(path)
+    resume_run(path)
     assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))
 
 
 def test_the_next_angle_is_the_one_that_was_asked_for(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
-    heard = live(path, until=14)
-    asked = [event.angle_deg for event in heard if isinstance(event, Asked)]
+    events = live(path, until=14)
+    asked = [event.angle_deg for event in events if isinstance(event, Asked)]
     following = [entry.event.angle_deg for entry in read_journal(whole).entries if isinstance(entry.event, Asked)]
-    measured = sum(isinstance(event, Measured) for event in heard)
+    measured = sum(isinstance(event, Measured) for event in events)
     assert len(asked) in (measured, measured + 1)
     assert next_angle(read_journal(path), begin()[0]) == following[measured]
 
@@ -93,10 +93,10 @@ def test_a_fault_is_left_by_a_reset_only(tmp_path: Path) -> None:
     held = read_journal(path)
     assert isinstance(held.entries[-1].event, Failed)
     with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):
-        go_on(path)
+        resume_run(path)
     assert len(read_journal(path).entries) == len(held.entries)
-    heard = go_on(path, reset_fault=True)
-    assert isinstance(heard[-1], Finished)
+    events = resume_run(path, reset_fault=True)
+    assert isinstance(events[-1], Finished)
     assert verify(path).faults == []
     assert differences(read_journal(path), begin()[0], rebuild_reader(configuration)) == []
 
@@ -108,13 +108,13 @@ def test_a_fault_during_the_check_is_kept_as_well(tmp_path: Path) -> None:
     sound = rig.stage.move_to
     rig.stage.move_to = lambda angle_deg: sound(angle_deg) + 1.0  # type: ignore[method-assign]
     with pytest.raises(MoveError):
-        go_on(path, rig=rig)
+        resume_run(path, rig=rig)
     assert run_state(read_journal(path).entries).state == "fault"
     with pytest.raises(DeviceError, match="--reset-fault"):
-        go_on(path)
+        resume_run(path)
 
 
-def test_a_run_that_is_over_is_not_gone_on_with(whole: Path) -> None:
+def test_a_run_that_is_over_is_not_resumed(whole: Path) -> None:
     journal, held = Journal.reopen(whole)
     policy, rig, _ = begin()
     with journal, pytest.raises(RecordError, match="the run is over"):
@@ -138,7 +138,7 @@ def test_a_policy_that_decides_otherwise_is_refused_before_it_fires(tmp_path: Pa
     assert fired == moved == []
 
 
-def test_a_simulated_world_without_its_state_cannot_go_on(tmp_path: Path) -> None:
+def test_a_simulated_run_without_its_state_cannot_be_resumed(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     policy, rig, configuration = begin()
     worldless = replace(rig, world=None)
@@ -146,10 +146,10 @@ def test_a_simulated_world_without_its_state_cannot_go_on(tmp_path: Path) -> Non
         for _ in range(8):
             next(events)
     with pytest.raises(RecordError, match="no state of the simulated world"):
-        go_on(path)
+        resume_run(path)
 
 
-def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Path) -> None:
+def test_a_run_on_devices_that_outlive_the_program_is_resumed_without_their_state(tmp_path: Path) -> None:
     """As with real devices: no state is kept, and the clock of another process began at another time."""
     path = tmp_path / "run.journal"
     policy, rig, configuration = begin()
@@ -159,12 +159,12 @@ def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Pa
         for _ in range(16):
             next(events)
     rig.scanner.clock.set(5.0)  # type: ignore[attr-defined]
-    heard = go_on(path, rig=rig)
+    rest = resume_run(path, rig=rig)
     held = read_journal(path)
     times = [at_s for _, at_s in times_and_events(held)]
     assert times == sorted(times)
     assert times[0] == 1000.0
-    over = heard[-1]
+    over = rest[-1]
     assert isinstance(over, Finished)
     assert over.acquisitions == ACQUISITIONS
     assert over.elapsed_s == times[-1] - 1000.0 > 0
@@ -175,5 +175,5 @@ def test_a_world_that_outlives_the_program_is_gone_on_with_as_it_is(tmp_path: Pa
 def test_a_run_that_never_started_begins_when_it_is_armed(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     Journal.create(path, begin()[2]).close()
-    go_on(path)
+    resume_run(path)
     assert times_and_events(read_journal(path)) == times_and_events(read_journal(whole))

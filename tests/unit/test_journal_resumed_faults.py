@@ -1,4 +1,4 @@
-"""Devices that fail before a run, while it is stopped, and while it is resumed: each is a fault that stays one."""
+"""Devices that fail before a run, between runs and during a resume: each is a persistent fault."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from journalled_runs import begin, go_on, live
+from journalled_runs import begin, live, resume_run
 from markerseek.core import DeviceError, Finished, MoveError, NotConnectedError
 from markerseek.records.journal import Journal, Resuming, read_journal, run_state, verify
 from markerseek.rigs import Rig
@@ -39,9 +39,9 @@ def test_a_stage_that_does_not_answer_ends_a_run_before_it_begins(tmp_path: Path
         list(journalled(policy, rig, journal))
     assert verify(path).faults == []
     with pytest.raises(DeviceError, match=r"stage: it does not answer; .* --reset-fault"):
-        go_on(path)
-    heard = go_on(path, reset_fault=True)
-    assert isinstance(heard[-1], Finished)
+        resume_run(path)
+    events = resume_run(path, reset_fault=True)
+    assert isinstance(events[-1], Finished)
     assert verify(path).faults == []
     kinds = [type(entry.event).__name__ for entry in read_journal(path).entries]
     assert kinds[:3] == ["Failed", "Resuming", "Started"]
@@ -55,7 +55,7 @@ def test_a_stage_that_cannot_be_stopped_after_a_check_is_a_fault(tmp_path: Path)
     _, rig, _ = begin()
     unstoppable(rig)
     with pytest.raises(MoveError, match="does not stop"):
-        go_on(path, rig=rig)
+        resume_run(path, rig=rig)
     stands = run_state(read_journal(path).entries)
     assert (stands.state, stands.fault) == ("fault", "the stage does not stop")
     assert verify(path).faults == []
@@ -74,5 +74,5 @@ def test_a_stage_that_cannot_be_stopped_with_the_run_is_a_fault(tmp_path: Path) 
     assert run_state(read_journal(path).entries).state == "fault"
     assert verify(path).faults == []
     with pytest.raises(DeviceError, match="--reset-fault"):
-        go_on(path)
-    assert isinstance(go_on(path, reset_fault=True)[-1], Finished)
+        resume_run(path)
+    assert isinstance(resume_run(path, reset_fault=True)[-1], Finished)

@@ -1,4 +1,4 @@
-"""The guard of a resumed run knows what the run had admitted, and counts the pulses that it had been permitted."""
+"""The guard of a resumed run knows the admitted frames, and counts the pulses already permitted."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Stuck:
 
 
 class Noisy:
-    """A reader that hears a burst of noise in the frame of that number."""
+    """A reader that measures a burst of noise in the frame of that number."""
 
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
@@ -58,9 +58,9 @@ def rig_of() -> Rig:
     return rigs.of_intensities(seed=5, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=-9.4)
 
 
-def run_until(path: Path, spoil: Callable[[Rig], None], *, measured: int | None) -> None:
+def run_until(path: Path, inject: Callable[[Rig], None], *, measured: int | None) -> None:
     rig = rig_of()
-    spoil(rig)
+    inject(rig)
     begun_with = configured(rig)
     with (
         Journal.create(path, begun_with) as journal,
@@ -73,31 +73,31 @@ def run_until(path: Path, spoil: Callable[[Rig], None], *, measured: int | None)
                     break
 
 
-def go_on(path: Path, spoil: Callable[[Rig], None]) -> Rig:
+def resume_run(path: Path, inject: Callable[[Rig], None]) -> Rig:
     rig = rig_of()
     journal, held = Journal.reopen(path)
     with journal, closing(resumed(rebuild_policy(held.configuration), rig, journal, held, by="a person")) as events:
         for event in events:
-            # The checks are over when the last event that was kept has been told again.
+            # The checks are over when the last event that was kept has been repeated.
             if event == held.entries[-1].event:
-                spoil(rig)
+                inject(rig)
     return rig
 
 
 @pytest.mark.parametrize("fault", ["stale", "noisy"])
-def test_a_faulty_frame_behind_a_death_is_refused_as_it_would_have_been(fault: str, tmp_path: Path) -> None:
+def test_a_faulty_frame_after_a_crash_is_refused_as_without_one(fault: str, tmp_path: Path) -> None:
     run_until(tmp_path / "sound", lambda rig: None, measured=None)
     before = [entry.event for entry in read_journal(tmp_path / "sound").entries if isinstance(entry.event, Measured)]
 
-    def spoil(rig: Rig) -> None:
+    def inject(rig: Rig) -> None:
         if fault == "stale":
             rig.scanner._receiver = Stuck(rig.scanner._receiver, before[FAULTY - 2].sample.reading.intensity)
         else:
             rig.scanner._reader = Noisy(rig.scanner._reader)
 
-    run_until(tmp_path / "whole", spoil, measured=None)
-    run_until(tmp_path / "part", spoil, measured=FAULTY - 1)
-    go_on(tmp_path / "part", spoil)
+    run_until(tmp_path / "whole", inject, measured=None)
+    run_until(tmp_path / "part", inject, measured=FAULTY - 1)
+    resume_run(tmp_path / "part", inject)
     wanted, held = read_journal(tmp_path / "whole"), read_journal(tmp_path / "part")
     refusals = [entry.event for entry in held.entries if isinstance(entry.event, Refused)]
     assert len(refusals) == 1
@@ -109,7 +109,7 @@ def test_a_faulty_frame_behind_a_death_is_refused_as_it_would_have_been(fault: s
 def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     run_until(path, lambda rig: None, measured=6)
-    rig = go_on(path, lambda rig: None)
+    rig = resume_run(path, lambda rig: None)
     fired = [
         entry.event.sample.frame.header.pulses
         for entry in read_journal(path).entries
@@ -134,7 +134,7 @@ def test_refused_acquisitions_were_permitted_as_well(whole: Path) -> None:
     )
 
 
-def test_a_budget_that_is_used_up_stays_so_behind_a_death(tmp_path: Path) -> None:
+def test_a_budget_that_is_used_up_stays_used_up_after_a_crash(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     run_until(path, lambda rig: None, measured=6)
     rig = rig_of()

@@ -1,4 +1,4 @@
-"""What JSON cannot hold: numbers that are not finite are refused wherever they stand, odd texts are escaped."""
+"""Values that JSON cannot hold: non-finite numbers are refused anywhere, unusual texts are escaped."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from every_kind_of_entry import frame
-from made_up_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration
 from markerseek.core import (
     ChannelFrame,
     Failed,
@@ -35,6 +34,7 @@ from markerseek.records.journal import (
     encode,
     read_journal,
 )
+from synthetic_journals import EVENTS, FULL_READING, HEADER, RANGE, configuration
 
 FULL = {
     **EVENTS,

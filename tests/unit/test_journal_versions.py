@@ -1,4 +1,4 @@
-"""A journal of today's version holds every kind of entry; newer versions are refused."""
+"""A journal of the current version holds every kind of entry; newer versions are refused."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from every_kind_of_entry import MARKER_DEG, METHOD, SEED, checkpoint, journal_events, rig
-from made_up_journals import configuration, whole_run
 from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused, Started
 from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal, salvage, verify
 from markerseek.records.journal.schema import VERSION
 from markerseek.runs.rebuild import rebuild_reader, rebuild_rig
 from markerseek.signals import ImageReader
+from synthetic_journals import configuration, whole_run
 
 EVERY_KIND = Path(__file__).parents[1] / "data" / "every-kind.journal"
 

@@ -1,4 +1,4 @@
-"""The stage's driver connects: what it asks and writes, whom it refuses, and which settings."""
+"""Connection of the stage's driver: its queries and settings, and the devices it refuses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markerseek.wire import apt
 from markerseek.wire.apt_frames import AptFramer
 
 
-def test_it_says_who_it_is_and_writes_what_power_up_lost() -> None:
+def test_it_identifies_itself_and_writes_the_settings_that_power_up_lost() -> None:
     rig = bench()
     stage = rig.stage(speed_deg_s=12.0, acceleration_deg_s2=15.0)
     assert (stage.identity.model, stage.identity.serial_number) == ("KDC101", 27000001)

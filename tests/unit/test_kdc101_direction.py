@@ -1,4 +1,4 @@
-"""The sense of rotation: a probe mounted the other way round is turned where it should be, inside its limits."""
+"""The sense of rotation: a probe mounted in reverse turns to the right angles, inside its limits."""
 
 from __future__ import annotations
 

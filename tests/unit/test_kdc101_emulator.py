@@ -1,4 +1,4 @@
-"""The emulated stage by itself: how it moves, wakes up, homes, stops, and what it says meanwhile."""
+"""The emulated stage by itself: moves, power-up, homing, stops and messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOME = bytes.fromhex("43 04 01 00 50 01")
 
 
 class Talk:
-    """Says messages to an emulated stage and keeps what it answers."""
+    """Sends messages to an emulated stage and keeps its answers."""
 
     def __init__(self, *, start_deg: float = 0.0, **fields: object) -> None:
         self.probe = SimpleNamespace(angle_deg=start_deg)
@@ -90,7 +90,7 @@ def test_a_motor_that_is_sent_elsewhere_keeps_its_speed_and_acceleration(
     assert whole.angle_deg == targets[-1][0]
 
 
-def test_it_wakes_up_with_parameters_that_nobody_chose() -> None:
+def test_it_powers_up_with_default_parameters() -> None:
     talk = Talk()
     velocity, backlash, limits = (
         apt.decode(message) for message in talk.say(apt.ask_velocity(), apt.ask_backlash(), apt.ask_limits())
@@ -112,7 +112,7 @@ def test_the_moving_bits_are_clear_before_motion_begins() -> None:
     assert talk.status() == apt.Status(position=apt.counts_of(10.0), moving=False, homing=False, homed=True, faults=())
 
 
-def test_it_says_once_that_a_move_is_over() -> None:
+def test_it_reports_once_that_a_move_is_over() -> None:
     talk = Talk()
     talk.quiet()
     talk.go(1.0)
@@ -164,7 +164,7 @@ def test_homing_ignores_the_soft_limits_and_sets_the_counter() -> None:
     assert talk.probe.angle_deg == pytest.approx(-360.0, abs=1e-3)
 
 
-def test_it_stops_when_told_to() -> None:
+def test_it_stops_on_the_command() -> None:
     talk = Talk()
     talk.quiet()
     talk.go(30.0)
@@ -184,7 +184,7 @@ def test_a_counter_that_is_a_turn_ahead_reads_so() -> None:
     assert talk.status().position == apt.counts_of(325.0)
 
 
-def test_it_tells_its_status_unasked_if_another_program_left_it_so() -> None:
+def test_it_reports_its_status_unasked_if_another_program_left_it_so() -> None:
     talk = Talk(talking=True)
     assert [message.ident for _ in range(5) for message in talk.let_be(0.1)] == [0x0491] * 5
     talk.say(apt.stop_updates())

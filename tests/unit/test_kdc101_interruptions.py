@@ -1,4 +1,4 @@
-"""A move that is disturbed, by death, a cut line, a hand or a wrong reading, goes no further than allowed."""
+"""A move interrupted by a crash, a cut line, a hand or a wrong reading goes no further than allowed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_all_waiting_is_short_so_that_the_loop_can_show_that_it_lives() -> None:
 def test_a_computer_that_dies_leaves_the_stage_five_degrees_on_at_most(after_s: float) -> None:
     rig = bench()
     stage = rig.stage()
-    rig.port.dead_from_s = after_s  # not even the stop of a dying program is heard
+    rig.port.dead_from_s = after_s  # not even the stop of a dying program arrives
     with pytest.raises(DeviceTimeoutError):
         stage.move_to(-35.0)
     assert rig.port.angle_at_death_deg is not None

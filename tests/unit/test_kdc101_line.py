@@ -1,4 +1,4 @@
-"""The lines that emulators hang on: a pseudo-terminal for any program, a direct port for virtual time."""
+"""Lines to emulators: a pseudo-terminal for any program, a direct port for virtual time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from markerseek.sim import VirtualClock
 
 
 class Echo:
-    """Answers what it hears, and what it heard last again after a second."""
+    """Echoes what it receives, and repeats the last of it after a second."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -64,11 +64,11 @@ def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
             with SerialPort(SerialSettings(path=line.path, handshake=True)) as port:
                 every = bytes(range(256)) * 8
                 port.write(every)
-                heard = port.read(len(every), timeout_s=5.0)
+                received = port.read(len(every), timeout_s=5.0)
         finally:
             done.set()
             serving.join()
-    assert heard == every
+    assert received == every
 
 
 class HeldUp(VirtualClock):
@@ -134,7 +134,7 @@ def test_a_line_taken_away_is_gone() -> None:
     port.close()
 
 
-def test_a_link_stands_for_the_port_and_goes_with_it(tmp_path: Path) -> None:
+def test_a_link_names_the_port_and_is_removed_with_it(tmp_path: Path) -> None:
     link = tmp_path / "stage"
     with PtyLine(device=Echo(), clock=SystemClock(), link=link) as line:
         assert line.path == str(link)

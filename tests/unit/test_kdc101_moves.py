@@ -1,4 +1,4 @@
-"""The stage's driver moves: where it goes, from which side, how fast, and never outside its travel."""
+"""Moves of the stage's driver: target, side of approach, speed, and never outside its travel."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_renewed_target_costs_little_time_and_is_never_far_ahead() -> None:
     assert rig.emulator.largest_lead_deg <= 5.0
 
 
-def test_updates_that_nobody_asked_for_do_no_harm() -> None:
+def test_unsolicited_updates_do_no_harm() -> None:
     rig = bench(talking=True)
     rig.let_be(0.35)
     stage = rig.stage()

@@ -1,4 +1,4 @@
-"""The laser box's driver against its emulator: what is permitted is fired and counted, and nothing else ever is."""
+"""The laser box's driver against its emulator: permitted pulses are fired and counted, and no others."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_permits_are_used_once_also_by_a_second_program() -> None:
     driver.fire(permit("a"))
     with pytest.raises(LaserError, match="used before"):
         driver.fire(permit("a"))
-    assert bench.driver().fire(permit("a")) == 16  # a later program goes on with the box's own counter
+    assert bench.driver().fire(permit("a")) == 16  # a later program continues the box's own counter
     assert len(bench.box.pulses) == 32
 
 
@@ -66,7 +66,7 @@ def test_pulses_that_do_not_agree_end_in_an_error_with_the_three_numbers(change:
     assert not bench.box.permitted
 
 
-def test_a_silent_box_is_told_to_disarm_and_given_up_in_time() -> None:
+def test_a_silent_box_gets_the_command_to_disarm_and_times_out() -> None:
     bench = Bench()
     driver = bench.driver()
     bench.faults.silent = True
@@ -97,14 +97,14 @@ def test_no_box_at_all_is_not_connected() -> None:
 )
 def test_a_box_of_another_kind_is_not_connected(change: dict[str, int], message: str) -> None:
     greeting = wire.Greeting(identity="other", version=1, lease_ms=100, last_token=0, seen=0)
-    told = wire.encode(replace(greeting, **change))
+    reply = wire.encode(replace(greeting, **change))
 
     class Other:
         def advance(self, now_s: float) -> bytes:
             return b""
 
         def feed(self, data: bytes) -> bytes:
-            return b"half a line\n" + told if b"HELLO" in data else b""
+            return b"half a line\n" + reply if b"HELLO" in data else b""
 
     clock = VirtualClock()
     with pytest.raises(NotConnectedError, match=message):
@@ -218,7 +218,7 @@ def test_a_box_that_never_ends_its_triggers_is_given_up() -> None:
     assert 61 <= bench.clock.now_s() < 62
 
 
-def test_a_budget_that_is_used_up_is_said_with_its_cure() -> None:
+def test_a_budget_that_is_used_up_is_reported_with_the_remedy() -> None:
     bench = Bench()
     driver = bench.driver(rate_hz=1000)
     for number in range(46):

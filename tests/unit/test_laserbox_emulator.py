@@ -1,4 +1,4 @@
-"""The laser box by itself, told messages without a driver: lease, expiry, tokens and interlock end its pulses."""
+"""The laser box by itself, given messages without a driver: lease, expiry, tokens and interlock end its pulses."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_permit_is_void_after_its_expiry_however_long_the_lease_lasts() -> Non
     assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=6, photodiode=6)]
 
 
-def test_power_up_forgets_the_permit_and_a_damaged_line_takes_it_away() -> None:
+def test_power_up_clears_the_permit_and_a_damaged_line_revokes_it() -> None:
     bench = Bench()
     bench.say(pulses_of(1), at_s=0.0)
     bench.box.power_up()
@@ -132,12 +132,12 @@ def test_tokens_only_count_up() -> None:
         max_size=30,
     )
 )
-def test_whatever_it_is_told_every_pulse_has_a_permit_a_lease_and_its_turn(told: list[tuple[bytes, float]]) -> None:
-    """Checked on the truth: by hearing the answers alone, an observer can bound every pulse."""
+def test_under_any_commands_every_pulse_has_a_permit_a_lease_and_its_turn(commands: list[tuple[bytes, float]]) -> None:
+    """Checked on the truth: from the answers alone, an observer can bound every pulse."""
     bench = Bench()
     now_s, permitted, counted = 0.0, 0, 0
     renewed_s = -math.inf
-    for data, pause_s in told:
+    for data, pause_s in commands:
         now_s += pause_s
         before = len(bench.box.pulses)
         answer = bench.box.advance(now_s)

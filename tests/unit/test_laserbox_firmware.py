@@ -1,4 +1,4 @@
-"""The reference firmware's protocol core says, byte for byte, what the emulator says, and fires when it fires."""
+"""The reference firmware's protocol core agrees with the emulator byte for byte and pulse for pulse."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class Dark:
 
 
 class Pair:
-    """Firmware and emulator, told the same at the same time, millisecond by millisecond."""
+    """Firmware and emulator, given the same commands at the same time, millisecond by millisecond."""
 
     def __init__(self) -> None:
         self.interlock = True
         self.trains: list[int] = []
         self.pulls: list[tuple[int, bool]] = []
         self.now_ms = 0
-        self.stray = 0
+        self.stray_pulses = 0
         self.emulated = emulator.EmulatedLaserBox(world=Dark(), on_triggers=self.trains.append, turn_us=1000)
         self.firmware = FIRMWARE.Box(
             lambda laser: self.pulls.append((self.now_ms, laser)),
-            lambda: self.stray + sum(laser for _, laser in self.pulls),
+            lambda: self.stray_pulses + sum(laser for _, laser in self.pulls),
             lambda: self.interlock,
         )
 
@@ -84,11 +84,11 @@ class Pair:
         return b"", b""
 
     def shine(self) -> tuple[bytes, bytes]:
-        self.stray += 1
+        self.stray_pulses += 1
         self.emulated.stray_light()
         return b"", b""
 
-    def tell(self, data: bytes) -> tuple[bytes, bytes]:
+    def send(self, data: bytes) -> tuple[bytes, bytes]:
         return self.emulated.feed(data), self.firmware.feed(data)
 
 
@@ -131,12 +131,12 @@ LINES = st.one_of(
         max_size=25,
     )
 )
-def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[bytes | int | str | None]) -> None:
+def test_firmware_and_emulator_answer_alike_to_any_commands(steps: list[bytes | int | str | None]) -> None:
     pair = Pair()
     for step in steps:
         match step:
             case bytes():
-                theirs, ours = pair.tell(step)
+                theirs, ours = pair.send(step)
             case int():
                 theirs, ours = pair.pass_ms(step)
             case None:
@@ -148,8 +148,8 @@ def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[b
         assert ours == theirs
     theirs, ours = pair.pass_ms(2000)
     assert ours == theirs
-    assert sum(laser for _, laser in pair.pulls) + pair.stray == len(pair.emulated.pulses)
-    if not pair.stray:
+    assert sum(laser for _, laser in pair.pulls) + pair.stray_pulses == len(pair.emulated.pulses)
+    if not pair.stray_pulses:
         assert [at_ms / 1e3 for at_ms, laser in pair.pulls if laser] == [pulse.at_s for pulse in pair.emulated.pulses]
     # every train that began was completed, lit or not
     assert sum(pair.trains) == len(pair.pulls)
@@ -157,7 +157,7 @@ def test_firmware_and_emulator_answer_alike_whatever_they_are_told(steps: list[b
 
 def test_an_interlock_that_opened_and_closed_between_two_turns_voids_the_permit() -> None:
     pair = Pair()
-    pair.tell(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
+    pair.send(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
     pair.pass_ms(15)
     pair.flick_interlock()
     theirs, ours = pair.pass_ms(100)
@@ -188,10 +188,10 @@ def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
     refused = 0
     times_s: list[float] = []
     for token in range(1, 131):
-        told = box.feed(
+        replies = box.feed(
             wire.encode(wire.PermitPulses(token=token, pulses=100, rate_hz=1000, expiry_ms=2000, triggers=100))
         )
-        refused += b"ERR BUDGET" in told
+        refused += b"ERR BUDGET" in replies
         box.feed(wire.encode(wire.Fire(token=token)))
         for _ in range(1000):
             now_s += 0.001
@@ -208,11 +208,11 @@ def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
 def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
     pair = Pair()
     for token in range(1, 9):
-        theirs, ours = pair.tell(permit_line((token, 1000, 0, 1000, 2000)) + wire.encode(wire.Fire(token=token)))
+        theirs, ours = pair.send(permit_line((token, 1000, 0, 1000, 2000)) + wire.encode(wire.Fire(token=token)))
         assert ours == theirs
         assert (b"ERR BUDGET" in ours) is (token > 6)
         for step in range(25):
-            pair.tell(wire.encode(wire.Beat(step=100 * token + step)))
+            pair.send(wire.encode(wire.Beat(step=100 * token + step)))
             theirs, ours = pair.pass_ms(50)
             assert ours == theirs
     assert len(pair.pulls) == 6000

@@ -1,4 +1,4 @@
-"""Every version of ``.mat``: read as other programs read it, or refused with the way to save it again."""
+"""Every version of ``.mat``: read as other programs read it, or refused with a hint how to save it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def write_73(path, variables, *, block=512, classes=True, **options):
 
 
 def test_a_scan_that_another_program_wrote_as_7_3():
-    """``make_mat73.py`` wrote it by hdf5storage, and mat73 read it as it was."""
+    """``make_mat73.py`` wrote it by hdf5storage, and mat73 read the same values."""
     bank = read_arrays(DATA / "scan-7.3.mat")
     assert bank.angles_deg == (-1.0, 0.5, 2.0, 7.0)
     assert (bank.facts.sampling_hz, bank.facts.reference_angle_deg) == (31.25e6, 0.7)
@@ -65,7 +65,7 @@ def test_a_frame_that_another_program_wrote_as_7_3():
     "options", [{}, {"chunks": True, "compression": "gzip"}, {"chunks": True, "compression": "gzip", "shuffle": True}]
 )
 @pytest.mark.parametrize(("block", "classes"), [(512, True), (0, False)])
-def test_7_3_says_what_7_says(tmp_path, options, block, classes):
+def test_version_7_3_reads_the_same_as_version_7(tmp_path, options, block, classes):
     variables = {"angle_deg": np.arange(4.0), "frames": COUNTS, "sampling_hz": np.array([[31.25e6]])}
     savemat(tmp_path / "7.mat", variables)
     theirs = mat_arrays(tmp_path / "7.mat")
@@ -78,7 +78,7 @@ def test_7_3_says_what_7_says(tmp_path, options, block, classes):
 
 @pytest.mark.skipif(not MATLABS.is_dir(), reason="SciPy is installed without the files that MATLAB wrote for its tests")
 def test_files_of_matlab_itself():
-    """SciPy's collection: versions 4 to 7.4, of three machines; what SciPy's reader says of them is the truth."""
+    """SciPy's collection: versions 4 to 7.4, of three machines; SciPy's reader is the reference."""
     read = 0
     for path in sorted(MATLABS.glob("test*_[4567].*.mat")):
         if "hdf5" in path.name:
@@ -94,7 +94,7 @@ def test_files_of_matlab_itself():
 
 
 def test_what_unpacks_too_far_names_the_way_to_save_it(tmp_path):
-    """Frames of a receiver that heard nothing are honest."""
+    """Frames of a receiver that received nothing are valid."""
     angles, frames = np.arange(4.0), np.zeros((4, 128, 2000), np.int16)
     savemat(tmp_path / "a.mat", {"angle_deg": angles, "frames": frames}, do_compression=True)
     with pytest.raises(RecordError, match=r"more than 32 times its size; save it with -v6 \(uncompressed\)"):
@@ -160,7 +160,7 @@ def test_7_3_that_leads_elsewhere_or_promises_much_is_refused(tmp_path, change, 
         read_arrays(path)
 
 
-def test_what_is_no_array_of_numbers_is_passed_over(tmp_path):
+def test_anything_but_arrays_of_numbers_is_skipped(tmp_path):
     path = write_73(tmp_path / "a.mat", {"frames": COUNTS})
     with h5py.File(path, "r+") as file:
         file.create_group("structure")["x"] = np.arange(3.0)

@@ -1,4 +1,4 @@
-"""Logs for ROS 2 and Foxglove, read back by the library mcap; rotations beside those of SciPy."""
+"""MCAP logs for ROS 2 and Foxglove, read back by the library mcap; rotations against SciPy."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from markerseek.records.exports import series_of, write_mcap
 
 
 @pytest.fixture
-def heard(tmp_path):
+def decoded(tmp_path):
     write_mcap(tmp_path / "a.mcap", iter(images()), series=SERIES, brightest=0.9)
     return messages(tmp_path / "a.mcap")
 
 
-def test_mcap_has_the_topics_of_a_running_rig(heard):
-    assert {topic: kind for topic, kind, _, _ in heard} == {
+def test_mcap_has_the_topics_of_a_running_rig(decoded):
+    assert {topic: kind for topic, kind, _, _ in decoded} == {
         "/TRUS/measured_js": "sensor_msgs/msg/JointState",
         "/TRUS/pa/image": "sensor_msgs/msg/Image",
         "/TRUS/pa/envelope": "sensor_msgs/msg/Image",
@@ -33,44 +33,46 @@ def test_mcap_has_the_topics_of_a_running_rig(heard):
         "/pa_search/sample": "std_msgs/msg/String",
         "/pa_search/intensity": "std_msgs/msg/Float64",
     }
-    joints = on_topic(heard, "/TRUS/measured_js")
+    joints = on_topic(decoded, "/TRUS/measured_js")
     assert [(each.name, each.header.frame_id) for each in joints] == [(["trus_roll"], "")] * 3
     np.testing.assert_allclose([each.position[0] for each in joints], np.radians(ANGLES))
 
 
-def test_intensities_are_there_for_plots_and_for_programs(heard):
-    assert [each.data for each in on_topic(heard, "/pa_search/intensity")] == [1.0, 2.0, 3.0]
-    assert [json.loads(each.data) for each in on_topic(heard, "/pa_search/sample")] == [
+def test_intensities_are_there_for_plots_and_for_programs(decoded):
+    assert [each.data for each in on_topic(decoded, "/pa_search/intensity")] == [1.0, 2.0, 3.0]
+    assert [json.loads(each.data) for each in on_topic(decoded, "/pa_search/sample")] == [
         {"angle_deg": angle_deg, "intensity": intensity, "time_s": time_s}
         for angle_deg, intensity, time_s in zip(ANGLES, (1.0, 2.0, 3.0), TIMES, strict=True)
     ]
 
 
-def test_pulses_are_told_where_they_are_known(tmp_path):
+def test_pulses_are_written_where_they_are_known(tmp_path):
     write_mcap(tmp_path / "a.mcap", None, series=replace(SERIES, pulses=(64, 64, 12)))
-    told = [json.loads(each.data)["pulses"] for each in on_topic(messages(tmp_path / "a.mcap"), "/pa_search/sample")]
-    assert told == [64, 64, 12]
+    recorded = [
+        json.loads(each.data)["pulses"] for each in on_topic(messages(tmp_path / "a.mcap"), "/pa_search/sample")
+    ]
+    assert recorded == [64, 64, 12]
 
 
-def test_the_envelope_is_exact(heard):
-    for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/envelope"), strict=True):
+def test_the_envelope_is_exact(decoded):
+    for expected, image in zip(images(), on_topic(decoded, "/TRUS/pa/envelope"), strict=True):
         assert (image.height, image.width, image.encoding, image.step) == (13, 9, "32FC1", 36)
         np.testing.assert_array_equal(np.frombuffer(bytes(image.data), "<f4").reshape(13, 9), expected.envelope)
 
 
-def test_a_picture_tells_the_envelope_to_half_a_step(heard):
-    """By the formula of the module, and the numbers that the file says."""
-    bank = json.loads(on_topic(heard, "/pa_search/bank")[0].data)
+def test_a_picture_holds_the_envelope_to_half_a_step(decoded):
+    """By the formula of the module, with the numbers in the file."""
+    bank = json.loads(on_topic(decoded, "/pa_search/bank")[0].data)
     white, range_db = bank["picture_white"], bank["picture_range_db"]
     assert white == 0.9
     shades = set()
-    for expected, image in zip(images(), on_topic(heard, "/TRUS/pa/image"), strict=True):
+    for expected, image in zip(images(), on_topic(decoded, "/TRUS/pa/image"), strict=True):
         assert (image.height, image.width, image.encoding, image.step) == (13, 9, "mono8", 9)
         assert image.header.frame_id == "trus_image"
         shade = np.frombuffer(bytes(image.data), np.uint8).reshape(13, 9).astype(float)
-        told = white * 10 ** ((shade / 255 - 1) * range_db / 20)
+        recorded = white * 10 ** ((shade / 255 - 1) * range_db / 20)
         inside = (expected.envelope < white) & (expected.envelope > white * 10 ** (-range_db / 20))
-        off_db = 20 * np.log10(told[inside] / expected.envelope[inside])
+        off_db = 20 * np.log10(recorded[inside] / expected.envelope[inside])
         assert np.abs(off_db).max() <= range_db / 255 / 2 + 1e-5
         assert (shade[expected.envelope >= white] == 255).all()
         assert (shade[expected.envelope <= white * 10 ** (-range_db / 20)] == 0).all()
@@ -85,14 +87,14 @@ def test_zeros_are_black(tmp_path):
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_the_frames_take_a_pixel_to_where_it_is(heard, number):
+def test_the_frames_take_a_pixel_to_where_it_is(decoded, number):
     """tf2's rule: a point's coordinates in the child, turned by the quaternion and moved, are those in the parent."""
-    chain = on_topic(heard, "/tf")[number].transforms
+    chain = on_topic(decoded, "/tf")[number].transforms
     assert [(each.header.frame_id, each.child_frame_id) for each in chain] == [
         ("trus_home", "trus_probe"),
         ("trus_probe", "trus_image"),
     ]
-    bank = json.loads(on_topic(heard, "/pa_search/bank")[0].data)
+    bank = json.loads(on_topic(decoded, "/pa_search/bank")[0].data)
     point = np.array((6 * bank["lateral_spacing_m"], 4 * bank["depth_spacing_m"], 0))
     for each in reversed(chain):
         turn, move = each.transform.rotation, each.transform.translation
@@ -110,17 +112,17 @@ def test_without_a_face_radius_there_is_the_rotation_only(tmp_path):
         np.testing.assert_allclose(vector, (0, ANGLES[number], 0), atol=1e-9)
 
 
-def test_messages_are_in_the_order_of_time_and_stamped(heard):
-    logged = [time_ns for _, _, time_ns, _ in heard]
+def test_messages_are_in_the_order_of_time_and_stamped(decoded):
+    logged = [time_ns for _, _, time_ns, _ in decoded]
     assert logged == sorted(logged)
     assert sorted(set(logged)) == [35_250_000_000, 46_500_000_000, 1_000_000_000_000]
-    stamps = [each.header.stamp for each in on_topic(heard, "/TRUS/measured_js")]
+    stamps = [each.header.stamp for each in on_topic(decoded, "/TRUS/measured_js")]
     assert [(each.sec, each.nanosec) for each in stamps] == [(35, 250_000_000), (46, 500_000_000), (1000, 0)]
 
 
-def test_the_bank_is_told_once_and_kept_for_who_comes_late(tmp_path, heard):
-    (told,) = on_topic(heard, "/pa_search/bank")
-    bank = json.loads(told.data)
+def test_the_bank_is_published_once_and_latched_for_late_subscribers(tmp_path, decoded):
+    (recorded,) = on_topic(decoded, "/pa_search/bank")
+    bank = json.loads(recorded.data)
     assert (
         bank.items()
         >= {
@@ -133,7 +135,7 @@ def test_the_bank_is_told_once_and_kept_for_who_comes_late(tmp_path, heard):
             "times": "seconds on the clock of the rig",
         }.items()
     )
-    assert heard[0][0] == "/pa_search/bank"
+    assert decoded[0][0] == "/pa_search/bank"
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file)
         (record,) = reader.iter_metadata()
@@ -147,24 +149,24 @@ def test_the_bank_is_told_once_and_kept_for_who_comes_late(tmp_path, heard):
 def test_mcap_of_intensities_alone(tmp_path):
     series = series_of(IntensityBank(angles_deg=ANGLES, intensities=(1.0, 2.0, 3.0)))
     write_mcap(tmp_path / "a.mcap", None, series=series)
-    heard = messages(tmp_path / "a.mcap")
-    assert {topic for topic, *_ in heard} == {
+    decoded = messages(tmp_path / "a.mcap")
+    assert {topic for topic, *_ in decoded} == {
         "/TRUS/measured_js",
         "/tf",
         "/pa_search/bank",
         "/pa_search/sample",
         "/pa_search/intensity",
     }
-    assert "numbered" in json.loads(on_topic(heard, "/pa_search/bank")[0].data)["times"]
-    assert [each.header.stamp.sec for each in on_topic(heard, "/TRUS/measured_js")] == [0, 1, 2]
+    assert "numbered" in json.loads(on_topic(decoded, "/pa_search/bank")[0].data)["times"]
+    assert [each.header.stamp.sec for each in on_topic(decoded, "/TRUS/measured_js")] == [0, 1, 2]
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
 
 
 def test_an_unknown_intensity_is_null_for_programs_and_no_point_in_plots(tmp_path):
     write_mcap(tmp_path / "a.mcap", None, series=replace(SERIES, intensities=(1.0, math.nan, 3.0)))
-    heard = messages(tmp_path / "a.mcap")
-    assert [json.loads(each.data)["intensity"] for each in on_topic(heard, "/pa_search/sample")] == [1.0, None, 3.0]
-    assert [each.data for each in on_topic(heard, "/pa_search/intensity")] == [1.0, 3.0]
+    decoded = messages(tmp_path / "a.mcap")
+    assert [json.loads(each.data)["intensity"] for each in on_topic(decoded, "/pa_search/sample")] == [1.0, None, 3.0]
+    assert [each.data for each in on_topic(decoded, "/pa_search/intensity")] == [1.0, 3.0]
 
 
 @pytest.mark.parametrize("brightest", [None, 0.0, -1.0, math.nan, math.inf])

@@ -1,4 +1,4 @@
-"""Fig. 5 from curves: a full scan drawn at once is the one that the loop makes."""
+"""Fig. 5 from curves: a full scan drawn at once equals the one made by the loop."""
 
 from __future__ import annotations
 

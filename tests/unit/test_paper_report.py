@@ -1,4 +1,4 @@
-"""The paper's numbers as data, summaries of errors, and the report: what stands in the CSV stands on the page."""
+"""The paper's numbers as data, summaries of errors, and the report: the page agrees with the CSV."""
 
 from __future__ import annotations
 

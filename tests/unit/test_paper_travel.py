@@ -93,7 +93,7 @@ def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:
     assert asked == -35.0 or asked * counts == pytest.approx(round(asked * counts))
 
 
-def test_the_section_says_what_cannot_be_reproduced() -> None:
+def test_the_section_lists_what_cannot_be_reproduced() -> None:
     section = travel(RunOptions(markers=60))
     by_condition = {each.condition: each for each in section.comparisons}
     printed = by_condition["TS, as printed, from the first angle"]

@@ -1,4 +1,4 @@
-"""Pictures as they are laid out: nothing clipped, nothing over another, no name taken for mathematics."""
+"""Layout of pictures: nothing clipped, nothing overlapping, no name rendered as mathematics."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def figure_of(samples: list[Sample], *, confirmation: Sample | None = None, titl
 
 
 def test_a_confirmation_and_a_floor_above_all_acquisitions_are_inside_the_picture() -> None:
-    loud = figure_of([sample(-3.0, 200.0), sample(2.0, 1000.0)], confirmation=sample(0.8, 2000.0))
-    assert loud.axes[0].get_ylim()[1] > 2000
+    confirmed = figure_of([sample(-3.0, 200.0), sample(2.0, 1000.0)], confirmation=sample(0.8, 2000.0))
+    assert confirmed.axes[0].get_ylim()[1] > 2000
     quiet = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)])
     assert quiet.axes[0].get_ylim()[1] > 130
 

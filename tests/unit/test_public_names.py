@@ -1,4 +1,4 @@
-"""The names at the top are few, and each is there."""
+"""The public names of the package: few, and all importable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rig files: what they say is what comes out, and a key that does not exist is never passed over."""
+"""Rig files: settings as written, and an error for unknown keys."""
 
 from __future__ import annotations
 
@@ -63,6 +63,6 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
     assert "rig.toml" in str(caught.value)
 
 
-def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         read_rig_file(tmp_path / "rig.toml")

@@ -54,7 +54,7 @@ def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> No
     samples = [Sample(angle_deg=4.1, reading=noisy)]
     for intensity, kind in ((41.0, Found), (39.0, Unsure)):
         now = Sample(angle_deg=4.0, reading=replace(noisy, intensity=intensity, lateral_m=9e-3))
-        assert isinstance(judged(GUARDED, now, samples), kind)  # too faint for its place to be compared
+        assert isinstance(judged(GUARDED, now, samples), kind)  # too weak for its position to be compared
 
 
 def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
@@ -65,7 +65,7 @@ def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
 
 
 class Fading(Bench):
-    """A bench whose signal is gone after so many acquisitions."""
+    """A bench whose signal vanishes after a number of acquisitions."""
 
     def acquire(self, permit):  # type: ignore[no-untyped-def]
         frame = super().acquire(permit)

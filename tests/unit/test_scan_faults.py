@@ -1,4 +1,4 @@
-"""Devices that do not do their part: the run ends, the rig stops, and the guard tells faults from refusals."""
+"""Devices that do not do their part: the run ends, the rig stops, and the guard distinguishes faults from refusals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_device_that_does_not_do_its_part_ends_the_run(bench: Bench, error: ty
     policy = Tour(0.0)
     events = drain(run(policy, scanner(bench)), error)
     assert isinstance(events[-1], Failed)
-    assert policy.told == []
+    assert policy.samples == []
     assert bench.log[-1] == "stop"
 
 
@@ -124,11 +124,11 @@ def test_evidence_against_a_device_is_a_fault_and_a_frame_refused_twice_is_not(b
 
 
 def test_a_saturated_frame_ends_the_search_and_is_no_fault_of_a_device() -> None:
-    class Loud(Bench):
+    class Noisy(Bench):
         def read(self, frame: Frame) -> Reading:
             return replace(super().read(frame), saturated_fraction=0.5)
 
-    made = scanner(Loud())
+    made = scanner(Noisy())
     events = drain(run(Tour(0.0), made), SaturationError)
     assert kinds(events) == ["Started", "Failed"]
     assert made.guard.state is State.DISARMED
@@ -207,4 +207,4 @@ def test_a_frame_of_another_time_place_or_light_never_reaches_the_policy(
     events = drain(run(policy, scanner(Late())), AcquisitionError)
     reasons = [event.reason for event in events if isinstance(event, Refused)]
     assert reason in reasons[-1]
-    assert len(policy.told) <= 1
+    assert len(policy.samples) <= 1

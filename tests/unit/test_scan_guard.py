@@ -18,7 +18,7 @@ def test_an_angle_outside_is_refused_before_anything_moves(angle_deg: float) -> 
 
 
 def states(bench: Bench, **changes: object) -> tuple[Scanner, list[str]]:
-    """A scanner, and what the guard's state was at each verb of a device, the dead man's among them."""
+    """A scanner, and what the guard's state was at each verb of a device, the dead-man switch's among them."""
     seen: list[str] = []
     held = [False]
 
@@ -73,7 +73,7 @@ def test_each_device_acts_in_its_state_and_under_the_lease() -> None:
     assert made.guard.state is State.DISARMED
 
 
-def test_a_guard_that_nobody_armed_moves_and_fires_nothing() -> None:
+def test_an_unarmed_guard_moves_and_fires_nothing() -> None:
     bench = Bench()
     made = scanner(bench, arms_itself=False)
     drain(run(Tour(0.0), made), LimitError)
@@ -98,7 +98,7 @@ def test_an_angle_outside_is_the_policys_fault_and_not_the_rigs() -> None:
     assert made.guard.state is State.DISARMED
 
 
-def test_a_probe_that_stands_outside_its_travel_ends_the_run_before_it_begins() -> None:
+def test_a_probe_outside_its_travel_ends_the_run_before_it_begins() -> None:
     bench = Bench(angle_deg=-40.0)
     made = scanner(bench)
     events = drain(run(Tour(0.0), made), LimitError)

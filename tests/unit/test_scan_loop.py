@@ -1,4 +1,4 @@
-"""The loop: order of events, what a policy is told and when, and that every end leaves the rig stopped."""
+"""The loop: order of events, which samples a policy gets and when, and that every end leaves the rig stopped."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_found_search_moves_to_the_marker_confirms_and_stops() -> None:
     assert finished.elapsed_s == pytest.approx(4.0)
     assert finished.confirmation is not None
     assert finished.confirmation.angle_deg == 4.0
-    assert [sample.dark for sample in policy.told] == [True, True, False, False, False]
+    assert [sample.dark for sample in policy.samples] == [True, True, False, False, False]
     assert [entry for entry in bench.log if entry.startswith("fire")] == ["fire 0"] * 2 + ["fire 16"] * 4
     assert bench.log[-2:] == ["disarm", "stop"]
 
@@ -60,17 +60,17 @@ def test_the_order_within_one_measurement() -> None:
     assert (header.commanded_deg, header.angle_before_deg, header.angle_after_deg) == (12.0, 12.0, 12.0)
 
 
-def test_a_policy_is_told_only_after_the_event_was_handed_out() -> None:
+def test_a_policy_gets_a_sample_only_after_the_event_was_handed_out() -> None:
     policy = Tour(0.0, 1.0)
     events = run(policy, scanner(Bench()))
     assert isinstance(next(events), Started)
     assert next(events) == Asked(role="search", index=1, angle_deg=0.0)
-    assert policy.told == []
+    assert policy.samples == []
     measured = next(events)
     assert isinstance(measured, Measured)
-    assert policy.told == []
+    assert policy.samples == []
     next(events)
-    assert policy.told == [measured.sample]
+    assert policy.samples == [measured.sample]
 
 
 @pytest.mark.parametrize(("stay", "answer"), [(True, FOUND), (False, NotFound(mean_deg=0.0, reason="flat"))])
@@ -89,7 +89,7 @@ def test_a_refused_frame_is_reported_and_taken_again() -> None:
     refused = events[2]
     assert isinstance(refused, Refused)
     assert "stale" in refused.reason
-    assert len(policy.told) == 1
+    assert len(policy.samples) == 1
 
 
 def test_frames_refused_too_often_end_the_run_with_an_error_and_no_angle() -> None:
@@ -100,7 +100,7 @@ def test_frames_refused_too_often_end_the_run_with_an_error_and_no_angle() -> No
     failed = events[-1]
     assert isinstance(failed, Failed)
     assert "refused 3 times" in str(failed.error)
-    assert policy.told == []
+    assert policy.samples == []
     assert bench.log[-2:] == ["disarm", "stop"]
 
 
@@ -119,17 +119,17 @@ def test_closing_the_run_early_stops_the_rig() -> None:
 def test_a_search_that_does_not_end_is_ended(limits: RunLimits) -> None:
     class Endless(Tour):
         def ask(self) -> float | None:
-            return 0.0 if len(self.told) % 2 else 1.0
+            return 0.0 if len(self.samples) % 2 else 1.0
 
         def tell(self, sample: Sample) -> None:
-            self.told.append(sample)
+            self.samples.append(sample)
 
     policy = Endless()
     drain(run(policy, scanner(Bench()), limits=limits), SearchError)
-    assert len(policy.told) <= 5
+    assert len(policy.samples) <= 5
 
 
-def test_settings_that_could_hear_nothing_are_refused() -> None:
+def test_settings_that_could_measure_nothing_are_refused() -> None:
     with pytest.raises(ConfigError, match="pulses is 0"):
         scanner(Bench(), pulses=0)
     with pytest.raises(ConfigError, match="attempts is 0"):

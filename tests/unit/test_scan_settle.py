@@ -1,4 +1,4 @@
-"""What a run does where a receiver cannot prove whose frame it is: it waits, counts, and ends in the dark."""
+"""Runs with a receiver that cannot identify its frames: settling, varied pulse counts, closing dark frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden-section and ternary search: what is kept, what is asked, and what they refuse."""
+"""Golden-section and ternary search: kept brackets, asked angles, and refusals."""
 
 from __future__ import annotations
 
@@ -122,12 +122,12 @@ def test_the_bracket_holds_the_maximum_wherever_the_stage_stops(marker_deg, miss
 
 
 @given(intensities=st.lists(st.floats(0, 1e6), min_size=40, max_size=40), ratio=st.floats(0.51, 0.99))
-def test_asks_inside_the_bracket_whatever_it_hears(intensities, ratio):
-    heard = iter(intensities)
+def test_asks_inside_the_bracket_whatever_it_measures(intensities, ratio):
+    measured = iter(intensities)
     policy = BracketSearch(ratio=ratio, acquisitions=40)
     while (angle_deg := policy.ask()) is not None:
         assert angle_deg in policy.bracket
-        policy.tell(sample(angle_deg, next(heard)))
+        policy.tell(sample(angle_deg, next(measured)))
 
 
 def test_noise_widens_the_answer_but_moves_nothing():

@@ -1,4 +1,4 @@
-"""The floor, the evidence, and what the guarded form answers; the catalogue of methods."""
+"""The noise floor, the evidence, and the answers of the guarded form; the catalogue of methods."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def lorentzian(marker_deg, fwhm_deg=6.0, height=1.0):
 
 def run(policy, curve, *, darks=(), **reading):
     """Search; each entry of ``reading`` is a function of the angle."""
-    for heard in darks:
-        policy.tell(heard)
+    for dark in darks:
+        policy.tell(dark)
     asked = []
     while (angle_deg := policy.ask()) is not None:
         asked.append(angle_deg)
@@ -44,7 +44,7 @@ class TestFloor:
     def test_threshold_of_the_safety_notes(self):
         assert noise_factor(cells=12_800, frames=15) == pytest.approx(6.2, abs=0.05)
 
-    def test_dark_frames_that_tell_their_noise(self):
+    def test_dark_frames_with_noise(self):
         noise = noise_of([sample(0.0, 1.0)] * 15, dark=DARKS)
         assert noise.floor.source == "dark frames"
         assert noise.floor.level == pytest.approx(0.01 * noise_factor(cells=12_800, frames=15))
@@ -54,7 +54,7 @@ class TestFloor:
         burst = dark(0.5, noise_sigma=0.01, cells=12_800)
         assert noise_of([sample(0.0, 1.0)], dark=[*DARKS, burst]).floor.level == 0.5
 
-    def test_dark_frames_that_tell_an_intensity_only(self):
+    def test_dark_frames_with_an_intensity_only(self):
         noise = noise_of([sample(0.0, 1.0)] * 15, dark=[dark(0.03), dark(0.05), dark(0.04)])
         assert noise.floor.source == "dark frames"
         assert noise.floor.level is not None
@@ -75,7 +75,7 @@ class TestFloor:
         noise = noise_of([*lit, sample(6.0, 2.0, noise_sigma=0.5, cells=1000)])
         assert noise.sigma == 0.5
 
-    def test_one_silent_frame_leaves_the_noise_untold(self):
+    def test_one_silent_frame_leaves_the_noise_unknown(self):
         lit = [sample(float(index), 1.0, noise_sigma=0.01) for index in range(5)]
         assert noise_of([*lit, sample(6.0, 2.0)]).floor.source == "unknown"
 
@@ -187,14 +187,14 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
     assert isinstance(strong, Unsure)
 
 
-def test_too_few_acquisitions_are_said_to_be_so():
+def test_too_few_acquisitions_are_reported():
     _, estimate = run(build("weighted-average", acquisitions=15), lorentzian(7.3, fwhm_deg=4.0), darks=DARKS)
     assert isinstance(estimate, Unsure)
     assert "take more acquisitions or average more pulses" in estimate.reason
 
 
 def test_early_end_waits_for_evidence():
-    """A spike below the floor, then silence: the published rule ends there, the guarded one goes on to the marker."""
+    """A spike below the floor, then silence: the published rule ends there, the guarded one continues to the marker."""
 
     def spike_then_marker(angle):
         return 0.05 if angle == -35 else lorentzian(20.0, fwhm_deg=5.0)(angle) if angle > 5 else 0.001
@@ -215,7 +215,7 @@ def test_the_inner_answer_is_kept():
     assert estimate.sigma_deg > bare.estimate().sigma_deg
 
 
-def test_refuses_samples_after_an_early_end_but_hears_dark_ones():
+def test_refuses_samples_after_an_early_end_but_accepts_dark_ones():
     policy = build("weighted-average")
     asked, _ = run(policy, lorentzian(-20.0), darks=DARKS)
     assert len(asked) < 57

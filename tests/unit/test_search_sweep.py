@@ -68,9 +68,9 @@ PASSED = {
 }
 
 
-@pytest.mark.parametrize(("heard", "passed"), PASSED.values(), ids=PASSED.keys())
-def test_peak_recorded_and_passed(heard, passed):
-    assert peak_passed(np.array(heard, dtype=float)) is passed
+@pytest.mark.parametrize(("values", "passed"), PASSED.values(), ids=PASSED.keys())
+def test_peak_recorded_and_passed(values, passed):
+    assert peak_passed(np.array(values, dtype=float)) is passed
 
 
 def test_early_end_and_full_scan_answer_the_same():
@@ -94,19 +94,19 @@ def test_weights_are_not_shifted_and_weak_samples_left_out():
     assert float(weighted_average(angle_deg, intensity)) == pytest.approx((5 * 10 + 2 * 20) / 17)
 
 
-@given(heard=intensities)
-def test_mirror_symmetry_of_eq_1(heard):
-    angle_deg = np.linspace(-35, 35, len(heard)) if len(heard) > 1 else np.array([7.0])
-    intensity = np.array(heard)
+@given(values=intensities)
+def test_mirror_symmetry_of_eq_1(values):
+    angle_deg = np.linspace(-35, 35, len(values)) if len(values) > 1 else np.array([7.0])
+    intensity = np.array(values)
     mean_deg = float(weighted_average(angle_deg, intensity))
     mirrored_deg = float(weighted_average(-angle_deg[::-1], intensity[::-1]))
     assert mirrored_deg == pytest.approx(-mean_deg, abs=1e-9)
     assert angle_deg.min() <= mean_deg <= angle_deg.max()
 
 
-@given(heard=st.lists(st.floats(0, 1e3), min_size=8, max_size=8), order=st.permutations(range(8)))
-def test_the_order_of_samples_does_not_matter(heard, order):
-    pairs = [(-35.0 + 10 * index, value) for index, value in enumerate(heard)]
+@given(values=st.lists(st.floats(0, 1e3), min_size=8, max_size=8), order=st.permutations(range(8)))
+def test_the_order_of_samples_does_not_matter(values, order):
+    pairs = [(-35.0 + 10 * index, value) for index, value in enumerate(values)]
     answers = []
     for policy_type in (WeightedAverage, Exhaustive):
         for arranged in (pairs, [pairs[index] for index in order]):
@@ -163,13 +163,13 @@ class TestUncertainty:
         """Against a Monte Carlo of eq. (1) where all samples stay above the threshold."""
         rng = np.random.default_rng(1)
         angle_deg = np.linspace(-10, 10, 21)
-        heard = 1 / (1 + (angle_deg / 8) ** 2)
-        noisy = heard + 0.01 * rng.standard_normal((4000, 21))
+        values = 1 / (1 + (angle_deg / 8) ** 2)
+        noisy = values + 0.01 * rng.standard_normal((4000, 21))
         measured = weighted_average(np.broadcast_to(angle_deg, noisy.shape), noisy).std()
-        quiet = average_sigma_deg(curve(angle_deg, heard), step_deg=1.0, noise_sigma=0.0)
-        loud = average_sigma_deg(curve(angle_deg, heard), step_deg=1.0, noise_sigma=0.01)
+        noise_free_deg = average_sigma_deg(curve(angle_deg, values), step_deg=1.0, noise_sigma=0.0)
+        noisy_deg = average_sigma_deg(curve(angle_deg, values), step_deg=1.0, noise_sigma=0.01)
         # The curve touches both ends, so noise counts twice there: in the average and in its paired check.
-        assert math.sqrt((loud**2 - quiet**2) / 2) == pytest.approx(measured, rel=0.05)
+        assert math.sqrt((noisy_deg**2 - noise_free_deg**2) / 2) == pytest.approx(measured, rel=0.05)
 
     def test_a_coarse_step_shows(self):
         angle_deg = np.linspace(-35, 35, 8)
@@ -177,7 +177,7 @@ class TestUncertainty:
         assert average_sigma_deg(curve(angle_deg, spike), step_deg=10.0, noise_sigma=0.0) > 1.4
 
     def test_a_curve_cut_by_the_range_shows(self):
-        """The answer leans inwards by degrees, and says so."""
+        """The answer is biased inwards by degrees, and its interval covers that."""
         policy = WeightedAverage(acquisitions=36)
         run(policy, lambda angle: 1 / (1 + ((angle - 28) / 8) ** 2))
         estimate = policy.estimate()
@@ -200,9 +200,9 @@ class TestExhaustive:
     def test_fit_agrees_with_polyfit(self):
         rng = np.random.default_rng(2)
         angle_deg = np.linspace(-5, 5, 21)
-        heard = 10 - 0.05 * (angle_deg - 0.8) ** 2 + 0.1 * rng.standard_normal(21)
-        top = fit_top(curve(angle_deg, heard), step_deg=0.5, noise_sigma=0.0)
-        bend, slope, _ = np.polyfit(angle_deg, heard, 2)
+        values = 10 - 0.05 * (angle_deg - 0.8) ** 2 + 0.1 * rng.standard_normal(21)
+        top = fit_top(curve(angle_deg, values), step_deg=0.5, noise_sigma=0.0)
+        bend, slope, _ = np.polyfit(angle_deg, values, 2)
         assert top.vertex_deg == pytest.approx(-slope / (2 * bend))
 
     @pytest.mark.parametrize(("level", "answer_deg"), [(0.0, -35), (1.0, -35)])
@@ -230,11 +230,11 @@ class TestPeak:
         assert peak.fwhm_deg == pytest.approx(3)
         assert peak.cen_deg is None
 
-    @pytest.mark.parametrize("heard", [[1, 1, 1], [0, 0, 0]])
-    def test_flat_has_no_width(self, heard):
-        peak = peak_of(curve([-1, 0, 1], heard))
+    @pytest.mark.parametrize("values", [[1, 1, 1], [0, 0, 0]])
+    def test_flat_has_no_width(self, values):
+        peak = peak_of(curve([-1, 0, 1], values))
         assert (peak.fwhm_deg, peak.com_deg) == (None, 0)
-        assert noise_limit_deg(curve([-1, 0, 1], heard), noise_sigma=2.0) == 2
+        assert noise_limit_deg(curve([-1, 0, 1], values), noise_sigma=2.0) == 2
 
     def test_samples_are_put_in_order_of_the_angle(self):
         drawn = curve_of([sample(3.0, 1.0), sample(-1.0, 2.0), sample(2.0, 5.0)])

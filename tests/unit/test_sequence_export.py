@@ -1,4 +1,4 @@
-"""Sequences for 3D Slicer and PLUS, read back by SimpleITK; rotations beside those of SciPy."""
+"""Sequences for 3D Slicer and PLUS, read back by SimpleITK; rotations against SciPy."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_what_is_not_known_of_the_probe_is_left_out(tmp_path):
         assert not image.HasMetaDataKey(f"markerseek_{name}")
 
 
-def test_what_is_known_stands_in_the_header(sequence):
+def test_known_facts_are_in_the_header(sequence):
     said = {
         key.removeprefix("markerseek_"): sequence.GetMetaData(key)
         for key in sequence.GetMetaDataKeys()
@@ -99,7 +99,7 @@ def test_what_is_known_stands_in_the_header(sequence):
     np.testing.assert_allclose(numbers, (-4e-3, 5e-3, 1e-3, 0.25e-3))
 
 
-def test_times_count_from_the_first_as_slicer_tells_them_apart(sequence):
+def test_times_count_from_the_first_so_that_slicer_distinguishes_them(sequence):
     """SlicerIGSIO writes a timestamp with six digits, and keeps one frame of each that it then sees."""
     stamps = [float(sequence.GetMetaData(f"Seq_Frame{number:04d}_Timestamp")) for number in range(3)]
     np.testing.assert_allclose(stamps, (0, 11.25, 964.75))

@@ -1,4 +1,4 @@
-"""A session from its plan to its result, from Python, as the commands, a page or a bridge use it."""
+"""A session from its plan to its result, from Python, as a command, page or bridge uses it."""
 
 from __future__ import annotations
 

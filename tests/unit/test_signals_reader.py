@@ -1,4 +1,4 @@
-"""What the image reader says of frames whose source is known."""
+"""Readings of the image reader for frames with a known source."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def frame_of(samples, hz=40e6):
 
 
 def pulse_frame(preset, *, lateral_m, depth_m, samples=2080):
-    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element hears it from one point."""
+    """A Gaussian wave packet of amplitude 1 in the middle of the band, as every element receives it from one point."""
     path = np.hypot(preset.array.lateral_m - lateral_m, depth_m)
     arrival = path / preset.sound_speed_m_s + preset.trigger_offset_s
     time = np.arange(samples) / preset.sampling_hz - arrival[:, None]
@@ -47,15 +47,15 @@ def test_position_and_arrival_of_a_source(lateral_mm, depth_mm, offset_us):
     assert reading.coherence > 0.8
 
 
-@pytest.mark.parametrize(("apart_us", "louder"), [(0.9, 1.0), (1.5, 0.7), (1.5, 1.3)])
-def test_centroid_and_spread_of_a_doublet(apart_us, louder):
+@pytest.mark.parametrize(("apart_us", "stronger"), [(0.9, 1.0), (1.5, 0.7), (1.5, 1.3)])
+def test_centroid_and_spread_of_a_doublet(apart_us, stronger):
     """Two equal pulses add to the variance what two points would, p(1 - p)d^2; whichever is the higher."""
     apart_m = apart_us * 1e-6 * 1540
     first = pulse_frame(BPL, lateral_m=0.0, depth_m=45e-3)
     second = pulse_frame(BPL, lateral_m=0.0, depth_m=45e-3 + apart_m)
-    reading = READER.read(frame_of(counts(first + louder * second, 600.0)))
+    reading = READER.read(frame_of(counts(first + stronger * second, 600.0)))
     single = READER.read(frame_of(counts(first, 600.0)))
-    share = louder**2 / (1 + louder**2)
+    share = stronger**2 / (1 + stronger**2)
     middle_s = 45e-3 / 1540 + share * apart_us * 1e-6
     spread_s = np.sqrt(single.spread_s**2 + share * (1 - share) * (apart_us * 1e-6) ** 2)
     assert reading.centroid_s == pytest.approx(middle_s, abs=0.02e-6)

@@ -115,7 +115,7 @@ def test_a_permit_of_no_pulses_lights_nothing() -> None:
     assert truth.flashes == []
 
 
-def test_the_receiver_hears_the_flash_and_noise_alone_without_one() -> None:
+def test_the_receiver_records_the_flash_and_without_one_only_noise() -> None:
     clock, truth = VirtualClock(), world(white_sigma=2.0)
     laser = SimulatedLaser(world=truth, clock=clock)
     receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=10.0)

@@ -1,4 +1,4 @@
-"""The SonixDAQ's driver and the folder writer, in virtual time: what counts as an acquisition, and what does not."""
+"""The SonixDAQ's driver and the folder writer in virtual time: which files count as an acquisition."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Bench:
             start_deg=0.0,
             rng=np.random.default_rng(1),
         )
-        self.heard: list[np.ndarray] = []
+        self.received: list[np.ndarray] = []
         world_frame = self.world.frame
 
         def frame(flash, *, header):  # type: ignore[no-untyped-def]
             made = world_frame(flash, header=header)
-            self.heard.append(made.samples)
+            self.received.append(made.samples)
             return made
 
         self.world.frame = frame  # type: ignore[method-assign]
@@ -88,14 +88,14 @@ def test_a_frame_is_the_world_s_count_for_count_in_both_layouts(tmp_path: Path, 
     bench = Bench(tmp_path, sdk=sdk)
     for number in range(3):
         frame = bench.take(f"permit {number}", triggers=triggers, pulses=triggers)
-        np.testing.assert_array_equal(frame.samples, bench.heard[-1])
+        np.testing.assert_array_equal(frame.samples, bench.received[-1])
         assert (frame.header.sequence, frame.header.token, frame.header.pulses) == (
             number + 1,
             f"permit {number}",
             triggers,
         )
     # the reader of recorded folders is another program
-    np.testing.assert_array_equal(load_frame(tmp_path).samples, bench.heard[-1])
+    np.testing.assert_array_equal(load_frame(tmp_path).samples, bench.received[-1])
 
 
 def test_the_pulses_in_the_files_differ_and_only_their_average_is_the_frame(bench: Bench) -> None:
@@ -136,7 +136,7 @@ def test_a_file_that_stays_half_written_is_not_taken(bench: Bench) -> None:
 
 def test_a_slow_device_is_waited_for_and_a_too_slow_one_is_not(tmp_path: Path) -> None:
     slow = Bench(tmp_path / "slow", readout_s=4.5)
-    np.testing.assert_array_equal(slow.take().samples, slow.heard[-1])
+    np.testing.assert_array_equal(slow.take().samples, slow.received[-1])
     slow.daq.faults.delay_s = 2.0
     with pytest.raises(DeviceTimeoutError, match="check trigger, folder and free space, or raise timeout_s"):
         slow.take("b")
@@ -175,7 +175,7 @@ def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
         numbered(["CH003.daq", "CH003-0000.daq"])
     bench.take()
     other = Bench(bench.folder, sdk=5)  # the former layout's files stay, and are old
-    np.testing.assert_array_equal(other.take().samples, other.heard[-1])
+    np.testing.assert_array_equal(other.take().samples, other.received[-1])
 
 
 def test_without_arming_or_under_another_permit_there_is_no_frame(bench: Bench) -> None:
@@ -231,7 +231,7 @@ class TestStartCommand:
         assert (tmp_path / "said").read_text() == "$HOME; ls"
         assert beats
 
-    def test_one_that_fails_says_why(self) -> None:
+    def test_a_failure_is_reported_with_its_reason(self) -> None:
         with pytest.raises(NotConnectedError, match=r"ended with code 3: no such board; try it by hand"):
             self.run(sys.executable, "-c", "import sys; print('no such board', file=sys.stderr); sys.exit(3)")
 

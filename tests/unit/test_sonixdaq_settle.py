@@ -1,4 +1,4 @@
-"""Files that land although nothing was triggered: the SonixDAQ's driver waits for them, names them, and uses none."""
+"""Files that arrive without a trigger: the SonixDAQ's driver waits for them, reports them, and uses none."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def test_late_files_of_a_search_that_died_are_named_waited_out_and_not_used(benc
     receiver.arm(permit())
     bench.daq.trigger(4)
     frame = receiver.acquire(permit())
-    np.testing.assert_array_equal(frame.samples, bench.heard[-1])
-    assert len(bench.heard) == 2
+    np.testing.assert_array_equal(frame.samples, bench.received[-1])
+    assert len(bench.received) == 2
 
 
-def test_after_a_trigger_it_waits_anew(bench: Bench) -> None:
+def test_after_a_trigger_it_waits_again(bench: Bench) -> None:
     receiver = settling(bench)
     receiver.settle()
     receiver.arm(permit())
@@ -84,7 +84,7 @@ def test_acquisitions_are_written_one_after_the_other_though_the_host_is_gone(be
     bench.clock.wait(1.45)
     first = (bench.folder / "CH000.daq").read_bytes()
     bench.clock.wait(1.2)
-    assert len(bench.heard) == 2
+    assert len(bench.received) == 2
     assert (bench.folder / "CH000.daq").read_bytes() != first
 
 
@@ -93,16 +93,16 @@ def test_a_device_that_counts_completes_a_cut_train_with_the_next_triggers(tmp_p
     bench.daq._counts = 4
     bench.daq.trigger(3)
     bench.clock.wait(2.0)
-    assert bench.heard == []
+    assert bench.received == []
     bench.daq.trigger(4)
     bench.clock.wait(2.0)
-    assert len(bench.heard) == 2  # three triggers of the first train and one of the second are one acquisition
+    assert len(bench.received) == 2  # three triggers of the first train and one of the second are one acquisition
     bench.daq.trigger(1)
     bench.clock.wait(2.0)
-    assert len(bench.heard) == 4
+    assert len(bench.received) == 4
 
 
-def test_the_start_command_hears_how_many_pulses_come(bench: Bench, tmp_path: Path) -> None:
+def test_the_start_command_gets_the_number_of_pulses(bench: Bench, tmp_path: Path) -> None:
     code = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text(sys.argv[2])"
     command = (sys.executable, "-c", code, str(tmp_path / "said"), "n={frames}")
     watched = SonixDaqSettings(folder=bench.folder, dark_triggers=4, stable_s=0.0, start_command=command)

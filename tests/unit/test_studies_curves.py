@@ -1,4 +1,4 @@
-"""Intensity curves and their world: against closed forms and SciPy, then as devices and in searches."""
+"""Intensity curves and their simulated world: against closed forms and SciPy, as devices and in searches."""
 
 from __future__ import annotations
 
@@ -115,8 +115,8 @@ def test_widths_powers_and_levels_that_cannot_be_are_refused(value: float) -> No
 
 
 def test_a_strong_peak_is_distributed_as_a_noncentral_chi_of_two_places_and_two_quadratures() -> None:
-    loud = world(GaussianCurve(fwhm_deg=7.0), peak=30.0, sigma=2.0)
-    drawn = np.array([loud.frame(FLASH, header=HEADER).intensity for _ in range(4000)]) / 2.0
+    strong = world(GaussianCurve(fwhm_deg=7.0), peak=30.0, sigma=2.0)
+    drawn = np.array([strong.frame(FLASH, header=HEADER).intensity for _ in range(4000)]) / 2.0
     assert stats.kstest(drawn**2, stats.ncx2(4, 15.0**2).cdf).pvalue > 0.01
 
 
@@ -127,7 +127,7 @@ def test_the_largest_noise_is_distributed_as_peaks_above_a_level_are_counted() -
     assert stats.kstest(drawn, lambda u: np.exp(-rate * (u**2 - 1) * np.exp(-(u**2) / 2))).pvalue > 0.01
 
 
-def test_two_equal_peaks_are_louder_than_one_and_scatter_less() -> None:
+def test_two_equal_peaks_are_stronger_than_one_and_scatter_less() -> None:
     """The largest of two independent normals has the mean 1/sqrt(pi) and the variance 1 - 1/pi."""
     angles = np.array([-1.0, 1.0])
     both = world(RecordedCurve(angles, np.ones((2, 2))), peak=1000.0)

@@ -1,4 +1,4 @@
-"""Studies in which everything is drawn: what is drawn, what is kept, what is said of it, and the figure of errors."""
+"""Studies with every parameter drawn: the draws, the rows, the summary, and the figure of errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Running a study: anywhere and however interrupted, the files are the same."""
+"""Runs of a study give the same files on any machine and after any interruption."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Compute = Callable[[Chunk], bytes]
 
 
 class KilledError(Exception):
-    """Stands for a process that is gone."""
+    """Stands in for a process that has died."""
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -43,7 +43,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Files of a study that nobody interrupted."""
+    """Files of a study that was not interrupted."""
     folder = tmp_path_factory.mktemp("whole")
     run_study(STUDY, folder, workers=1)
     return files(folder)
@@ -60,11 +60,11 @@ def test_the_table_is_the_rows_one_by_one(whole: dict[str, bytes]) -> None:
 def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
     whole: dict[str, bytes], tmp_path: Path
 ) -> None:
-    heard: list[int] = []
-    finish = run_study(STUDY, tmp_path / "two", workers=2, progress=heard.append)
+    reported: list[int] = []
+    finish = run_study(STUDY, tmp_path / "two", workers=2, progress=reported.append)
     assert files(tmp_path / "two") == whole
-    assert heard == sorted(heard)
-    assert heard[-1] == STUDY.rows
+    assert reported == sorted(reported)
+    assert reported[-1] == STUDY.rows
     assert finish.summary == msgspec.json.decode(whole["summary.json"], type=Summary)
 
 

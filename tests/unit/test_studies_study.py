@@ -1,4 +1,4 @@
-"""What a study is, what its trials draw, and what its rows and summary say."""
+"""The settings of a study, the draws of its trials, its rows and its summary."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_a_study_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, 
     assert "mine.toml" in str(caught.value)
 
 
-def test_the_hash_is_of_what_the_study_says_and_of_nothing_else() -> None:
+def test_the_hash_covers_the_settings_of_the_study_and_nothing_else() -> None:
     again = dataclasses.replace(SMALL, vary=(Axis(key="rig.noise.peak_snr_db", values=(30.0, 50.0)),))
     assert again.digest == SMALL.digest
     others = [
@@ -151,7 +151,7 @@ def test_the_hash_is_of_what_the_study_says_and_of_nothing_else() -> None:
     trial=st.integers(0, 4),
     policies=st.permutations([TERNARY, AVERAGE, PolicySettings(method="manual")]),
 )
-def test_what_a_trial_draws_depends_on_seed_cell_and_number_alone(
+def test_the_draws_of_a_trial_depend_only_on_seed_cell_and_number(
     seed: int, trial: int, policies: list[PolicySettings]
 ) -> None:
     one = dataclasses.replace(SMALL, seed=seed)
@@ -177,7 +177,7 @@ def test_markers_are_drawn_uniformly_over_the_search_range() -> None:
 
 
 def test_policies_of_one_trial_search_in_the_same_world() -> None:
-    """Also in noise: two policies whose first angle is the same hear the same there."""
+    """Also in noise: two policies whose first angle is the same receive the same frame there."""
     same = dataclasses.replace(
         SMALL, policies=(AVERAGE, dataclasses.replace(AVERAGE, early_end=False)), vary=(), trials=8
     )
@@ -207,13 +207,13 @@ def test_a_trial_at_the_level_of_frames_gives_the_same_kind_of_row() -> None:
 
 def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
     """A converter that is filled sixteen times over refuses every frame near the marker."""
-    loud = SimulatedSettings()
-    loud = dataclasses.replace(
-        loud,
+    saturating = SimulatedSettings()
+    saturating = dataclasses.replace(
+        saturating,
         marker=MarkerSettings(angle_deg=0.0, lateral_m=0.0),
-        receiver=dataclasses.replace(loud.receiver, peak_counts=30_000.0),
+        receiver=dataclasses.replace(saturating.receiver, peak_counts=30_000.0),
     )
-    study = Study(name="loud", level="frames", trials=1, policies=(TERNARY,), rig=loud)
+    study = Study(name="loud", level="frames", trials=1, policies=(TERNARY,), rig=saturating)
     row = run_row(study, 0)
     assert (row.answer, row.mean_deg, row.error_deg, row.acquisitions) == ("failed", None, None, None)
     assert row.truth_deg == 0.0
@@ -250,7 +250,7 @@ def test_another_table_is_refused(tmp_path: Path, content: bytes, message: str) 
         list(read_rows(path, SMALL))
 
 
-def test_a_summary_says_what_its_rows_say() -> None:
+def test_a_summary_agrees_with_its_rows() -> None:
     study = dataclasses.replace(SMALL, trials=40)
     rows = all_rows(study)
     summary = summarise(study, rows)
@@ -281,10 +281,10 @@ def test_a_marker_found_where_there_is_none_is_a_failure_and_not_found_is_none()
     study = Study(
         name="nothing", trials=10, policies=(TERNARY, guarded), rig=nothing, curve=CurveSettings(family="sech")
     )
-    published, careful = summarise(study, all_rows(study)).policies
-    assert (published.failures.hits, published.failures.count, published.error_deg.count) == (10, 10, 0)
-    assert careful.answers["not found"].hits == 10
-    assert (careful.failures.count, careful.failures.share) == (0, None)
+    published_row, guarded_row = summarise(study, all_rows(study)).policies
+    assert (published_row.failures.hits, published_row.failures.count, published_row.error_deg.count) == (10, 10, 0)
+    assert guarded_row.answers["not found"].hits == 10
+    assert (guarded_row.failures.count, guarded_row.failures.share) == (0, None)
 
 
 def test_many_policies_are_compared_at_equal_acquisitions() -> None:

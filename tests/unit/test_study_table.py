@@ -1,4 +1,4 @@
-"""Numbers of a study's summary as people read them."""
+"""Formatting of the numbers in a study's summary."""
 
 from __future__ import annotations
 

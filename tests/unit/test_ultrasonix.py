@@ -1,4 +1,4 @@
-"""Ultrasonix files, against the way the machine's MATLAB reader takes them apart."""
+"""Ultrasonix files, against the layout read by the machine's MATLAB reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The laser box's lines: what is written is read again, and nothing else is."""
+"""Lines of the laser box's protocol: round trips, and refusal of everything else."""
 
 from __future__ import annotations
 
@@ -166,15 +166,15 @@ def test_lines_come_out_whole_however_the_bytes_are_cut(commands: list[box.Comma
     stream = b"".join(map(box.encode, commands))
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=8)))
     lines = box.Lines()
-    heard = []
+    received = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
-        heard += lines.feed(stream[start:end])
-    assert [box.decode_command(line) for line in heard] == commands
+        received += lines.feed(stream[start:end])
+    assert [box.decode_command(line) for line in received] == commands
 
 
 @given(st.integers(1, 200), st.integers(1, 30))
 def test_a_line_too_long_comes_out_empty_and_the_next_one_whole(excess: int, step: int) -> None:
     lines = box.Lines()
     stream = b"x" * (box.LINE_BYTES - 1 + excess) + b"\n" + box.encode(box.Hello())
-    heard = [line for start in range(0, len(stream), step) for line in lines.feed(stream[start : start + step])]
-    assert heard == [b"", box.encode(box.Hello()).removesuffix(b"\n")]
+    received = [line for start in range(0, len(stream), step) for line in lines.feed(stream[start : start + step])]
+    assert received == [b"", box.encode(box.Hello()).removesuffix(b"\n")]

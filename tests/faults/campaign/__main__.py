@@ -1,6 +1,6 @@
 """Fault campaign: ``python -m tests.faults.campaign --runs 100000 --frames 2000 --out docs/explanation/faults.md``.
 
-Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed goes on where it
+Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed continues where it
 was; they hold for one commit and one seed.
 """
 
@@ -134,7 +134,7 @@ BELOW = "<!-- Below this line: written by the fault campaign. -->\n"
 
 
 def _above(out: Path) -> str:
-    """What people wrote on a page, above the tables; they are written anew."""
+    """The hand-written part of a page, above its generated tables."""
     written = out.read_text() if out.is_file() else ""
     return written[: written.index(BELOW)] + BELOW + "\n" if BELOW in written else ""
 

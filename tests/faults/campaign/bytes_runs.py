@@ -45,7 +45,7 @@ Break = Callable[[EmulatedBench], object]
 
 @dataclass(frozen=True, kw_only=True)
 class ByteFault:
-    """Something that goes wrong with laser box or data acquisition after so many acquisitions."""
+    """A fault of laser box or data acquisition that begins after a number of acquisitions."""
 
     name: str
     begin: Break
@@ -118,7 +118,7 @@ class ByteRun:
         self.bench = EmulatedBench(settings=settings, rng=rng, folder=folder / "daq")
         self.pulses = Watched(lambda: self.bench.stage.moving)
         self.bench.laser_box.pulses = self.pulses
-        self.heard: list[tuple[Int16[np.ndarray, "channels samples"], float]] = []
+        self.received: list[tuple[Int16[np.ndarray, "channels samples"], float]] = []
         self._write_down()
         self.clock = BenchClock()
         self.clock.lead(self.bench.stage.advance, self.bench.daq.advance)
@@ -133,7 +133,7 @@ class ByteRun:
         return "" if self.byte_fault is None else self.byte_fault.name
 
     def _write_down(self) -> None:
-        """Keep what was really heard, and where, beside the emulated files."""
+        """Keep the samples that were really received, and the angle, beside the emulated files."""
         daq: Any = self.bench.daq
         pulses, acquisition = daq._pulses, daq._acquisition
         averages: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
@@ -147,7 +147,7 @@ class ByteRun:
             files = acquisition(parts)
             triggers = sum(count for _, count in averages)
             whole = sum(averaged.astype(np.float64) * count for averaged, count in averages) / triggers
-            self.heard.append((np.rint(whole).astype(np.int16), parts[-1].world.angle_deg))
+            self.received.append((np.rint(whole).astype(np.int16), parts[-1].world.angle_deg))
             return files
 
         daq._pulses, daq._acquisition = keeping, taking
@@ -215,16 +215,16 @@ class ByteRun:
         return verdict, accepted, self.clock.now_s()
 
     def _admitted(self, event: Measured, verdict: Verdict) -> None:
-        """P6: what was accepted is what was heard last, where the probe was."""
+        """P6: what was accepted is what was received last, at the angle of the probe."""
         if self.byte_fault is not None and self.byte_fault.harm == "result":
             return
         frame = event.sample.frame
-        samples, angle_deg = self.heard[-1]
+        samples, angle_deg = self.received[-1]
         if not isinstance(frame, ChannelFrame) or not np.array_equal(frame.samples, samples):
-            verdict.broken.append(("P6", "a frame was accepted that is not what was heard last"))
+            verdict.broken.append(("P6", "a frame was accepted that is not what was received last"))
         unseen = self.stage_fault is not None and self.stage_fault.name in UNSEEN_STAGE
         if not unseen and not abs(event.sample.angle_deg - angle_deg) <= SETTLED_DEG:
-            verdict.broken.append(("P6", f"accepted at {event.sample.angle_deg:.3f}, heard at {angle_deg:.3f} deg"))
+            verdict.broken.append(("P6", f"accepted at {event.sample.angle_deg:.3f}, received at {angle_deg:.3f} deg"))
 
     def _judge(self, verdict: Verdict, path: Path, guard: Guard | None) -> None:
         low, high = self.bench.stage.truth_range_deg
@@ -268,7 +268,7 @@ def with_frames(seed: int, first: int, count: int, *, folder: Path) -> Tally:
         run = ByteRun(place, seed=seed, number=number)
         verdict, accepted, virtual_s = run.perform()
         shutil.rmtree(place)
-        tally.hear(
+        tally.count_run(
             verdict,
             number=number,
             faults=(run.fault_name,) if run.fault_name else (),

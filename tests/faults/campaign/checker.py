@@ -1,4 +1,4 @@
-"""Says which promises a run broke, from nothing but the truth of its world and its journal."""
+"""Which promises a run broke, decided only from its simulated truth and its journal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAMPLE_S = 120.0
 
 @dataclass(kw_only=True)
 class Verdict:
-    """What was seen in a run; ``broken`` holds promise and sentence."""
+    """Findings of a run; ``broken`` holds promise and sentence."""
 
     broken: list[tuple[str, str]] = field(default_factory=list)
     outcome: str = ""
@@ -81,12 +81,12 @@ def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     lights = trace.world.lights
     verdict.moving_pulses = sum(light.pulses for light in lights if light.moving)
-    permitted = sum(pulses for _, pulses in trace.told_permits)
+    permitted = sum(pulses for _, pulses in trace.sent_permits)
     fired = sum(light.pulses for light in lights if not light.moving)
     largest = max((light.pulses for light in lights), default=0)
     verdict.excess_pulses = max(0, fired - permitted, largest - trace.plan.pulses)
     if permitted > trace.guard.pulses_permitted:
-        verdict.broken.append(("P3", f"{permitted} pulses were told to the laser, more than were permitted"))
+        verdict.broken.append(("P3", f"{permitted} pulses were commanded of the laser, more than were permitted"))
     if harmless and (verdict.excess_pulses or verdict.moving_pulses):
         verdict.broken.append(("P3", f"{verdict.excess_pulses} pulses too many, {verdict.moving_pulses} while moving"))
     injected = sum(max(1, round(fault.amount)) for fault in trace.plan.faults if fault.name == "extra pulses")
@@ -108,20 +108,20 @@ def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
 
 
 def _accepted_faulty(trace: Trace) -> list[str]:
-    """Frames that were accepted and are not what was heard, or not where."""
-    truth = {each.token: each for each in trace.world.heard}
+    """Frames that were accepted and are not what was received, or not at that angle."""
+    truth = {each.token: each for each in trace.world.received}
     faulty = []
     for entry in trace.journal.entries:
         if not isinstance(entry.event, Measured):
             continue
         frame, sample = entry.event.sample.frame, entry.event.sample
-        heard = truth.get("" if frame is None else frame.header.token)
-        if heard is None or not isinstance(frame, ReadingFrame):
-            faulty.append("a frame was accepted that nobody heard")
-        elif not math.isclose(sample.reading.intensity, heard.intensity):
-            faulty.append(f"accepted {sample.reading.intensity:g}, heard {heard.intensity:g}")
-        elif not abs(sample.angle_deg - heard.angle_deg) <= SETTLED_DEG:
-            faulty.append(f"accepted at {sample.angle_deg:.3f}, heard at {heard.angle_deg:.3f} deg")
-        elif heard.pulses != frame.header.pulses:
-            faulty.append(f"accepted with {frame.header.pulses} pulses, {heard.pulses} were heard")
+        received = truth.get("" if frame is None else frame.header.token)
+        if received is None or not isinstance(frame, ReadingFrame):
+            faulty.append("a frame was accepted that was never received")
+        elif not math.isclose(sample.reading.intensity, received.intensity):
+            faulty.append(f"accepted {sample.reading.intensity:g}, received {received.intensity:g}")
+        elif not abs(sample.angle_deg - received.angle_deg) <= SETTLED_DEG:
+            faulty.append(f"accepted at {sample.angle_deg:.3f}, received at {received.angle_deg:.3f} deg")
+        elif received.pulses != frame.header.pulses:
+            faulty.append(f"accepted with {frame.header.pulses} pulses, {received.pulses} were received")
     return faulty

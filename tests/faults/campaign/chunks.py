@@ -1,4 +1,4 @@
-"""Runs of a campaign in pieces: functions of a module that a process of its own finds under its name."""
+"""Chunks of a campaign as module-level functions, so that worker processes can import them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def readings(seed: int, first: int, count: int) -> Tally:
         for number in range(first, first + count):
             plan = draw_plan(seed, number)
             trace = campaign.perform(plan)
-            tally.hear(
+            tally.count_run(
                 check(trace),
                 number=number,
                 faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),
@@ -37,7 +37,7 @@ def readings(seed: int, first: int, count: int) -> Tally:
 
 
 def restarts_of(kind: str, seed: int, first: int, count: int) -> Restarts:
-    """Counts of a chunk of restarts: of which data acquisition, and which death, the first argument says."""
+    """Counts of a chunk of restarts; the first argument names the data acquisition and the kind of death."""
     daq, death = kind.rsplit(", ", 1)
     with tempfile.TemporaryDirectory(dir=_ram()) as folder:
         # far enough apart that no chunk repeats what another drew: those that do not die are drawn again

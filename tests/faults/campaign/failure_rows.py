@@ -1,4 +1,4 @@
-"""The reproduction's table of failures for ours alone, row by row, with searches enough for a share of 1e-3.
+"""The table of failures for our methods, row by row, with enough searches for a share of 1e-3.
 
 ``python -m tests.faults.campaign.failure_rows --workers 2 --out docs/explanation/failures.md`` (half an hour): every
 method on intensities, the posterior alone from frames. Rows are added as they are done; those that are there already,
@@ -30,8 +30,8 @@ HEAD = (
 def row(words: str, seen: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
     """Line of the table for one method under one fault."""
     off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
-    told, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
-    return f"| {words} | {told} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
+    reported, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
+    return f"| {words} | {reported} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
 
 
 def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:

@@ -1,4 +1,4 @@
-"""The faults of one simulated device that fails as it is told: the truth stays in the world.
+"""The faults of one simulated device that fails on request: the truth stays in the simulated world.
 
 A step of the stage is a move, of the laser a firing, of the receiver an acquisition, each counted from 1. ``acted``
 holds the faults that changed something that a healthy device would not have done.

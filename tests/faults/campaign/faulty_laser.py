@@ -1,4 +1,4 @@
-"""A laser that fails as it is told, around the simulated one."""
+"""A laser that fails on request, around the simulated one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FaultyLaser(Faulty):
         faults: tuple[Fault, ...],
         rng: np.random.Generator,
         *,
-        tell: Callable[[Permit], None],
+        send: Callable[[Permit], None],
         stage_rests: Callable[[], None],
         readout_s: float,
     ) -> None:
@@ -35,7 +35,7 @@ class FaultyLaser(Faulty):
         self._inner = inner
         self._world = world
         self._clock = clock
-        self._tell = tell
+        self._send = send
         self._stage_rests = stage_rests
         self._readout_s = readout_s
         self.due: tuple[float, Permit] | None = None
@@ -46,10 +46,10 @@ class FaultyLaser(Faulty):
             raise OSError("device disconnected")
         if self.has("busy"):
             raise LaserError("laser: BUSY")
-        self._tell(permit)
+        self._send(permit)
         drop = self.has("energy drops")
         self._world.energy = 1.0 if drop is None else drop.amount
-        fired, told = self._train(permit)
+        fired, reported = self._train(permit)
         self._stage_rests()
         if self.has("silent"):
             self._clock.wait(ANSWER_S)
@@ -65,7 +65,7 @@ class FaultyLaser(Faulty):
         if self.has("garbled count"):
             garbage: list[Any] = [-1, 10**9, math.nan, None, permit.pulses + 0.5]
             return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
-        return told
+        return reported
 
     def disarm(self) -> None:
         self.due = None
@@ -84,7 +84,7 @@ class FaultyLaser(Faulty):
             self.due = None
 
     def _train(self, permit: Permit) -> tuple[int, int]:
-        """Pulses that were really fired, and those it tells."""
+        """Pulses that were really fired, and those it reports."""
         pulses = permit.pulses
         if pulses == 0:
             dark = self.has("light in the dark")

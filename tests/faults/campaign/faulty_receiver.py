@@ -1,4 +1,4 @@
-"""A receiver and its reader that fail as they are told, around the simulated ones."""
+"""A receiver and its reader that fail on request, around the simulated ones."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ class FaultyReceiver(Faulty):
         if (lost := self.has("lost frames", silently=True)) is not None and self.chance(lost.amount):
             self.act(lost)
             raise AcquisitionError("receiver: files are missing")
-        spoilt = self._spoilt(frame, self._last)
+        faulty = self._faulty_frame(frame, self._last)
         self._last = frame
-        return spoilt
+        return faulty
 
     def read(self, frame: Frame) -> Reading:
         reading = self._reader.read(frame)
@@ -87,7 +87,7 @@ class FaultyReceiver(Faulty):
             return replace(reading, noise_sigma=math.nan)
         return reading
 
-    def _spoilt(self, frame: ReadingFrame, last: ReadingFrame | None) -> Frame:
+    def _faulty_frame(self, frame: ReadingFrame, last: ReadingFrame | None) -> Frame:
         header = frame.header
         if last is not None and (self.has("stuck") or self.has("late frames")):
             return last
@@ -110,9 +110,9 @@ class FaultyReceiver(Faulty):
             return replace(frame, intensity=math.nan)
         if self.has("other kind"):
             return ChannelFrame(header=header, samples=np.arange(8, dtype=np.int16).reshape(2, 4), sampling_hz=4e7)
-        return replace(frame, header=self._spoilt_header(frame))
+        return replace(frame, header=self._faulty_header(frame))
 
-    def _spoilt_header(self, frame: ReadingFrame) -> Any:
+    def _faulty_header(self, frame: ReadingFrame) -> Any:
         header = frame.header
         if self.has("other token"):
             return replace(header, token=f"{header.token}0")

@@ -1,4 +1,4 @@
-"""A stage that fails as it is told, around the simulated one."""
+"""A stage that fails on request, around the simulated one."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FaultyStage(Faulty):
         self._turning = turning
         self._frozen_deg: float | None = None
         self._before_deg = inner.angle_deg
-        self._told_deg: float | None = None
+        self._target_deg: float | None = None
         self._creep_deg = 0.0
 
     @property
@@ -47,11 +47,11 @@ class FaultyStage(Faulty):
         if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
             self._clock.wait(ANSWER_S)
             raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
-        told_deg = self._told(self._inner.angle_deg)
-        return self._stale(told_deg) if told_deg == self._inner.angle_deg else told_deg
+        reported_deg = self._reported_deg(self._inner.angle_deg)
+        return self._stale(reported_deg) if reported_deg == self._inner.angle_deg else reported_deg
 
-    def _told(self, true_deg: float) -> float:
-        """What it makes of its angle."""
+    def _reported_deg(self, true_deg: float) -> float:
+        """The angle that it reports for a true one."""
         if self.has("NaN readback"):
             return math.nan
         if wild := self.has("wild readback"):
@@ -64,16 +64,16 @@ class FaultyStage(Faulty):
         return true_deg
 
     def _stale(self, true_deg: float) -> float:
-        """An angle of another moment, where it tells one."""
-        for name, told_deg in (
-            ("says it is there", self._told_deg),
+        """An angle of another moment, if a fault has it report one."""
+        for name, reported_deg in (
+            ("says it is there", self._target_deg),
             ("frozen readback", self._frozen_deg),
             ("late readback", self._before_deg),
         ):
-            if (fault := self.has(name, silently=True)) is not None and told_deg is not None:
-                if abs(told_deg - true_deg) > 0.1:
+            if (fault := self.has(name, silently=True)) is not None and reported_deg is not None:
+                if abs(reported_deg - true_deg) > 0.1:
                     self.act(fault)
-                return told_deg
+                return reported_deg
         return true_deg
 
     def move_to(self, angle_deg: float) -> float:
@@ -89,7 +89,7 @@ class FaultyStage(Faulty):
             self._turn(angle_deg)
         finally:
             self._world.moving = False
-        self._told_deg = angle_deg
+        self._target_deg = angle_deg
         self._loosen()
         return self.angle_deg
 

@@ -1,4 +1,4 @@
-"""The supervisor's real process, holding one line: what the laser is told goes through it, and the far end is heard."""
+"""The supervisor's real process, holding one line: the laser's commands pass through it, and the far end is read."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from markerseek.core import Permit
 from markerseek.supervisor import Line, Supervisor
 
 SAFE_COMMAND = b"DISARM\n"
-HEARD_S = 10.0
+RECEIVE_TIMEOUT_S = 10.0
 
 
 class HeldLines:
-    """A supervisor for a campaign; it is also the dead man of its runs, and is armed anew for each."""
+    """A supervisor for a campaign; it is also the dead-man switch of its runs, and is armed again for each."""
 
     def __init__(self, *, period_s: float = 1.0) -> None:
         self._fd, self._near = os.openpty()
@@ -25,8 +25,8 @@ class HeldLines:
         line = Line(name="laser", path=os.ttyname(self._near), safe_command=SAFE_COMMAND)
         self._supervisor = Supervisor(lines=[line], period_s=period_s)
         self._port = self._supervisor.port("laser")
-        self._told = 0
-        self.heard = b""
+        self._sent_permits = 0
+        self.received = b""
 
     def __enter__(self) -> Self:
         return self
@@ -39,12 +39,12 @@ class HeldLines:
         os.close(self._near)
 
     def begin(self) -> None:
-        """A person arms it."""
+        """Arm it, as a person does."""
         self._supervisor.arm()
         while select.select([self._fd], [], [], 0)[0]:
             os.read(self._fd, 65536)
-        self._told = 0
-        self.heard = b""
+        self._sent_permits = 0
+        self.received = b""
 
     def hold(self) -> None:
         self._supervisor.hold()
@@ -52,28 +52,28 @@ class HeldLines:
     def release(self) -> None:
         self._supervisor.release()
 
-    def tell_permit(self, permit: Permit) -> None:
-        """What a laser driver does first."""
+    def send_permit(self, permit: Permit) -> None:
+        """Send a permit, as a laser driver does first."""
         self._port.write(f"PERMIT {permit.token} {permit.pulses}\n".encode())
-        self._told += 1
+        self._sent_permits += 1
 
     def end(self) -> tuple[tuple[str, int], ...]:
-        """Token and pulses of each permit that came out at the far end."""
-        ends_s = time.monotonic() + HEARD_S
-        while self.heard.count(b"PERMIT") < self._told or not self.heard.endswith((b"\n", b"")):
+        """Token and pulses of each permit received at the far end."""
+        ends_s = time.monotonic() + RECEIVE_TIMEOUT_S
+        while self.received.count(b"PERMIT") < self._sent_permits or not self.received.endswith((b"\n", b"")):
             left_s = ends_s - time.monotonic()
             if not left_s > 0 or not select.select([self._fd], [], [], left_s)[0]:
                 break
-            self.heard += os.read(self._fd, 65536)
-        words = [line.split() for line in self.heard.decode().splitlines() if line.startswith("PERMIT")]
+            self.received += os.read(self._fd, 65536)
+        words = [line.split() for line in self.received.decode().splitlines() if line.startswith("PERMIT")]
         return tuple((token, int(pulses)) for _, token, pulses in words)
 
     def receives_safe_command(self, *, within_s: float) -> bool:
-        """Whether the far end receives the safe command within that much real time."""
+        """Whether the far end receives the safe command within `within_s` of real time."""
         ends_s = time.monotonic() + within_s
-        while SAFE_COMMAND not in self.heard:
+        while SAFE_COMMAND not in self.received:
             left_s = ends_s - time.monotonic()
             if not left_s > 0 or not select.select([self._fd], [], [], left_s)[0]:
                 return False
-            self.heard += os.read(self._fd, 65536)
+            self.received += os.read(self._fd, 65536)
         return True

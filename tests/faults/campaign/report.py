@@ -1,4 +1,4 @@
-"""The committed page: each promise with its figure and bound, and each fault with what came of it."""
+"""The page of the campaign: each promise with its count and bound, and each fault with its outcomes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def observable_keys() -> list[str]:
 
 
 def promises(tally: Tally, *, preventable: Iterable[str], acts: bool = True) -> list[str]:
-    """Lines of the table of promises; ``acts`` says whether it is known which faults did anything."""
+    """Lines of the table of promises; ``acts``: whether it is known which faults acted."""
     lines = ["| | promise | broken | runs | upper 95 % limit |", "|---|---|---|---|---|"]
     for promise in PROMISES:
         runs = tally.in_fault if promise == "P7" else tally.runs

@@ -51,7 +51,7 @@ DAQS: tuple[DaqName, ...] = ("late files", "counting triggers", "counting trigge
 
 
 class Killed(BaseException):
-    """The process is no more; nothing of it is cleaned up."""
+    """Death of the process, without any cleanup."""
 
 
 class HostClock:
@@ -115,7 +115,7 @@ class Written:
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What became of the search after the restart."""
+    """Outcome of the search after the restart."""
 
     died: bool = False
     answer: str = ""
@@ -159,8 +159,8 @@ class Restart:
 
     def _watch(self) -> None:
         """Number the trains of triggers, and keep which of them are in each acquisition."""
-        trigger, heard, acquisition = self._daq.trigger, self._daq._average, self._daq._acquisition
-        parts_heard: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
+        trigger, receive, acquisition = self._daq.trigger, self._daq._average, self._daq._acquisition
+        parts_received: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
         def numbered(count: int) -> None:
             self._trains += 1
@@ -171,21 +171,21 @@ class Restart:
             trigger(count)
             self._daq._triggered[-1].world.train = self._trains
 
-        def hearing(part: Any) -> Any:
-            samples = heard(part)
-            parts_heard.append((samples, part.triggers))
+        def receiving(part: Any) -> Any:
+            samples = receive(part)
+            parts_received.append((samples, part.triggers))
             return samples
 
         def taking(parts: Any) -> Any:
-            parts_heard.clear()
+            parts_received.clear()
             files = acquisition(parts)
-            whole = sum(samples.astype(np.float64) * count for samples, count in parts_heard)
-            average = np.rint(whole / sum(count for _, count in parts_heard)).astype(np.int16)
+            whole = sum(samples.astype(np.float64) * count for samples, count in parts_received)
+            average = np.rint(whole / sum(count for _, count in parts_received)).astype(np.int16)
             self._written.append(Written(samples=average, trains=frozenset(part.world.train for part in parts)))
             return files
 
         self._bench.laser_box._on_triggers = numbered
-        self._daq._average, self._daq._acquisition = hearing, taking
+        self._daq._average, self._daq._acquisition = receiving, taking
 
     def _lit(self) -> bool:
         """Whether light came with the train that has just ended."""
@@ -217,13 +217,13 @@ class Restart:
         self.clock.wait(float(self._rng.uniform(0.0, 3.0)))
         try:
             for event in self._search(HostClock(self.clock, None), share=None):
-                self._hear(event, outcome)
+                self._judge(event, outcome)
         except MarkerseekError as error:
             outcome.answer = "fault"
             outcome.said.append(str(error))
         return outcome
 
-    def _hear(self, event: Event, outcome: Outcome) -> None:
+    def _judge(self, event: Event, outcome: Outcome) -> None:
         match event:
             case Refused(reason=reason):
                 outcome.said.append(reason)
@@ -282,7 +282,7 @@ class Restarts(msgspec.Struct, kw_only=True):
     off: int = 0
     largest_off_deg: float = 0.0
 
-    def hear(self, outcome: Outcome) -> None:
+    def count_run(self, outcome: Outcome) -> None:
         """Add a restart."""
         self.runs += 1
         self.answers[outcome.answer] = self.answers.get(outcome.answer, 0) + 1
@@ -316,7 +316,7 @@ def _kind(said: str) -> str:
 def restarts(
     daq: DaqName, death: DeathName, *, seed: int, count: int, folder: Path, first: int = 0, bare: bool = False
 ) -> Restarts:
-    """So many restarts under one data acquisition and one kind of death.
+    """Restarts under one data acquisition and one kind of death.
 
     ``bare`` leaves out what decision 16 brought: the settled folder, the watermark, the look at dark frames, the
     confirmation that counts.
@@ -329,7 +329,7 @@ def restarts(
         shutil.rmtree(place)
         number += 1
         if outcome.died:
-            counts.hear(outcome)
+            counts.count_run(outcome)
     return counts
 
 

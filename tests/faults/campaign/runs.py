@@ -57,7 +57,7 @@ METHODS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything about a run that chance decides."""
+    """All random parameters of a run."""
 
     number: int
     seed: int
@@ -109,7 +109,7 @@ def draw_plan(seed: int, number: int) -> Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """What is left of a run for the checker: truth, journal, and the guard after it."""
+    """The record of a run for the checker: truth, journal, and the guard after it."""
 
     plan: Plan
     world: WatchedWorld
@@ -118,7 +118,7 @@ class Trace:
     raised: BaseException | None
     guard: Guard
     left_fault: bool
-    told_permits: tuple[tuple[str, int], ...]
+    sent_permits: tuple[tuple[str, int], ...]
     virtual_s: float
     real_s: float
 
@@ -159,7 +159,7 @@ class Campaign:
             raised=raised,
             guard=guard,
             left_fault=left_fault,
-            told_permits=self._lines.end(),
+            sent_permits=self._lines.end(),
             virtual_s=clock.now_s(),
             real_s=time.perf_counter() - began_s,
         )
@@ -201,7 +201,7 @@ class Campaign:
             clock,
             of["laser"],
             mischief[1],
-            tell=self._lines.tell_permit,
+            send=self._lines.send_permit,
             stage_rests=stage.rest,
             readout_s=plan.readout_s,
         )
@@ -248,7 +248,7 @@ _DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser",
 
 
 def leaves_fault(guard: Guard) -> bool:
-    """Whether any verb but a person's reset leads out of FAULT, or reset does not."""
+    """Whether any verb but a person's reset leaves FAULT, or reset fails to."""
     if guard.state is not State.FAULT:
         return False
     permit = Permit(token="permit-1", angle_deg=0.0, pulses=1, expires_s=math.inf)

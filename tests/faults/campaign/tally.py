@@ -59,7 +59,7 @@ class Tally(msgspec.Struct, kw_only=True):
     def runs(self) -> int:
         return sum(row.runs for row in self.rows.values())
 
-    def hear(
+    def count_run(
         self,
         verdict: Verdict,
         *,

@@ -1,4 +1,4 @@
-"""What goes wrong in the campaign: faults of simulated stage, laser and receiver, in the one vocabulary.
+"""Faults of the simulated stage, laser and receiver that the campaign injects.
 
 `Injected.harm` says what is done in truth before anybody can see it, and `covered_by` which hardware must prevent that.
 """
@@ -156,9 +156,9 @@ FAULTS: dict[tuple[DeviceName, str], Injected] = {(each.fault.device, each.fault
 
 
 def drawn(rng: np.random.Generator, injected: Injected, *, steps: int) -> Fault:
-    """The fault with an amount, and the steps at which it holds: from one of so many on, and often not for ever."""
+    """The fault with a random amount, and the steps at which it holds: from a random one on, often not to the end."""
     from_step = int(rng.integers(1, steps + 1))
-    # What is loud from its first frame on, and for good, is a loud rig and no burst.
+    # Noise that is high from the first frame to the last is a noisy rig and no burst.
     lasts = int(rng.integers(1, 4)) if rng.random() < 0.4 or injected.fault.name == "burst" else None
     low, high = injected.amounts
     spread = np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0 else rng.uniform(low, high)

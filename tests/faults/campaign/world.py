@@ -1,4 +1,4 @@
-"""The truth of a run: where the probe really was, what light really fell, and what could really be heard."""
+"""The truth of a run: where the probe really was, what light really fell, and what could really be received."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Light:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heard:
-    """What was really heard under a token."""
+class Received:
+    """What was really received under a token."""
 
     token: str
     intensity: float
@@ -43,7 +43,7 @@ class WatchedWorld:
         self.energy = 1.0
         self.moving = False
         self.lights: list[Light] = []
-        self.heard: list[Heard] = []
+        self.received: list[Received] = []
         self.lowest_deg = self.highest_deg = inner.angle_deg
         self.flashes: list[Flash] = inner.flashes
 
@@ -75,8 +75,8 @@ class WatchedWorld:
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> Frame:
         self._inner.angle_deg = self.true_deg
         frame = self._inner.frame(flash, header=header)
-        self.heard.append(
-            Heard(
+        self.received.append(
+            Received(
                 token=header.token,
                 intensity=frame.intensity,
                 angle_deg=self.true_deg,

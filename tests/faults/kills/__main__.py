@@ -1,7 +1,7 @@
-"""Kills searches and scans with -9, goes on with each, and compares with the one that nobody killed.
+"""Kills searches and scans with -9, resumes each, and compares with the one that was not killed.
 
 ``python -m tests.faults.kills --workers 3 --out docs/explanation/kills.txt`` (a quarter of an hour; Linux). Each kill
-is the death of a process of its own. What must hold after each: nothing is missing that was acknowledged (told to the
+is the death of a process of its own. What must hold after each: nothing is missing that was acknowledged (sent to the
 process outside, over a pipe), nothing moved or fired in a resume before a person armed the rig, and the resumed search
 ends with the same result, readings and frames, bit for bit. What does not hold is listed at the end of the report, with
 the files that show it.
@@ -80,7 +80,7 @@ def carried_out(todo: list[Job], *, workers: int, folder: str) -> Tally:
 
 def main() -> int:
     """Carry the campaign out and report; 1 if anything did not hold."""
-    parser = argparse.ArgumentParser(description="kills searches and scans with -9, and goes on with each")
+    parser = argparse.ArgumentParser(description="kills searches and scans with -9, and resumes each")
     parser.add_argument("--kills", type=int, default=900, help="kills at random times and in mid-write, about")
     parser.add_argument("--scans", type=int, default=100, help="kills of scans at random times")
     parser.add_argument("--benches", type=int, default=10, help="searches killed on an emulated bench, 30 s each")

@@ -1,4 +1,4 @@
-"""Deaths at every step of a search, at every step of a resume, and in the middle of a write to the disk."""
+"""Kills at every step of a search, at every step of a resume, and in the middle of a write to the disk."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 
-from .ground import copy_of, folder, new_path, went_on, whole
+from .ground import copy_of, folder, new_path, require_resumed, whole
 from .problems import watched
 from .processes import End, MismatchError, in_a_process, require_well
 from .searches import SEARCHES, Search
@@ -28,7 +28,9 @@ def at_steps(name: str, numbers: Sequence[int]) -> Tally:
             end = in_a_process(partial(search.live, path, blows_at=number, resume=False))
             if _died(end, number, last=whole(name).steps):
                 tally.point(end.place, name)
-                went_on(search, path, told=end.told, row=tally.row(name, "every step"), tally=tally)
+                require_resumed(
+                    search, path, acknowledged=end.acknowledged, row=tally.row(name, "every step"), tally=tally
+                )
     return tally
 
 
@@ -45,9 +47,9 @@ def dead(name: str, place: float) -> tuple[Path, int]:
     path = folder() / f"dead {name} {place}"
     number = round(place * whole(name).steps)
     end = in_a_process(partial(SEARCHES[name].live, path, blows_at=number, resume=False))
-    if not (end.killed and end.told > 0):
-        raise MismatchError(f"{name} was to die at step {number}, with something told")
-    return path, end.told
+    if not (end.killed and end.acknowledged > 0):
+        raise MismatchError(f"{name} was to die at step {number}, with an event acknowledged")
+    return path, end.acknowledged
 
 
 @cache
@@ -56,7 +58,7 @@ def steps_of_resume(name: str, place: float) -> int:
     steps: list[int] = []
     path = copy_of(dead(name, place)[0])
     with Path("/dev/null").open("wb") as nobody:
-        steps.append(SEARCHES[name].live(path, told=nobody.fileno(), blows_at=None, resume=True))
+        steps.append(SEARCHES[name].live(path, ack_fd=nobody.fileno(), blows_at=None, resume=True))
     return steps[0]
 
 
@@ -71,7 +73,7 @@ def at_steps_of_resume(name: str, place: float, numbers: Sequence[int]) -> Tally
             if _died(end, number, last=steps_of_resume(name, place)):
                 tally.point(end.place, f"{name}, resumed")
                 row = tally.row(name, f"every step of a resume at {place:.0%}")
-                went_on(search, path, told=max(before, end.told), row=row, tally=tally)
+                require_resumed(search, path, acknowledged=max(before, end.acknowledged), row=row, tally=tally)
     return tally
 
 
@@ -93,16 +95,18 @@ def _in_write(
             require_well(end, 0)
             if not end.killed:
                 continue
-            went_on(search, path, told=max(before, end.told), row=tally.row(search.name, place), tally=tally)
+            require_resumed(
+                search, path, acknowledged=max(before, end.acknowledged), row=tally.row(search.name, place), tally=tally
+            )
         return
 
 
 def _in_search(search: Search, chance: random.Random) -> tuple[str, Path, int, End]:
     path, size = new_path(), chance.randrange(1, whole(search.name).file_bytes)
 
-    def work(*, told: int) -> None:
+    def work(*, ack_fd: int) -> None:
         _die_beyond(size)
-        search.live(path, told=told, blows_at=None, resume=False)
+        search.live(path, ack_fd=ack_fd, blows_at=None, resume=False)
 
     return "mid-write", path, 0, in_a_process(work)
 
@@ -112,9 +116,9 @@ def _in_resume(search: Search, chance: random.Random) -> tuple[str, Path, int, E
     path = copy_of(died)
     size = chance.randrange(path.stat().st_size, int(1.1 * whole(search.name).file_bytes))
 
-    def work(*, told: int) -> None:
+    def work(*, ack_fd: int) -> None:
         _die_beyond(size)
-        search.live(path, told=told, blows_at=None, resume=True)
+        search.live(path, ack_fd=ack_fd, blows_at=None, resume=True)
 
     return "mid-write of a resume", path, before, in_a_process(work)
 

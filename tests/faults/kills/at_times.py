@@ -1,4 +1,4 @@
-"""Deaths at random times of `markerseek search` and of the `markerseek resume --arm` that goes on with it."""
+"""Kills of `markerseek search` and of `markerseek resume --arm` at random times."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 from markerseek.cli.open_rig import NOT_ARMED
 from markerseek.records.journal import read_journal, result_of, run_state
 
-from .ground import Happened, begun, copy_of, folder, forget, happened, new_path, require_whole
+from .ground import Happened, begun, copy_of, folder, happened, new_path, remove, require_whole
 from .problems import watched
 from .processes import End, Lifetime, MismatchError, command, require_well, warm
 from .searches import SEED
@@ -39,7 +39,7 @@ _TRIES = 20
 
 @dataclass(frozen=True)
 class WholeCommand:
-    """A search by the command that nobody killed."""
+    """A search by the command that was not killed."""
 
     printed: object
     result: bytes
@@ -69,12 +69,12 @@ def whole_command(pace: float) -> WholeCommand:
     require_well(end, 0, 3)
     held = read_journal(path)
     printed = json.loads(Path(f"{path}.out").read_text())
-    forget(path)
+    remove(path)
     return WholeCommand(
         printed=printed,
         result=msgspec.json.encode(result_of(held)[1]),
         happened=happened(held),
-        lifetime=Lifetime(end.told, end.first_s, end.took_s),
+        lifetime=Lifetime(end.acknowledged, end.first_s, end.took_s),
     )
 
 
@@ -93,18 +93,18 @@ def _once(chance: random.Random, pace: float, tally: Tally, *, twice: bool) -> N
     path, end = _killed(chance, wanted, lambda path: _search(path, pace=pace), None)
     with watched(tally, path, f"{KIND} at pace {pace}{', killed twice' if twice else ''}"):
         rows = [tally.row(KIND, "random time")]
-        told = end.told
-        if not _left_well(path, told, rows[0], wanted):
-            forget(path)
+        acknowledged = end.acknowledged
+        if not _left_well(path, acknowledged, rows[0], wanted):
+            remove(path)
             return
         over = _says_and_does_nothing(path)
         if twice and not over:
             died = path
             path, end = _killed(chance, wanted, lambda path: ["resume", path, "--arm", "--json"], died)
-            forget(died)
+            remove(died)
             rows.append(tally.row(KIND, "random time of the resume"))
-            told = max(told, end.told)
-            _left_well(path, told, rows[1], wanted)
+            acknowledged = max(acknowledged, end.acknowledged)
+            _left_well(path, acknowledged, rows[1], wanted)
         end = command("resume", path, "--arm", "--json", out=path)
         require_well(end, 0, 3)
         if json.loads(Path(f"{path}.out").read_text()) != wanted.printed:
@@ -113,7 +113,7 @@ def _once(chance: random.Random, pace: float, tally: Tally, *, twice: bool) -> N
         for row in rows:
             row.equal += 1
         tally.note("resumes in which nothing moved or fired before a person armed the rig", 0 if over else 1)
-        forget(path)
+        remove(path)
 
 
 def _killed(
@@ -126,35 +126,35 @@ def _killed(
         if end.killed:
             return path, end
         require_well(end, 0, 3)
-        forget(path)
+        remove(path)
     raise MismatchError(f"{_TRIES} commands ended before they could be killed")
 
 
-def _left_well(path: Path, told: int, row: Row, wanted: WholeCommand) -> bool:
-    """Whether a death left a run; nothing acknowledged may be missing in it."""
+def _left_well(path: Path, acknowledged: int, row: Row, wanted: WholeCommand) -> bool:
+    """Whether a kill left a run; no acknowledged event may be missing in it."""
     row.kills += 1
-    row.acknowledged += told
-    if told == 0 and not begun(path):
+    row.acknowledged += acknowledged
+    if acknowledged == 0 and not begun(path):
         return False
     row.begun += 1
     kept = happened(read_journal(path))
-    row.lost += max(told - len(kept), 0)
-    if told > len(kept):
-        raise MismatchError(f"{told} events were acknowledged, {len(kept)} are kept")
+    row.lost += max(acknowledged - len(kept), 0)
+    if acknowledged > len(kept):
+        raise MismatchError(f"{acknowledged} events were acknowledged, {len(kept)} are kept")
     if kept != wanted.happened[: len(kept)]:
         raise MismatchError("what is kept is not what happened")
     return True
 
 
 def _says_and_does_nothing(path: Path) -> bool:
-    """Whether the run is over; if not, a resume that nobody arms must end with exit code 4 and leave it as it is."""
+    """Whether the run is over; if not, an unarmed resume must end with exit code 4 and leave it unchanged."""
     before = _bytes_of(path)
     end = command("resume", path, "--json", out=path)
     over = run_state(read_journal(path, frames=False).entries).state == "finished"
     if end.code not in ((0, 3) if over else (NOT_ARMED,)):
-        raise MismatchError(f"a resume that nobody armed ended with exit code {end.code}")
+        raise MismatchError(f"an unarmed resume ended with exit code {end.code}")
     if _bytes_of(path) != before:
-        raise MismatchError("a resume that nobody armed changed the journal")
+        raise MismatchError("an unarmed resume changed the journal")
     return over
 
 

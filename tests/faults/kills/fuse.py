@@ -1,4 +1,4 @@
-"""The steps of a search, and how a process dies at the n-th of them."""
+"""Kills a search at its n-th step."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ _VERBS = {
 
 
 class Fuse:
-    """Kills this process at the n-th step, and tells those outside at which.
+    """Kills this process at the n-th step, and writes the step's name to the parent process.
 
     Parameters
     ----------
     blows_at
         Number of that step, from 1; None: it never dies.
-    told
-        Pipe to those outside; what is written there has no dot, which stands for an event.
+    ack_fd
+        Pipe to the parent process; what is written there has no dot, which stands for an event.
     """
 
-    def __init__(self, blows_at: int | None, *, told: int) -> None:
+    def __init__(self, blows_at: int | None, *, ack_fd: int) -> None:
         self.steps = 0
         self._blows_at = blows_at
-        self._told = told
+        self._ack_fd = ack_fd
 
     def step(self, what: str, when: Literal["before", "after"]) -> None:
         """Count one step, and die if it is the one."""
         self.steps += 1
         if self.steps == self._blows_at:
-            os.write(self._told, f"{when}: {what}".encode())
+            os.write(self._ack_fd, f"{when}: {what}".encode())
             os.kill(os.getpid(), signal.SIGKILL)
 
     def around(self, call: Callable[..., Any], what: str) -> Callable[..., Any]:

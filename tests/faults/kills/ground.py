@@ -1,4 +1,4 @@
-"""What each search holds that nobody killed, and whether one that died and was resumed holds the same."""
+"""The content of each search run without a kill, and the comparison of resumed searches with it."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from .tally import Row, Tally
 Happened = list[tuple[object, float, bytes]]
 
 
-def told_entries(held: RecordedRun) -> list[Entry]:
-    """Entries of what was handed on; the others tell how it was interrupted and resumed."""
+def own_entries(held: RecordedRun) -> list[Entry]:
+    """Entries of the run itself, without those of interruptions, resumes and checks."""
     return [entry for entry in held.entries if not isinstance(entry.event, Interrupted | Resuming | Checked)]
 
 
 def happened(held: RecordedRun) -> Happened:
     """What a run did, without what only a resumed one holds: event, time, and samples of the frame."""
     rows = []
-    for entry in told_entries(held):
+    for entry in own_entries(held):
         frame = entry.event.sample.frame if isinstance(entry.event, Measured) else None
         samples = getattr(frame, "samples", np.empty(0, dtype=np.int16))
         rows.append((entry.event, entry.clock_s, samples.tobytes()))
@@ -57,19 +57,19 @@ _numbers = iter(range(1, 1 << 62))
 
 
 def new_path(suffix: str = ".journal") -> Path:
-    """A name that was not used before."""
+    """A path that was not used before."""
     return folder() / f"{next(_numbers)}{suffix}"
 
 
 def copy_of(path: Path) -> Path:
-    """A journal once more, with the rollback journal that a death left beside it."""
+    """A copy of a journal, with the rollback journal that a kill left beside it."""
     copied = new_path()
     for part in path.parent.glob(f"{path.name}*"):
         shutil.copyfile(part, f"{copied}{part.name.removeprefix(path.name)}")
     return copied
 
 
-def forget(path: Path) -> None:
+def remove(path: Path) -> None:
     """Remove a journal and whatever lies beside it."""
     for left in path.parent.glob(f"{path.name}*"):
         left.unlink()
@@ -90,7 +90,7 @@ def begun(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class Whole:
-    """A search that nobody killed."""
+    """A search that was not killed."""
 
     steps: int
     result: bytes
@@ -100,13 +100,13 @@ class Whole:
 
 @cache
 def whole(name: str) -> Whole:
-    """What a search holds at its end, lived through in this process."""
+    """Content of a search's journal at its end, run in this process."""
     path = new_path()
     with Path(os.devnull).open("wb") as nobody:
-        steps = SEARCHES[name].live(path, told=nobody.fileno(), blows_at=None, resume=False)
+        steps = SEARCHES[name].live(path, ack_fd=nobody.fileno(), blows_at=None, resume=False)
     held = read_journal(path)
     file_bytes = path.stat().st_size
-    forget(path)
+    remove(path)
     return Whole(
         steps=steps,
         result=msgspec.json.encode(result_of(held)[1]),
@@ -115,8 +115,8 @@ def whole(name: str) -> Whole:
     )
 
 
-def went_on(search: Search, path: Path, *, told: int, row: Row, tally: Tally) -> None:
-    """Look at what a death left, go on from it in this process, and compare; counted in a row.
+def require_resumed(search: Search, path: Path, *, acknowledged: int, row: Row, tally: Tally) -> None:
+    """Resume in this process from what a kill left, and compare with the whole search; counted in a row.
 
     Raises
     ------
@@ -124,16 +124,16 @@ def went_on(search: Search, path: Path, *, told: int, row: Row, tally: Tally) ->
         If anything but the whole search comes out.
     """
     row.kills += 1
-    row.acknowledged += told
-    if told == 0 and not begun(path):
-        forget(path)
+    row.acknowledged += acknowledged
+    if acknowledged == 0 and not begun(path):
+        remove(path)
         return
     row.begun += 1
     wanted = whole(search.name).happened
     kept = happened(read_journal(path))
-    row.lost += max(told - len(kept), 0)
-    if told > len(kept):
-        raise MismatchError(f"{told} events were acknowledged, {len(kept)} are kept")
+    row.lost += max(acknowledged - len(kept), 0)
+    if acknowledged > len(kept):
+        raise MismatchError(f"{acknowledged} events were acknowledged, {len(kept)} are kept")
     if kept != wanted[: len(kept)]:
         raise MismatchError("what is kept is not what happened")
     if len(kept) < len(wanted):
@@ -145,13 +145,13 @@ def went_on(search: Search, path: Path, *, told: int, row: Row, tally: Tally) ->
         tally.note("resumes in which nothing moved or fired before a person armed the rig")
     require_whole(path, wanted, whole(search.name).result)
     row.equal += 1
-    forget(path)
+    remove(path)
 
 
 def require_whole(path: Path, wanted: Happened, result: bytes) -> None:
-    """Refuse a journal that does not hold just what the run holds that nobody killed."""
+    """Refuse a journal that differs from that of the run that was not killed."""
     held = read_journal(path)
     if happened(held) != wanted:
-        raise MismatchError("the resumed search is not the one that nobody killed")
+        raise MismatchError("the resumed search is not the one that was not killed")
     if msgspec.json.encode(result_of(held)[1]) != result:
         raise MismatchError("the result of the resumed search differs")

@@ -1,4 +1,4 @@
-"""Kills searches that hand an event on before it is on the disk, and prints what was found to be lost."""
+"""Kills searches that hand on events before committing them, and prints how many were detected as lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deaths of `markerseek bank scan`: at random times, and at every write of its beginning, of one row, and of its close.
+"""Kills of `markerseek bank scan`: at random times, and at every write of its start, of one row and its close.
 
 What must hold: the bank opens, it holds the first acquisitions of the whole scan bit for bit, and they are those that
 were acknowledged or one more.
@@ -28,7 +28,7 @@ from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 from markerseek.runs import bank_scan
 
 from .at_times import rig_file
-from .ground import forget, new_path
+from .ground import new_path, remove
 from .problems import watched
 from .processes import End, Lifetime, MismatchError, _command, command, require_well, warm
 from .searches import SEED
@@ -49,22 +49,22 @@ def _words(path: Path) -> list[str]:
     return [str(word) for word in words]
 
 
-def _prepared(told: int, *, stop_after: int | None = None, trace: str | None = None, row: int = 0) -> None:
-    """Tell of each acquisition, stop by Ctrl-C after so many, and let the writes of one step be counted."""
+def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None = None, row: int = 0) -> None:
+    """Acknowledge each acquisition, stop by Ctrl-C after `stop_after`, and count the writes of one step."""
     scan = bank_scan.scan_bank
 
-    def telling(*args: Any, **named: Any) -> Generator[Event, None, None]:
+    def acknowledging(*args: Any, **named: Any) -> Generator[Event, None, None]:
         taken = 0
         with closing(scan(*args, **named)) as events:
             for event in events:
                 if isinstance(event, Measured):
-                    os.write(told, b"." if event.role == "search" else b"d")
+                    os.write(ack_fd, b"." if event.role == "search" else b"d")
                     taken += 1
                     if taken == stop_after:
                         os.kill(os.getpid(), signal.SIGINT)
                 yield event
 
-    mock.patch.object(bank_scan, "scan_bank", telling).start()
+    mock.patch.object(bank_scan, "scan_bank", acknowledging).start()
     if trace is not None:
         step = getattr(BankWriter, trace)
         calls = iter(range(1 << 30))
@@ -77,7 +77,7 @@ def _prepared(told: int, *, stop_after: int | None = None, trace: str | None = N
 
 @dataclass(frozen=True)
 class WholeScan:
-    """A scan that nobody killed: its acquisitions in their order."""
+    """A scan that was not killed: its acquisitions in order."""
 
     angles_deg: tuple[float, ...]
     frames: dict[float, bytes]
@@ -102,9 +102,9 @@ def whole_scan() -> WholeScan:
         intensities=dict(zip(bank.angles_deg, bank.intensities, strict=True)),
         started_s=dict(zip(bank.angles_deg, bank.started_s, strict=True)),
         dark=tuple(bank.dark_frame(index).samples.tobytes() for index in range(bank.dark_frames)),
-        lifetime=Lifetime(end.told + _dark_told(end), end.first_s, end.took_s),
+        lifetime=Lifetime(end.acknowledged + _dark_acknowledged(end), end.first_s, end.took_s),
     )
-    forget(path)
+    remove(path)
     return whole
 
 
@@ -121,7 +121,7 @@ def _frames(bank: FrameBank) -> Iterator[tuple[float, bytes]]:
 
 
 def at_random_times(seed: int, first: int, runs: int) -> Tally:
-    """Kill scans at random times from the making of the file on."""
+    """Kill scans at random times from the creation of the file on."""
     tally = Tally()
     for number in range(first, first + runs):
         chance = random.Random(f"{seed} scan {number}")
@@ -131,7 +131,7 @@ def at_random_times(seed: int, first: int, runs: int) -> Tally:
             end = command(*_words(path), out=path, death=death, before=_prepared)
             if end.killed:
                 break
-            forget(path)
+            remove(path)
         with watched(tally, path, f"{KIND}, {death}"):
             _left_well(path, end, tally.row(KIND, "random time"), tally)
     return tally
@@ -155,37 +155,37 @@ def at_every_write(step: str, every: int) -> Tally:
             end = killed_at_write(partial(_scan, path, STEPS[step]), number)
             if not end.killed:
                 require_well(end, 130 if "stop_after" in STEPS[step] else 0)
-                forget(path)
+                remove(path)
                 break
-            system_call = end.place.replace("d", "", _dark_told(end))
+            system_call = end.place.replace("d", "", _dark_acknowledged(end))
             tally.point(f"before: {system_call}", KIND)
             _left_well(path, end, tally.row(KIND, f"every write of: {step}"), tally)
     return tally
 
 
-def _scan(path: Path, prepare: dict[str, Any], *, told: int) -> None:
-    _prepared(told, **prepare)
-    _command(_words(path), path, told=told)
+def _scan(path: Path, prepare: dict[str, Any], *, ack_fd: int) -> None:
+    _prepared(ack_fd, **prepare)
+    _command(_words(path), path, ack_fd=ack_fd)
 
 
-def _dark_told(end: End) -> int:
+def _dark_acknowledged(end: End) -> int:
     """Dark frames that were acknowledged: letters d before the name of a system call."""
     return len(re.match("d*", end.place)[0]) if end.place else 0  # type: ignore[index]
 
 
 def _left_well(path: Path, end: End, row: Row, tally: Tally) -> None:
     row.kills += 1
-    row.acknowledged += end.told
-    if end.told == 0 and not _dark_told(end) and not path.exists():
-        _forget_all(path)
+    row.acknowledged += end.acknowledged
+    if end.acknowledged == 0 and not _dark_acknowledged(end) and not path.exists():
+        _remove_all(path)
         return
     row.begun += 1
     kept = _taken(path, end, tally)
-    row.lost += max(end.told - kept, 0)
-    if not end.told <= kept <= end.told + 1:
-        raise MismatchError(f"{end.told} angles were acknowledged, {kept} are in the bank")
+    row.lost += max(end.acknowledged - kept, 0)
+    if not end.acknowledged <= kept <= end.acknowledged + 1:
+        raise MismatchError(f"{end.acknowledged} angles were acknowledged, {kept} are in the bank")
     row.equal += 1
-    _forget_all(path)
+    _remove_all(path)
 
 
 def _taken(path: Path, end: End, tally: Tally) -> int:
@@ -195,7 +195,7 @@ def _taken(path: Path, end: End, tally: Tally) -> int:
         bank = _opened(path)
     except RecordError as problem:
         said = re.search(rf"it holds (\d+) angles, at least {_FEWEST} are needed", str(problem))
-        if said is None or end.told >= _FEWEST:
+        if said is None or end.acknowledged >= _FEWEST:
             raise
         tally.note("banks that died with fewer than 3 angles, opened, and refused for that")
         return int(said[1])
@@ -208,12 +208,14 @@ def _taken(path: Path, end: End, tally: Tally) -> int:
         ):  # fmt: skip
             raise MismatchError(f"what it holds at {angle_deg} deg is not what the whole scan holds")
     dark = tuple(bank.dark_frame(index).samples.tobytes() for index in range(bank.dark_frames))
-    if dark != whole.dark[: len(dark)] or not _dark_told(end) <= len(dark):
-        raise MismatchError(f"{_dark_told(end)} dark frames were acknowledged, {len(dark)} are in the bank, or others")
+    if dark != whole.dark[: len(dark)] or not _dark_acknowledged(end) <= len(dark):
+        raise MismatchError(
+            f"{_dark_acknowledged(end)} dark frames were acknowledged, {len(dark)} are in the bank, or others"
+        )
     return kept
 
 
-def _forget_all(path: Path) -> None:
-    forget(path)
+def _remove_all(path: Path) -> None:
+    remove(path)
     for part in path.parent.glob(f".{path.name}.*.part"):
         part.unlink()

@@ -1,7 +1,7 @@
-"""Deaths of `markerseek search` and `resume` on an emulated bench, whose devices live on, as real ones do.
+"""Kills of `markerseek search` and `resume` on an emulated bench whose devices keep running.
 
-What must hold: nothing acknowledged is lost, the search is resumed to its end, its checks are heard as before, and the
-emulator has counted as many pulses of light as were permitted.
+What must hold: nothing acknowledged is lost, the search is resumed to its end, its checks repeat the kept readings, and
+the emulator has counted as many pulses of light as were permitted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from markerseek.core import Asked, Measured, Refused
 from markerseek.records.journal import Checked, RecordedRun, read_journal, run_state
 
-from .ground import begun, told_entries
+from .ground import begun, own_entries
 from .problems import watched
 from .processes import Death, End, MismatchError, ended, listen
 from .tally import Tally
@@ -47,7 +47,7 @@ acceleration_deg_s2 = 25.0
 """
 
 PATIENT = "[supervisor]\nlease_s = 1.0\n"
-"""A busy machine is no fault."""
+"""A lease long enough for a busy machine."""
 
 METHOD = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--json")
 
@@ -60,10 +60,10 @@ class Emulation:
         self.rig = rig
 
     def pulses(self) -> int:
-        """End it, and say how many pulses of light there were."""
+        """End it; the number of pulses of light it counted."""
         self.process.send_signal(signal.SIGINT)
-        _, told = self.process.communicate(timeout=60)
-        return int(re.findall(r"(\d+) pulses of light", told)[0])
+        _, printed = self.process.communicate(timeout=60)
+        return int(re.findall(r"(\d+) pulses of light", printed)[0])
 
 
 @contextmanager
@@ -95,15 +95,15 @@ def emulation(folder: Path, *, seed: int) -> Iterator[Emulation]:
 
 def command(*words: object, out: Path, death: Death | None = None) -> End:
     """`markerseek` in a new interpreter."""
-    receiving, telling = os.pipe()
-    program = [sys.executable, "-m", "tests.faults.kills.telling", str(telling), *map(str, words)]
+    receiving, ack_fd = os.pipe()
+    program = [sys.executable, "-m", "tests.faults.kills.acknowledging", str(ack_fd), *map(str, words)]
     began_s = time.monotonic()
     with Path(f"{out}.out").open("wb") as printed, Path(f"{out}.err").open("wb") as complained:
-        process = subprocess.Popen(program, stdout=printed, stderr=complained, pass_fds=[telling])
-    os.close(telling)
-    heard, _ = listen(receiving, process.pid, death)
+        process = subprocess.Popen(program, stdout=printed, stderr=complained, pass_fds=[ack_fd])
+    os.close(ack_fd)
+    received, _ = listen(receiving, process.pid, death)
     code = process.wait()
-    return ended(heard, -code if code < 0 else code << 8, took_s=time.monotonic() - began_s)
+    return ended(received, -code if code < 0 else code << 8, took_s=time.monotonic() - began_s)
 
 
 def on_benches(seed: int, first: int, count: int) -> Tally:
@@ -122,29 +122,29 @@ def on_benches(seed: int, first: int, count: int) -> Tally:
 def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: bool) -> None:
     with emulation(path.parent, seed=seed) as devices:
         search = ("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", path)
-        told, kills, lost_pulses = 0, 0, 0
+        acknowledged, kills, lost_pulses = 0, 0, 0
         for again in (False, True)[: 1 + twice]:
             row = tally.row(KIND, "random time of the resume" if again else "random time")
             words = ("resume", path, "--rig", devices.rig, "--arm", "--json") if again else search
-            # What was told before is told again at once: a resume dies at an event that is new.
-            after = chance.randrange(told + 1, EVENTS) if told + 1 < EVENTS else EVENTS
+            # What was acknowledged before is repeated at once: a resume must die at an event that is new.
+            after = chance.randrange(acknowledged + 1, EVENTS) if acknowledged + 1 < EVENTS else EVENTS
             end = command(*words, out=path, death=Death(after, chance.uniform(0.0, 1.0)))
             if not end.killed:
                 _require(end.code in (0, 3), f"it ended by itself: {Path(f'{path}.err').read_text()}")
                 break
             kills += 1
             lost_pulses += UNDER_WAY[again]
-            told = max(told, end.told)
-            row.kills, row.acknowledged = row.kills + 1, row.acknowledged + end.told
+            acknowledged = max(acknowledged, end.acknowledged)
+            row.kills, row.acknowledged = row.kills + 1, row.acknowledged + end.acknowledged
             _require(begun(path), "its journal has not begun")
             row.begun += 1
-            kept = len(told_entries(read_journal(path, frames=False)))
-            row.lost += max(told - kept, 0)
-            _require(told <= kept, f"{told} events were acknowledged, {kept} are kept")
+            kept = len(own_entries(read_journal(path, frames=False)))
+            row.lost += max(acknowledged - kept, 0)
+            _require(acknowledged <= kept, f"{acknowledged} events were acknowledged, {kept} are kept")
         before = read_journal(path, frames=False)
         if run_state(before.entries).state != "finished":
             unarmed = command("resume", path, "--json", out=path)
-            _require(unarmed.code == 4, f"a resume that nobody armed ended with exit code {unarmed.code}")
+            _require(unarmed.code == 4, f"an unarmed resume ended with exit code {unarmed.code}")
         if end.killed:
             end = command("resume", path, "--rig", devices.rig, "--arm", "--json", out=path)
             _require(end.code in (0, 3), f"the resume failed: {Path(f'{path}.err').read_text()}")
@@ -152,7 +152,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
     printed = json.loads(Path(f"{path}.out").read_text())
     _require(abs(printed["angle_deg"] - MARKER_DEG) < CLOSE_DEG, f"it was found at {printed['angle_deg']} deg")
     held = read_journal(path)
-    _require_went_on(before, held)
+    _require_continued(before, held)
     fired = PULSES * _acquisitions(held)
     _require(
         fired <= pulses <= fired + lost_pulses,
@@ -164,8 +164,8 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
         tally.row(KIND, place).equal += 1
 
 
-def _require_went_on(before: RecordedRun, held: RecordedRun) -> None:
-    """What was kept is kept, and every check was heard as before."""
+def _require_continued(before: RecordedRun, held: RecordedRun) -> None:
+    """Require that kept entries are unchanged and that every check measured the same as before."""
     kept = [(entry.clock_s, entry.written, type(entry.event)) for entry in before.entries]
     now = [(entry.clock_s, entry.written, type(entry.event)) for entry in held.entries]
     _require(now[: len(kept)] == kept, "the resume changed what was kept")
@@ -174,7 +174,7 @@ def _require_went_on(before: RecordedRun, held: RecordedRun) -> None:
 
 
 def _acquisitions(held: RecordedRun) -> int:
-    """Acquisitions with light of which the journal holds what came of them."""
+    """Acquisitions with light whose outcome is in the journal."""
     lit, count = False, 0
     for entry in held.entries:
         match entry.event:

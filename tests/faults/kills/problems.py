@@ -1,4 +1,4 @@
-"""What did not hold, put down with the files that show it, while the campaign goes on."""
+"""Failures of the campaign, noted with the files that show them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work in processes of its own, which die, and what they told before."""
+"""Work in child processes that are killed, and the events that they acknowledged before."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .searches import arming_watched
 
 
 class MismatchError(AssertionError):
-    """Something that must hold does not."""
+    """A required property does not hold."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class End:
 
     Attributes
     ----------
-    told
+    acknowledged
         Events that it acknowledged before: bytes that those outside had read.
     place
         Where a fuse killed it; empty for any other death.
@@ -45,7 +45,7 @@ class End:
         Seconds from its beginning to the first event that it acknowledged, and to its end.
     """
 
-    told: int
+    acknowledged: int
     place: str
     killed: bool
     code: int
@@ -55,7 +55,7 @@ class End:
 
 @dataclass(frozen=True)
 class Death:
-    """When a process is killed: so many seconds after it has told of so many events."""
+    """When a process is killed: `then_s` seconds after it has acknowledged `events` events."""
 
     events: int
     then_s: float
@@ -63,7 +63,7 @@ class Death:
 
 @dataclass(frozen=True)
 class Lifetime:
-    """How long a process lives that nobody kills, and how many events it tells of."""
+    """How long a process lives that is not killed, and how many events it acknowledges."""
 
     events: int
     first_s: float
@@ -79,42 +79,42 @@ class Lifetime:
 
 def in_a_process(work: Callable[..., object], *, death: Death | None = None) -> End:
     """Do work in a forked process, and kill it from outside, if it lives that long."""
-    receiving, telling = os.pipe()
+    receiving, ack_fd = os.pipe()
     began_s = time.monotonic()
     child = os.fork()
     if child == 0:
         os.close(receiving)
-        _work_and_exit(work, telling)
-    os.close(telling)
-    heard, first_s = listen(receiving, child, death)
+        _work_and_exit(work, ack_fd)
+    os.close(ack_fd)
+    received, first_s = listen(receiving, child, death)
     _, status = os.waitpid(child, 0)
-    return ended(heard, status, first_s=first_s, took_s=time.monotonic() - began_s)
+    return ended(received, status, first_s=first_s, took_s=time.monotonic() - began_s)
 
 
 def listen(receiving: int, child: int, death: Death | None) -> tuple[bytes, float]:
-    """What a process tells until its end, and the seconds to the first of it; it is killed when its time has come."""
+    """Bytes that a process writes until its end, and the seconds to the first; it is killed when its time has come."""
     began_s = time.monotonic()
-    heard, first_s, due_s = b"", math.inf, math.inf
+    received, first_s, due_s = b"", math.inf, math.inf
     while True:
-        if death is not None and due_s == math.inf and len(heard) >= death.events:
+        if death is not None and due_s == math.inf and len(received) >= death.events:
             due_s = time.monotonic() + death.then_s
         left_s = None if due_s == math.inf else max(due_s - time.monotonic(), 0.0)
         if not select.select([receiving], [], [], left_s)[0]:
             os.kill(child, signal.SIGKILL)
             death, due_s = None, math.inf
         elif data := os.read(receiving, 65536):
-            heard += data
+            received += data
             first_s = min(first_s, time.monotonic() - began_s)
         else:
             os.close(receiving)
-            return heard, first_s
+            return received, first_s
 
 
-def ended(heard: bytes, status: int, *, first_s: float = math.inf, took_s: float) -> End:
-    """What is known of a process that ended, from what it told and its status."""
+def ended(received: bytes, status: int, *, first_s: float = math.inf, took_s: float) -> End:
+    """How a process ended, from the bytes that it wrote and its exit status."""
     return End(
-        told=heard.count(b"."),
-        place=heard.replace(b".", b"").decode(),
+        acknowledged=received.count(b"."),
+        place=received.replace(b".", b"").decode(),
         killed=os.WIFSIGNALED(status),
         code=os.WEXITSTATUS(status) if os.WIFEXITED(status) else -1,
         first_s=first_s,
@@ -122,10 +122,10 @@ def ended(heard: bytes, status: int, *, first_s: float = math.inf, took_s: float
     )
 
 
-def _work_and_exit(work: Callable[..., object], telling: int) -> None:
+def _work_and_exit(work: Callable[..., object], ack_fd: int) -> None:
     code = 99
     try:
-        work(told=telling)
+        work(ack_fd=ack_fd)
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0
@@ -143,15 +143,15 @@ def require_well(end: End, *codes: int) -> None:
         raise MismatchError(f"a process ended by itself with exit code {end.code}")
 
 
-def telling_events(told: int) -> None:
+def acknowledge_events(ack_fd: int) -> None:
     """Have every command in this process write a byte for each event that the journal has handed on."""
-    hear = Recorder.add
+    add = Recorder.add
 
-    def telling(self: Recorder, event: object) -> None:
-        os.write(told, b".")
-        hear(self, event)  # type: ignore[arg-type]
+    def acknowledging(self: Recorder, event: object) -> None:
+        os.write(ack_fd, b".")
+        add(self, event)  # type: ignore[arg-type]
 
-    mock.patch.object(Recorder, "add", telling).start()
+    mock.patch.object(Recorder, "add", acknowledging).start()
 
 
 def _watching_arming() -> None:
@@ -167,7 +167,7 @@ def _watching_arming() -> None:
     mock.patch.object(rebuild, "rebuild_rig", watched).start()
 
 
-def _command(words: Sequence[str], out: Path, *, told: int) -> None:
+def _command(words: Sequence[str], out: Path, *, ack_fd: int) -> None:
     sys.argv = ["markerseek", *words]
     # Under nohup it would be ignored, and so would Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -175,13 +175,13 @@ def _command(words: Sequence[str], out: Path, *, told: int) -> None:
         place = os.open(f"{out}.{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         stream.flush()
         os.dup2(place, {"out": 1, "err": 2}[name])
-    telling_events(told)
+    acknowledge_events(ack_fd)
     _watching_arming()
     main()
 
 
 def warm(*words: object) -> None:
-    """Let a command load in this process whatever it loads, so that no forked one has to do so before it begins."""
+    """Run a command once in this process, so that forked ones find its modules already imported."""
     with (
         mock.patch.object(sys, "argv", ["markerseek", *map(str, words)]),
         redirect_stdout(StringIO()),
@@ -198,9 +198,9 @@ def command(*words: object, out: Path, death: Death | None = None, before: Calla
     Python. `before` is called in it, with the pipe to those outside.
     """
 
-    def work(*, told: int) -> None:
+    def work(*, ack_fd: int) -> None:
         if before is not None:
-            before(told)
-        _command([str(word) for word in words], out, told=told)
+            before(ack_fd)
+        _command([str(word) for word in words], out, ack_fd=ack_fd)
 
     return in_a_process(work, death=death)

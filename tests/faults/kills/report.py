@@ -14,7 +14,7 @@ from tests.faults.campaign.tally import upper95
 
 from .tally import Row, Tally
 
-HEAD = f"{'kind':<18}{'killed':<30}{'kills':>7}{'begun':>7}{'told':>8}{'lost':>6}{'equal':>7}{'limit':>9}"
+HEAD = f"{'kind':<18}{'killed':<30}{'kills':>7}{'begun':>7}{'events':>8}{'lost':>6}{'equal':>7}{'limit':>9}"
 
 
 def report(tally: Tally, *, seed: int, every: int, took_s: float) -> str:
@@ -33,9 +33,9 @@ def report(tally: Tally, *, seed: int, every: int, took_s: float) -> str:
     lines += [
         _line("all", "", total),
         "",
-        "begun: a run or a bank existed; told: events acknowledged before the death; lost: missing of them afterwards;",
-        "equal: resumed (a bank: opened) and the same, bit for bit, as the one that nobody killed (on the bench, whose",
-        "devices live on: resumed to its end, heard as before, pulses of light as many as permitted);",
+        "begun: a run or a bank existed; events: acknowledged before the death; lost: missing of them afterwards;",
+        "equal: resumed (a bank: opened) and the same, bit for bit, as the run that was not killed (on benches, whose",
+        "devices live on: resumed to its end, measured as before, pulses of light as many as permitted);",
         "limit: upper 95 % limit of the share that is not equal (Clopper-Pearson)",
         "",
         *(f"{count:>7}  {what}" for what, count in sorted(tally.notes.items())),
@@ -75,7 +75,7 @@ def _points(tally: Tally) -> list[str]:
 def _commit() -> str:
     """Commit of the working tree, and whether package or campaign were changed since."""
     here = Path(__file__).parent
-    told = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    described = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
     words = ["git", "status", "--porcelain", "src", "tests/faults/kills"]
     changed = subprocess.run(words, cwd=here.parents[2], capture_output=True, text=True, check=False)
-    return told.stdout.strip()[:12] + (" with changes" if changed.stdout.strip() else "")
+    return described.stdout.strip()[:12] + (" with changes" if changed.stdout.strip() else "")

@@ -34,7 +34,7 @@ MARKER_DEG = 6.3
 PERSON = "the campaign"
 
 REFUSED_EVERY = 4
-"""Every so many frames one is refused."""
+"""One frame in this many is refused."""
 
 SMALL = SimulatedSettings(
     probe=Probe(array=LinearArray(elements=32, pitch_m=0.43e-3)), receiver=ReceiverSettings(samples=2080)
@@ -81,10 +81,10 @@ class Search:
         )
         return policy, rig, configuration
 
-    def live(self, journal: Path, *, told: int, blows_at: int | None, resume: bool) -> int:
+    def live(self, journal: Path, *, ack_fd: int, blows_at: int | None, resume: bool) -> int:
         """Begin or resume it in this process, and write a byte for each event that was handed on; its steps."""
         policy, rig, configuration = self.begin()
-        fuse = Fuse(blows_at, told=told)
+        fuse = Fuse(blows_at, ack_fd=ack_fd)
         fuse.into(policy, rig)
         with fused_sqlite(fuse), arming_watched(rig) if resume else ExitStack():
             if resume:
@@ -95,7 +95,7 @@ class Search:
                 events = journalled(policy, rig, kept)
             with kept:
                 for _ in events:
-                    os.write(told, b".")
+                    os.write(ack_fd, b".")
                     fuse.step("event handed on", "after")
         return fuse.steps
 
@@ -114,7 +114,7 @@ _read_once = cache(read_bank)
 
 
 def replayed_frames() -> Rig:
-    """A rig that plays it back; that the file does no harm is found out once in each process, and not each time."""
+    """A rig that replays it; the file is probed once in each process, not each time."""
     with mock.patch("markerseek.rigs.replay.read_bank", _read_once):
         return rigs.replayed(recorded_frames())
 

@@ -15,12 +15,11 @@ class Row(msgspec.Struct, kw_only=True):
     begun
         Of them, those after which a run (or a bank) existed.
     acknowledged
-        Events that had been told to the process outside.
+        Events that had been acknowledged to the parent process.
     lost
         Of them, those that were missing afterwards.
     equal
-        Runs that went on to the same end as the one that nobody killed (of banks: what is held is the beginning of the
-        whole).
+        Runs that ended as the one that was not killed (of banks: the content is the beginning of the whole).
     """
 
     kills: int = 0

@@ -73,19 +73,19 @@ def killed_at_write(work: Callable[..., object], number: int) -> End:
 
     Its place is the name of the system call; a process that makes fewer lives on to its end.
     """
-    receiving, telling = os.pipe()
+    receiving, ack_fd = os.pipe()
     began_s = time.monotonic()
     child = os.fork()
     if child == 0:
         os.close(receiving)
-        _work_and_exit(work, telling)
-    os.close(telling)
+        _work_and_exit(work, ack_fd)
+    os.close(ack_fd)
     place, status = _follow(child, number)
-    heard = b""
+    received = b""
     while data := os.read(receiving, 65536):
-        heard += data
+        received += data
     os.close(receiving)
-    return ended(heard + place.encode(), status, took_s=time.monotonic() - began_s)
+    return ended(received + place.encode(), status, took_s=time.monotonic() - began_s)
 
 
 def _follow(child: int, number: int) -> tuple[str, int]:

@@ -1,5 +1,5 @@
 """Run by MicroPython after the firmware's own text, which has `Box`; RUNS is what runs.py wrote."""
-# ruff: noqa: B905, F821, T201 - the firmware stands before this, and its zip knows no strict
+# ruff: noqa: B905, F821, T201 - the firmware precedes this, and its zip knows no strict
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Random steps for a laser box, and what the emulator says and fires: ``python runs.py FILE``."""
+"""Random steps for a laser box, and the emulator's answers and pulses: ``python runs.py FILE``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Dark:
         self.flashes: list[Flash] = []
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Let no light fall on anything."""
+        """Ignore the light."""
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         return ReadingFrame(header=header, intensity=0.0)
@@ -39,7 +39,7 @@ def permit(rng: random.Random) -> wire.PermitPulses:
     )
 
 
-def told(rng: random.Random) -> bytes:
+def command(rng: random.Random) -> bytes:
     allowed = permit(rng)
     text = "".join(rng.choices("ABDEFHILMOPRSTKN 0123456789*-", k=rng.randint(0, 20))).encode()
     return rng.choice(
@@ -65,7 +65,7 @@ def one_run(rng: random.Random) -> dict[str, object]:
     for _ in range(STEPS):
         match rng.choices(["feed", "ms", "interlock", "flick", "light"], weights=[12, 6, 2, 1, 1])[0]:
             case "feed":
-                data = told(rng)
+                data = command(rng)
                 steps.append(("feed", data.hex()))
                 said.append(box.feed(data))
             case "ms":

@@ -1,4 +1,4 @@
-"""Banks of made-up numbers, for tests: small ones, and ways to change what is in their files."""
+"""Small synthetic banks for tests, and ways to change the content of their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Before a run goes on, its strongest angle is measured again: what has changed beyond chance is refused."""
+"""Before a run is resumed, its strongest angle is measured again: significant changes are refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from journalled_runs import MARKER_DEG, begin, configured, go_on, live, times_and_events
+from journalled_runs import MARKER_DEG, begin, configured, live, resume_run, times_and_events
 from markerseek import rigs
 from markerseek.core import AcquisitionError, Measured, Policy, Reading
 from markerseek.guard import State
@@ -22,9 +22,9 @@ from markerseek.runs.resume import resumed
 
 def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
-    heard = live(path, until=20)
+    events = live(path, until=20)
     strongest = max(
-        (event.sample for event in heard if isinstance(event, Measured) and not event.sample.dark),
+        (event.sample for event in events if isinstance(event, Measured) and not event.sample.dark),
         key=lambda sample: sample.reading.intensity,
     )
     policy, rig, _ = begin()
@@ -48,13 +48,13 @@ def test_the_strongest_angle_is_measured_again_before_anything_else(tmp_path: Pa
 
 
 @pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
-def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: float, tmp_path: Path) -> None:
+def test_a_marker_that_moved_is_noticed_and_the_run_is_unchanged(moved_deg: float, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     live(path, until=20)
     before = times_and_events(read_journal(path))
     _, other, _ = begin(marker_deg=MARKER_DEG + moved_deg)
     with pytest.raises(AcquisitionError, match=r"the intensity is .* and was .*begin a new search"):
-        go_on(path, rig=other)
+        resume_run(path, rig=other)
     assert other.scanner.guard.state is State.DISARMED
     held = read_journal(path)
     assert times_and_events(held) == before
@@ -62,13 +62,13 @@ def test_a_marker_that_moved_is_noticed_and_the_run_stays_as_it_was(moved_deg: f
     assert isinstance(checked, Checked)
     assert checked.difference is not None
     assert run_state(held.entries).state == "open"
-    go_on(path)
+    resume_run(path)
     assert run_state(read_journal(path).entries).state == "finished"
 
 
 @pytest.mark.parametrize("moved_deg", [-2.0, -0.7, 0.7, 2.0])
 def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path) -> None:
-    """The intensity near the top says nothing of a degree, and two of them leave the strongest as it was."""
+    """The intensity near the top does not resolve a degree, and two of them do not change the strongest."""
     path = tmp_path / "run.journal"
 
     def rig_and_policy(marker_deg: float) -> tuple[Policy, Rig, Configuration]:
@@ -88,22 +88,22 @@ def test_a_small_rotation_is_noticed_on_a_flank(moved_deg: float, tmp_path: Path
         list(resumed(policy, rig, journal, held, by="a person"))
 
 
-LOUD = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
+STRONG = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.050)
 
 
 @pytest.mark.parametrize(
     ("before", "now", "said"),
     [
-        (LOUD, LOUD, None),
-        (LOUD, replace(LOUD, intensity=115.0), None),
-        (LOUD, replace(LOUD, intensity=85.0), None),
-        (LOUD, replace(LOUD, intensity=120.0), "intensity"),
-        (LOUD, replace(LOUD, intensity=80.0), "intensity"),
-        (LOUD, replace(LOUD, lateral_m=0.0115), "lateral_m"),
-        (LOUD, replace(LOUD, depth_m=0.0485), "depth_m"),
-        (LOUD, replace(LOUD, depth_m=None), None),
-        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=6.0, depth_m=0.02), None),
-        (replace(LOUD, intensity=5.0), replace(LOUD, intensity=14.0), "intensity"),
+        (STRONG, STRONG, None),
+        (STRONG, replace(STRONG, intensity=115.0), None),
+        (STRONG, replace(STRONG, intensity=85.0), None),
+        (STRONG, replace(STRONG, intensity=120.0), "intensity"),
+        (STRONG, replace(STRONG, intensity=80.0), "intensity"),
+        (STRONG, replace(STRONG, lateral_m=0.0115), "lateral_m"),
+        (STRONG, replace(STRONG, depth_m=0.0485), "depth_m"),
+        (STRONG, replace(STRONG, depth_m=None), None),
+        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=6.0, depth_m=0.02), None),
+        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=14.0), "intensity"),
         (Reading(intensity=100.0), Reading(intensity=91.0), None),
         (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
     ],

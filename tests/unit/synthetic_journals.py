@@ -1,4 +1,4 @@
-"""Journals of runs that never were, for tests: events of every kind, runs of any length, a writer that was killed."""
+"""Synthetic journals for tests: events of every kind, runs of any length, a writer that was killed."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def counts(channels: int = 8, samples: int = 64, *, seed: int = 1) -> np.ndarray
 
 
 def whole_run(path: Path, *, acquisitions: int = 3, counts_of: Callable[[int], np.ndarray] | None = None) -> None:
-    """A run with so many acquisitions, made up."""
+    """A synthetic run with so many acquisitions."""
     with Journal.create(path, configuration()) as journal:
         write(journal, acquisitions, counts_of)
 

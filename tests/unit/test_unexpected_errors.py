@@ -1,4 +1,4 @@
-"""What nobody foresaw ends in one sentence and an exit code of its own, for people and for programs."""
+"""An unexpected error ends in one sentence and an exit code of its own, in text and in JSON."""
 
 from __future__ import annotations
 
