@@ -26,7 +26,7 @@ class Device:
         tty.setraw(self._near, termios.TCSANOW)
         self.path = os.ttyname(self._near)
 
-    def heard(self, until: bytes, *, within_s: float = SOON_S) -> bytes:
+    def received(self, until: bytes, *, within_s: float = SOON_S) -> bytes:
         """Bytes received up to and including `until`; fails when they do not come."""
         ends_s = time.monotonic() + within_s
         data = b""
