@@ -21,11 +21,11 @@ from unittest import mock
 
 import numpy as np
 
+from markerseek import runs
 from markerseek.core import Event, Measured, RecordError
 from markerseek.records.banks import FrameBank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
-from markerseek.runs import bank_scan
 
 from .at_times import rig_file
 from .ground import new_path, remove
@@ -51,7 +51,7 @@ def _words(path: Path) -> list[str]:
 
 def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None = None, row: int = 0) -> None:
     """Acknowledge each acquisition, stop by Ctrl-C after `stop_after`, and count the writes of one step."""
-    scan = bank_scan.scan_bank
+    scan = runs.scan_bank
 
     def acknowledging(*args: Any, **named: Any) -> Generator[Event, None, None]:
         taken = 0
@@ -64,7 +64,7 @@ def _prepared(ack_fd: int, *, stop_after: int | None = None, trace: str | None =
                         os.kill(os.getpid(), signal.SIGINT)
                 yield event
 
-    mock.patch.object(bank_scan, "scan_bank", acknowledging).start()
+    mock.patch.object(runs, "scan_bank", acknowledging).start()
     if trace is not None:
         step = getattr(BankWriter, trace)
         calls = iter(range(1 << 30))

@@ -155,16 +155,16 @@ def acknowledge_events(ack_fd: int) -> None:
 
 
 def _watching_arming() -> None:
-    from markerseek.runs import rebuild
+    from markerseek import runs
 
-    rebuild_rig = rebuild.rebuild_rig
+    rebuild_rig = runs.rebuild_rig
 
     def watched(*args: object, **named: object) -> object:
         rig = rebuild_rig(*args, **named)  # type: ignore[arg-type]
         arming_watched(rig).__enter__()
         return rig
 
-    mock.patch.object(rebuild, "rebuild_rig", watched).start()
+    mock.patch.object(runs, "rebuild_rig", watched).start()
 
 
 def _command(words: Sequence[str], out: Path, *, ack_fd: int) -> None:
