@@ -91,7 +91,6 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import print_json, stderr
-    from markerseek.drivers import exposure_line
     from markerseek.rigs import BenchRecipe
 
     if rig.devices is None:
@@ -100,7 +99,6 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
     if isinstance(rig.recipe, BenchRecipe):
         print_permissions(rig.recipe.settings)
-        stderr.print(escape(exposure_line(rig.recipe.settings.laser)))
     # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser.
     if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
         stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
@@ -111,7 +109,7 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
 
 
 def print_permissions(settings: BenchSettings) -> None:
-    """Print what a rig of devices may do once it is armed: limits, pulses, budgets and the program it starts.
+    """Print what a rig of devices may do once it is armed: limits, pulses, budgets, exposure, its start command.
 
     Parameters
     ----------
@@ -121,6 +119,7 @@ def print_permissions(settings: BenchSettings) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import stderr
+    from markerseek.drivers import exposure_line
 
     limits, firing, command = settings.limits, settings.firing, settings.receiver.start_command
     lines = (
@@ -131,6 +130,7 @@ def print_permissions(settings: BenchSettings) -> None:
             f"{firing.pulses_per_session} per session"
         ),
         f"start_command: {'none' if command is None else shlex.join(command)}",
+        exposure_line(settings.laser),
     )
     for line in lines:
         stderr.print(f"[dim]{escape(line)}[/]")
