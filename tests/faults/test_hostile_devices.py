@@ -123,7 +123,7 @@ def test_a_pipe_in_the_place_of_a_channel_file_is_not_waited_for(tmp_path: Path)
     folder = DaqFolder(tmp_path)
     for name in ("CH000.daq", "CH001.daq"):
         assert not folder.is_complete(name)
-        with pytest.raises(DeviceError, match="was taken away"):
+        with pytest.raises(DeviceError, match="was deleted"):
             folder.read({int(name[2:5]): name}, pulses=4)
 
 

@@ -52,7 +52,7 @@ def test_every_tissue_is_searched_on_and_its_noise_does_not_depend_on_the_angle(
 
 def test_a_marker_that_cannot_be_detected_is_refused() -> None:
     far = SimulatedSettings(marker=MarkerSettings(radius_m=0.2, angle_deg=0.0))
-    with pytest.raises(ConfigError, match="not heard in 2080 samples"):
+    with pytest.raises(ConfigError, match="does not arrive within 2080 samples"):
         rigs.simulated(seed=1, settings=far)
     with pytest.raises(ConfigError, match="inside the probe"):
         rigs.simulated(seed=1, settings=SimulatedSettings(marker=MarkerSettings(radius_m=0.005)))

@@ -116,7 +116,7 @@ def test_one_program_holds_the_port() -> None:
     with (
         PtyLine(device=Echo(), clock=SystemClock()) as line,
         SerialPort(SerialSettings(path=line.path)),
-        pytest.raises(NotConnectedError, match="another program"),
+        pytest.raises(NotConnectedError, match="close other programs"),
     ):
         SerialPort(SerialSettings(path=line.path))
 
