@@ -316,6 +316,9 @@ def test_a_dark_frame_holds_no_more_than_noise_reaches(changes: dict[str, float]
     assert Admission().source_in_dark(reading) is None
     if said is not None:
         assert f"taken without light, yet it holds a source: its intensity is {reading.intensity:.4g}" in said
+        assert said.endswith(
+            "light came: restart the data acquisition, so that no trigger is left over in it, and begin a new search"
+        )
 
 
 @pytest.mark.parametrize("dark_alarm", [0.0, -1e-6, 0.011, NAN, math.inf])
