@@ -1,6 +1,6 @@
 """Writes files atomically: under a temporary name in the same folder, flushed to disk, then renamed.
 
-A process that is killed before the rename leaves the previous file as it was, and a hidden file
+A process that is killed before the rename leaves the previous file unchanged, and a hidden file
 ``.NAME.XXXXXXXX.part`` beside it, which may be deleted.
 """
 

@@ -276,7 +276,7 @@ def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
 
 @lru_cache(maxsize=1)
 def _load_kernels() -> None:
-    """Decide once on three made-up samples, so that no decision of a search waits for the compiled kernels."""
+    """Decide once on three synthetic samples, so that no decision of a search waits for the compiled kernels."""
     # From disk they take a quarter of a second.
     lit = [
         Sample(
