@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import sys
 from typing import NoReturn
 
@@ -29,6 +30,10 @@ SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
+    # A shell without job control starts a command with & so that it ignores Ctrl-C, and Python leaves that so. A search
+    # that moves a probe must end at SIGINT however it was started.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
