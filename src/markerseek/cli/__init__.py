@@ -7,7 +7,6 @@ read, 4 the rig was not armed, 70 a defect of this program, 130 stopped by the u
 from __future__ import annotations
 
 import errno
-import json
 import os
 import signal
 import sys
@@ -79,6 +78,8 @@ def _end(message: str, *, kind: str, code: int) -> NoReturn:
     """Print how a command ended, with the standard library only: imports or memory may be missing."""
     sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
+        import json  # not above: Ctrl-C can be handled only once this module is imported
+
         # Bytes of a file's name that are no Unicode come out as escapes.
         sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
         sys.stdout.flush()

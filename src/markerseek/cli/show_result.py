@@ -77,7 +77,7 @@ def _floor(floor: Floor, *, acquisitions: int) -> str:
     )
 
 
-NAME_WITHOUT_CLAIM = "acquisition there"
+NAME_WITHOUT_CLAIM = "acquisition at that angle"
 """Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
 
 _KINDS = {

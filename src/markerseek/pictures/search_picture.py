@@ -98,7 +98,7 @@ def _draw_curve(
             s=110,
             color=ACCENT,
             zorder=4,
-            label="confirmation" if estimate.floor is not None else "acquisition there",
+            label="confirmation" if estimate.floor is not None else "acquisition at that angle",
         )
     _draw_answer(axes.axvline, axes.axvspan, estimate, known)
     floor = estimate.floor
