@@ -15,7 +15,8 @@ help:  ## list these commands
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
-	@echo "next: source .venv/bin/activate, then markerseek --help"
+	@echo "next, once in each terminal: source $(BIN)/activate"
+	@echo "then: markerseek --help"
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
@@ -56,7 +57,7 @@ figures: .venv/dev  ## draw the pictures of README and map
 
 lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools
-	$(COMPILE) --upgrade --extra plot -o requirements/run.txt pyproject.toml
+	$(COMPILE) --upgrade --extra plot --extra records --extra devices -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import cli
+from markerseek.cli import terminal
 from markerseek.studies import read_study, run_study
 
 STUDY = """
@@ -74,6 +75,18 @@ def test_a_text_table_a_json_object_and_any_row_again(
         name: again[name] for name in ("mean_deg", "truth_deg", "error_deg", "travel_deg")
     }
     assert shell(monkeypatch, capsys, "study", study, "--row", 17)[1].count("\n") == len(again)
+
+
+def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal.stdout, "_width", 60)
+    study.write_text(STUDY.replace("800", "20"), encoding="utf-8")
+    _, text, _ = shell(monkeypatch, capsys, "study", study, "--out", tmp_path / "out", "--workers", 1)
+    assert "…" not in text
+    for word in ("found: share of", "no claim: any answer but found", "covered: share of the 95 % intervals"):
+        assert word in text
+    assert terminal.stdout.width == 60
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ class PolicySettings:
     acquisitions
         Most acquisitions; None: the method's own. Required for a user's own policy.
     as_published
-        The paper's form, which always answers.
+        The paper's form, which always answers; a user's own policy gets no dark frames then.
     early_end
         Whether a weighted average or a posterior may end before its last angle.
     cues
