@@ -15,7 +15,8 @@ help:  ## list these commands
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
-	@echo "next: source .venv/bin/activate, then markerseek --help"
+	@echo "next, once in each terminal: source $(BIN)/activate"
+	@echo "then: markerseek --help"
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5

@@ -128,7 +128,8 @@ def read_whole(path: Path) -> int:
 def a_number_that_is_not_finite_is_refused() -> None:
     with folder() as place, new(place / "a") as journal:
         try:
-            reading = Reading(intensity=1.0, noise_sigma=float("nan"))
+            reading = Reading(intensity=1.0)
+            object.__setattr__(reading, "noise_sigma", float("nan"))
             sample = Sample(angle_deg=0.0, reading=reading)
             journal.commit(Measured(role="search", index=1, sample=sample), clock_s=0.0)
         except RecordError:

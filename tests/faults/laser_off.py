@@ -194,13 +194,8 @@ def bench(folder: Path, *, lease_s: float) -> Iterator[Bench]:
         laser = described[described.index("[laser]") :]
         port = laser[laser.index("port = ") :].split('"')[1]
         rig = folder / "bench" / "relayed.toml"
-        # a stage and a box that wait for a busy computer
-        rig.write_text(
-            described.replace(port, os.ttyname(near))
-            .replace("[stage]", "[stage]\nbegin_s = 5\nage_s = 1")
-            .replace("[laser]", "[laser]\nanswer_s = 5")
-            + f"\n[supervisor]\nlease_s = {lease_s}\n"
-        )
+        described = described.replace(port, os.ttyname(near))
+        rig.write_text(described.replace("lease_s = 1.0", f"lease_s = {lease_s}"))
         box = os.open(port, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(box)
         writes = Writes(notices=_watch_writes(os.ttyname(near)))

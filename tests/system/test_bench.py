@@ -60,10 +60,6 @@ def markerseek(*words: object) -> list[str]:
     return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
 
 
-PATIENT = "[supervisor]\nlease_s = 1.0\n"
-"""A busy machine is no fault."""
-
-
 @contextmanager
 def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emulation]:
     world = folder / "world.toml"
@@ -83,10 +79,8 @@ def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emu
         assert process.poll() is None, process.communicate()
         devices = Emulation(process, folder / "bench")
         if device == "bench":
-            rig = devices.rig.read_text().replace("[stage]", "[stage]\nbegin_s = 5\nage_s = 1")
             # with a varying number of pulses, energy and noise would differ from the simulation's
-            rig = rig.replace('frames = "triggered"', 'frames = "fixed"')
-            devices.rig.write_text(rig.replace("[laser]", "[laser]\nanswer_s = 5") + PATIENT)
+            devices.rig.write_text(devices.rig.read_text().replace('frames = "triggered"', 'frames = "fixed"'))
         yield devices
     finally:
         process.kill()
@@ -167,7 +161,7 @@ def times_and_kinds(held: RecordedRun) -> list[tuple[float, str]]:
 def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell: Shell, tmp_path: Path) -> None:
     with emulation(tmp_path, seed=4) as devices:
         bare = tmp_path / "bare.toml"
-        bare.write_text(devices.rig.read_text().replace(PATIENT, "[supervisor]\nenabled = false\n"))
+        bare.write_text(devices.rig.read_text().replace("lease_s = 1.0", "enabled = false"))
         for rig, said in ((bare, "WITHOUT a supervisor"), (devices.rig, "stands at 0.000 deg")):
             code, out, err = shell("search", "--rig", rig, *SEARCH)
             assert (code, json.loads(out)["armed"]) == (4, False)
@@ -221,9 +215,9 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(shell: Shell, tmp
         assert "stands at 0.000 deg, inside [-36.5, 36.5] deg" in finding["detail"]
         usual = devices.rig.read_text()
         for name, wrong in (
-            ("age_s = 1", "age_s = 1.5"),
-            ("begin_s = 5", "begin_s = 6.0"),
-            ("answer_s = 5", "answer_s = 8.0"),
+            ("age_s = 1.0", "age_s = 1.5"),
+            ("begin_s = 5.0", "begin_s = 6.0"),
+            ("answer_s = 5.0", "answer_s = 8.0"),
         ):
             devices.rig.write_text(usual.replace(name, wrong))
             _, out, _ = shell("doctor", "--rig", devices.rig, "--json")

@@ -46,8 +46,6 @@ def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_t
         assert emulator.stdout is not None
         next(line for line in emulator.stdout if "Ctrl-C ends it" in line)
         rig = bench / "rig.toml"
-        text = rig.read_text().replace("[stage]", "[stage]\nbegin_s = 5\nage_s = 1")
-        rig.write_text(text.replace("[laser]", "[laser]\nanswer_s = 5") + "[supervisor]\nlease_s = 1.0\n")
         first = subprocess.Popen(markerseek("search", "--rig", rig, *SEARCH), stderr=subprocess.DEVNULL)
         # the first acquisition is complete, and the second begins to be written
         watched = daq / "CH000.daq"

@@ -77,7 +77,7 @@ def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path
     assert msgspec.json.decode(embedded)["seed"] == 1
 
 
-def test_the_page_of_a_replay_names_the_form_and_the_confirmation_and_has_no_empty_columns(
+def test_the_page_of_a_replay_names_the_form_and_the_last_acquisition_and_has_no_empty_columns(
     shell: Shell, tmp_path: Path
 ) -> None:
     words = ("--method", "golden-section", "--as-published", "--plot", "--out", tmp_path, "--json")
@@ -85,7 +85,7 @@ def test_the_page_of_a_replay_names_the_form_and_the_confirmation_and_has_no_emp
     text = (tmp_path / "replay.html").read_text(encoding="utf-8")
     assert "<h1>golden-section as published on a replayed rig: " in text
     assert "<tr><th></th><th>angle [deg]</th><th>intensity</th></tr>" in text
-    assert "<tr><td>confirmation</td><td>" in text
+    assert "<tr><td>acquisition at that angle</td><td>" in text
 
 
 def test_the_text_table_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:

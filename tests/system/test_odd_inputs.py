@@ -170,14 +170,14 @@ def test_settings_of_a_rig_that_mean_nothing_are_refused(shell: Shell, line: str
     ("line", "said"),
     [
         ("trials = 1000000001", "trials is 1000000001"),
-        ("trials = 1.5", "Expected `int`"),
+        ("trials = 1.5", "trials is a number, it must be a whole number"),
         ("seed = -1", "seed is -1"),
         ("marks = [2, 1]", "must be positive and rise"),
         ("curve.power = 1e300", "power is 1e+300, it must lie in (0, 20]"),
         ("curve.fwhm_deg = 1e-300", "fwhm_deg is 1e-300 deg, it must lie between 1e-06"),
         ("vary.curve.fwhm_deg = [nan]", "fwhm_deg is nan"),
-        ("vary.curve.fwhm_deg = [[1]]", "Expected"),
-        ("vary.curve = [1]", "curve is 1"),
+        ("vary.curve.fwhm_deg = [[1]]", "it must be"),
+        ("vary.curve = [1]", "curve is a whole number, it must be a table"),
         (
             f"[vary]\ncurve.fwhm_deg = {list(range(1, 201))}\ncurve.power = {[each / 10 for each in range(1, 101)]}",
             "the values make 20000 combinations, at most 10000 are computed",

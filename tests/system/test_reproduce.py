@@ -59,7 +59,16 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     bank = tmp_path / "mine.csv"
     write_bank(IntensityBank(angles_deg=tuple(angles.tolist()), intensities=tuple(intensities.tolist())), bank)
     assert read_bank(bank).angles_deg == tuple(angles.tolist())
-    code, _, _ = shell("reproduce", "fig6", "--bank", bank, "--reference-deg", 6.2, "--out", tmp_path, "--workers", 1)
+    words = ("reproduce", "fig6", "--bank", bank, "--reference-deg", 6.2, "--out", tmp_path, "--workers", 1)
+    code, said, _ = shell(*words)
+    assert "error from the reference" in " ".join(said.split())
+    assert max(map(len, said.splitlines()[:-1])) <= 80
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"Searches on your own bank {bank}" in page
+    assert "Simulated" not in page
+    (made,) = json.loads(shell(*words, "--json")[1])["sections"]
+    assert {row["method"] for row in made["numbers"]} == {"TS", "GSS", "WA"}
+    assert all(row["mean_error_deg"] >= 0 for row in made["numbers"])
     assert code == 0
     errors = {(row["method"], int(row["acquisitions"])): row for row in rows_of(tmp_path / "fig6_searches.csv")}
     assert float(errors["TS", 28]["error_deg"]) < 70 * (2 / 3) ** 14

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import cli
+from markerseek.cli import terminal
 from markerseek.studies import read_study, run_study
 
 STUDY = """
@@ -76,6 +77,18 @@ def test_a_text_table_a_json_object_and_any_row_again(
     assert shell(monkeypatch, capsys, "study", study, "--row", 17)[1].count("\n") == len(again)
 
 
+def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal.stdout, "_width", 60)
+    study.write_text(STUDY.replace("800", "20"), encoding="utf-8")
+    _, text, _ = shell(monkeypatch, capsys, "study", study, "--out", tmp_path / "out", "--workers", 1)
+    assert "…" not in text
+    for word in ("found: share of", "no claim: any answer but found", "covered: share of the 95 % intervals"):
+        assert word in text
+    assert terminal.stdout.width == 60
+
+
 @pytest.mark.parametrize(
     ("change", "words", "message"),
     [
@@ -89,9 +102,8 @@ def test_a_text_table_a_json_object_and_any_row_again(
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
-        (("", ""), ("--plot", "a.bmp"), "--plot is a.bmp: a picture's name ends in .png or .svg"),
-        (("", ""), ("--plot", "a.svg", "--beside", "other.toml"), "other.toml: the study file cannot be read"),
-        (("", ""), ("--beside", "other.toml"), "add --plot FILE, or leave it out"),
+        (("", ""), ("--plot", "--beside", "other.toml"), "other.toml: the study file cannot be read"),
+        (("", ""), ("--beside", "other.toml"), "add --plot, or leave it out"),
         (("", ""), ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), "leave one of them out"),
     ],
 )

@@ -101,6 +101,14 @@ def test_the_identity() -> None:
     )
 
 
+def test_an_emulator_is_known_by_the_notes_in_its_identity() -> None:
+    for notes, emulated in ((b"", False), (b"Thorlabs", False), (b"simulated by markerseek", True)):
+        data = struct.pack("<i8sH4B60s3H", 27000001, b"KDC101\0\0", 44, 2, 1, 3, 0, notes, 1, 0, 1)
+        info = apt.decode(only(answer(apt.INFO, data)))
+        assert isinstance(info, apt.Info)
+        assert (info.notes, info.emulated) == (notes.decode(), emulated)
+
+
 def test_another_channel_is_refused() -> None:
     with pytest.raises(DeviceError, match="channel 2"):
         apt.decode(only(status(0, 0, channel=2)))

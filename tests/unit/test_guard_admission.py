@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from damaged import damaged
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -192,7 +193,7 @@ def test_a_feature_that_is_no_number_is_refused(name: str, value: float) -> None
 @pytest.mark.parametrize("intensity", [NAN, math.inf, -1.0, -1e-300])
 def test_an_intensity_that_is_no_measurement_is_refused(intensity: float) -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        Admission().admit_reading(Reading(intensity=intensity), frame=FRAME, usual_sigma=None)
+        Admission().admit_reading(damaged(intensity=intensity), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == f"intensity is {intensity}: it must be finite and at least 0; take it again"
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from damaged import damaged
 from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader, LimitError, Permit, Reading, ReadingFrame
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 
@@ -72,7 +73,7 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
     answer = frame(made, permit, sequence=1, intensity=1.0, started_s=0.0)
     made.admit_reading(Reading(intensity=1.0, saturated_fraction=0.5), frame=answer)
-    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), Reading(intensity=math.nan)):
+    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=answer)
 
@@ -121,7 +122,7 @@ def test_noise_may_become_known_in_the_middle_of_a_run() -> None:
 def test_a_refused_reading_is_no_measure_of_noise() -> None:
     made = guard()
     lit = heard(pulses=16)
-    for bad in (Reading(intensity=-1.0, noise_sigma=9.0), Reading(intensity=1.0, noise_sigma=math.nan)):
+    for bad in (damaged(intensity=-1.0, noise_sigma=9.0), damaged(noise_sigma=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=lit)
     made.admit_reading(Reading(intensity=1.0, noise_sigma=1.0), frame=lit)

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from markerseek.core import ChannelFrame, ConfigError, Reading, RecordError
+from damaged import damaged
+from markerseek.core import ChannelFrame, ConfigError, RecordError
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.ipasc import BankWriter
 from markerseek.records.banks.ipasc.reading import read_probed
@@ -90,8 +91,8 @@ def invalid(**changes):
         (invalid(angle_deg=-360.1), "the angle is -360.1 deg"),
         (invalid(angle_deg=0.0), "the angle 0 deg appears twice"),
         (invalid(angle_deg=-0.0), "appears twice"),
-        (invalid(reading=Reading(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
-        (invalid(reading=Reading(intensity=math.inf)), "is inf"),
+        (invalid(reading=damaged(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
+        (invalid(reading=damaged(intensity=math.inf)), "is inf"),
     ],
 )
 def test_an_acquisition_that_could_not_be_read_again_is_refused_before_the_first_byte(tmp_path, taken, message):
@@ -108,7 +109,7 @@ def test_an_acquisition_that_could_not_be_read_again_is_refused_before_the_first
 
 
 def test_an_unknown_intensity_is_kept_with_a_frame_and_refused_without_one(tmp_path):
-    unknown = Reading(intensity=math.nan)
+    unknown = damaged(intensity=math.nan)
     with BankWriter(tmp_path / "a.hdf5", angles=3, facts=FACTS) as writer:
         for angle in (0.0, 2.0, 3.0):
             writer.add(replace(sample(angle), reading=unknown))

@@ -90,6 +90,25 @@ def test_what_is_no_seed_is_refused(seed: object) -> None:
         markerseek.simulated(seed=seed)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("intensity=float('nan')", "intensity is nan, it must be a finite number of at least 0"),
+        ("intensity=float('inf')", "intensity is inf"),
+        ("intensity=-1", "intensity is -1"),
+        ("intensity='3'", "intensity is '3'"),
+        ("intensity=None", "intensity is None"),
+        ("intensity=1, lateral_m='2'", "lateral_m is '2', it must be a finite number, or None"),
+        ("intensity=1, noise_sigma=float('nan')", "noise_sigma is nan"),
+    ],
+)
+def test_a_reading_that_is_no_measurement_is_refused(words: str, said: str) -> None:
+    # In a program of its own, without the type check of the tests, which would refuse it first.
+    program = f"import markerseek; markerseek.Reading({words})"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert f"ReadingError: {said}" in done.stderr
+
+
 def test_shapes_are_those_of_jaxtyping_in_tests_and_cost_nothing_elsewhere() -> None:
     assert shapes.Float64 is jaxtyping.Float64
     program = "from markerseek.core import shapes; print(shapes.CHECKED, shapes.Float64['2 3'])"

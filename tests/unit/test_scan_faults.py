@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from dataclasses import replace
 
 import pytest
@@ -13,6 +14,7 @@ from markerseek.core import (
     DeviceError,
     DeviceTimeoutError,
     Failed,
+    Finished,
     Frame,
     LaserError,
     LimitError,
@@ -121,6 +123,21 @@ def test_evidence_against_a_device_is_a_fault_and_a_frame_refused_twice_is_not(b
     with contextlib.suppress(DeviceError):
         list(run(Tour(0.0), made, stay=True))
     assert made.guard.state is state
+
+
+def test_a_reader_that_makes_no_number_of_a_frame_has_the_frame_refused() -> None:
+    """A damaged reading stays a refusal, after which the frame is taken again: the search goes on."""
+
+    class OnceNan(Bench):
+        def read(self, frame: Frame) -> Reading:
+            assert isinstance(frame, ReadingFrame)
+            return Reading(intensity=math.nan if frame.header.sequence == 2 else frame.intensity)
+
+    events = list(run(Tour(0.0, 1.0, 2.0), scanner(OnceNan()), stay=True))
+    assert [event.reason for event in events if isinstance(event, Refused)] == [
+        "intensity is nan, it must be a finite number of at least 0; take the frame again"
+    ]
+    assert isinstance(events[-1], Finished)
 
 
 def test_a_saturated_frame_ends_the_search_and_is_no_fault_of_a_device() -> None:

@@ -190,7 +190,7 @@ def test_unknown_floor_asks_for_ten_times_the_smallest():
 def test_too_few_acquisitions_are_reported():
     _, estimate = run(build("weighted-average", acquisitions=15), lorentzian(7.3, fwhm_deg=4.0), darks=DARKS)
     assert isinstance(estimate, Unsure)
-    assert "take more acquisitions or average more pulses" in estimate.reason
+    assert "more acquisitions, or more pulses in each, reduce it" in estimate.reason
 
 
 def test_early_end_waits_for_evidence():

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.core import ConfigError, Interval, Reading, Sample, SearchError
+from damaged import damaged
+from markerseek.core import ConfigError, Interval, Sample, SearchError
 from markerseek.search import Exhaustive, WeightedAverage, equal_steps, peak_passed
 from markerseek.search.average import average_sigma_deg, weighted_average
 from markerseek.search.curve import Curve, curve_of
@@ -21,7 +22,7 @@ intensities = st.lists(st.floats(0, 1e300), min_size=1, max_size=30)
 
 
 def sample(angle_deg, intensity):
-    return Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity))
+    return Sample(angle_deg=angle_deg, reading=damaged(intensity=intensity))
 
 
 def curve(angle_deg, intensity):
@@ -229,6 +230,12 @@ class TestPeak:
         peak = peak_of(curve([0, 1, 2, 3], [3, 2, 1, 0]))
         assert peak.fwhm_deg == pytest.approx(3)
         assert peak.cen_deg is None
+
+    @pytest.mark.parametrize("floor", [0.0, 0.1, 0.3])
+    def test_the_centre_of_mass_is_that_of_the_peak_whatever_the_noise_floor(self, floor):
+        angles = np.arange(-35, 35.1, 0.5)
+        heights = floor + np.exp(-(((angles - 20) / 4) ** 2))
+        assert peak_of(curve(angles, heights)).com_deg == pytest.approx(20, abs=0.05)
 
     @pytest.mark.parametrize("values", [[1, 1, 1], [0, 0, 0]])
     def test_flat_has_no_width(self, values):

@@ -7,8 +7,8 @@ read, 4 the rig was not armed, 70 a defect of this program, 130 stopped by the u
 from __future__ import annotations
 
 import errno
-import json
 import os
+import signal
 import sys
 from typing import NoReturn
 
@@ -29,6 +29,10 @@ SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
+    # A shell without job control starts a command with & so that it ignores Ctrl-C, and Python leaves that so. A search
+    # that moves a probe must end at SIGINT however it was started.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
@@ -74,6 +78,8 @@ def _end(message: str, *, kind: str, code: int) -> NoReturn:
     """Print how a command ended, with the standard library only: imports or memory may be missing."""
     sys.stderr.write(f"error: {message}\n".encode("utf-8", "backslashreplace").decode("utf-8"))
     if "--json" in sys.argv:
+        import json  # not above: Ctrl-C can be handled only once this module is imported
+
         # Bytes of a file's name that are no Unicode come out as escapes.
         sys.stdout.write(json.dumps({"error": message, "kind": kind}) + "\n")
         sys.stdout.flush()

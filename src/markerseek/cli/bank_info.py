@@ -28,7 +28,7 @@ EXAMPLES = (
 
 
 class BankReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What is in a bank; the statistics of the peak are those of bluesky: com, cen, fwhm, max."""
+    """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
 
     path: str
     content: str
@@ -160,7 +160,7 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
         ("dark frames", None if report.dark_frames == 0 else _dark(report)),
         ("intensities", None if computed_with is None else f"computed again with the preset {computed_with}"),
         ("max", f"{report.max_intensity:.4g} at {report.max_deg:.3f}°"),
-        ("com, centre of mass", f"{report.com_deg:.3f}°"),
+        ("com, centre of mass above half height", f"{report.com_deg:.3f}°"),
         ("cen, middle at half height", _number(report.cen_deg, "{:.3f}°")),
         ("fwhm, width at half height", _number(report.fwhm_deg, "{:.3f}°")),
         ("reference", _number(report.reference_deg, "{:.3f}°")),

@@ -32,6 +32,7 @@ class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
     dark_frames: int
     refused: int
     simulated: bool
+    emulated: tuple[str, ...]
     seed: int | None
     configuration: str
     version: str = __version__
@@ -108,12 +109,13 @@ def command(
             dark_frames=dark,
             refused=refused,
             simulated=assembled.simulated,
+            emulated=assembled.facts.emulated,
             seed=assembled.facts.seed,
             configuration=assembled.facts.fingerprint,
         )
         print_json(report)
     else:
-        stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.kind} rig in {escape(str(out))}")
+        stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.rig_name} in {escape(str(out))}")
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

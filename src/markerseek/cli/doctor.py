@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import platform
+import sys
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,11 +29,26 @@ EXAMPLES = (
 )
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
+_PURPOSES = {
+    "plot": "a picture",
+    "cluster": "a study on a Dask cluster",
+    "records": "a bank or an export",
+    "devices": "a rig of devices, real or emulated,",
+}
 EXTRAS = {"plot": "matplotlib", "cluster": "distributed", "records": "h5py", "devices": "thorlabs_apt_protocol"}
 
 
 _NAP_S, _NAPS = 0.01, 100
 """One second of short waits, to measure how late this computer wakes up."""
+
+_BUSY_PER_CORE = 2
+"""Programs that compute meanwhile, for each core: a search on a computer that does other things as well."""
+
+_BUSY = "import time\nends = time.monotonic() + 30\nwhile time.monotonic() < ends: pass"
+"""A program that only computes, and ends by itself even if this process is killed."""
+
+_WORK_S = 0.005
+"""Time for which a step of the search computes between two waits, in seconds."""
 
 _MARKER_DEG = 10.0
 """Angle of the marker in the two simulated searches, in degrees."""
@@ -39,7 +58,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """Result of one check."""
 
     what: str
-    state: Literal["ok", "missing", "broken"]
+    state: Literal["ok", "absent", "broken"]
     detail: str
     needed: bool = True
 
@@ -71,6 +90,7 @@ def command(
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if lease_s is not None:
         findings.append(_punctuality(lease_s))
+        findings.append(_punctuality_under_load(lease_s))
     if rig is not None:
         findings.append(_rig(rig))
         if source_deg is not None and findings[-1].state == "ok":
@@ -80,9 +100,18 @@ def command(
         print_json({"ok": ok, "findings": findings})
     else:
         for finding in findings:
-            colour = "green" if finding.state == "ok" else ("red" if finding.needed else "yellow")
-            stdout.print(f"[{colour}]{finding.state:>8}[/]  {escape(f'{finding.what}: {finding.detail}')}")
+            stdout.print(f"{_STATES[finding.state, finding.needed]}  {escape(f'{finding.what}: {finding.detail}')}")
     raise typer.Exit(0 if ok else 1)
+
+
+_STATES = {
+    ("ok", True): "[green]      ok[/]",
+    ("ok", False): "[green]      ok[/]",
+    ("absent", False): "[dim]optional[/]",
+    ("broken", True): "[red]  broken[/]",
+    ("broken", False): "[yellow] warning[/]",
+}
+"""States as printed, of what is needed and of what is not."""
 
 
 def _packages() -> list[Finding]:
@@ -95,8 +124,8 @@ def _packages() -> list[Finding]:
     found += [Finding(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     for extra, package in EXTRAS.items():
         if importlib.util.find_spec(package) is None:
-            cure = f"not installed; pip install 'markerseek[{extra}]'"
-            found.append(Finding(what=package, state="missing", detail=cure, needed=False))
+            cure = f"not installed; {_PURPOSES[extra]} needs it: pip install 'markerseek[{extra}]'"
+            found.append(Finding(what=package, state="absent", detail=cure, needed=False))
         else:
             version = importlib.metadata.version(package)
             found.append(Finding(what=package, state="ok", detail=f"{version} (extra {extra})", needed=False))
@@ -147,6 +176,43 @@ def _punctuality(lease_s: float) -> Finding:
     return Finding(what="scheduling", state="broken", detail=detail + cure, needed=False)
 
 
+def _punctuality_under_load(lease_s: float) -> Finding:
+    """How much of the supervisor's lease is left while other programs compute on every core."""
+    from markerseek.drivers import SLICE_S
+
+    programs = _BUSY_PER_CORE * (os.cpu_count() or 1)
+    with _busy(programs):
+        longest_s = max(_timed_step() for _ in range(_NAPS)) - _NAP_S - _WORK_S
+    # Between two beats the search waits for this long, and wakes up late.
+    margin_s = lease_s - SLICE_S - longest_s
+    detail = (
+        f"with {programs} programs that compute meanwhile, a step of {1e3 * (_NAP_S + _WORK_S):.0f} ms ends up to "
+        f"{1e3 * longest_s:.1f} ms late: of the lease of {lease_s:g} s "
+    )
+    if margin_s > 0:
+        return Finding(what="scheduling under load", state="ok", detail=f"{detail}{1e3 * margin_s:.0f} ms are left")
+    return Finding(
+        what="scheduling under load",
+        state="broken",
+        detail=f"{detail}nothing is left: a search on a busy computer would be stopped in the middle; close other "
+        "programs before a search, or raise its priority (nice, chrt); for emulated devices raise supervisor.lease_s",
+        needed=False,
+    )
+
+
+@contextmanager
+def _busy(programs: int) -> Iterator[None]:
+    """That many other processes that compute."""
+    import subprocess
+
+    command = [sys.executable, "-I", "-S", "-c", _BUSY]
+    with ExitStack() as running:
+        for _ in range(programs):
+            process = running.enter_context(subprocess.Popen(command))  # noqa: S603  our own interpreter
+            running.callback(process.kill)
+        yield
+
+
 def _timed_nap() -> float:
     """Measured duration of one short wait, in seconds."""
     from markerseek.drivers import SystemClock
@@ -155,6 +221,16 @@ def _timed_nap() -> float:
     began_s = clock.now_s()
     clock.wait(_NAP_S)
     return clock.now_s() - began_s
+
+
+def _timed_step() -> float:
+    """Measured duration of a short wait and some computation, as in a step of a search, in seconds."""
+    # The system wakes up a process that mostly waits at once, and keeps one that computes waiting.
+    waited_s = _timed_nap()
+    began_s, ends_s = time.perf_counter(), time.thread_time() + _WORK_S
+    while time.thread_time() < ends_s:
+        pass
+    return waited_s + time.perf_counter() - began_s
 
 
 def _search(method: str) -> Finding:

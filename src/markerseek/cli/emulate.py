@@ -152,6 +152,8 @@ def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float) -> str:
     place = folder.resolve()
     limits = settings.limits
     return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
+# begin_s, age_s, answer_s and lease_s are longer than for hardware, because the emulator shares this computer with the
+# search: on a busy one, waits of 20 ms end more than 0.1 s late. Do not copy them to the rig file of real devices.
 kind = "bench"
 
 [stage]
@@ -160,17 +162,23 @@ zero_deg = 0.0
 speed_deg_s = {settings.stage.speed_deg_s}
 acceleration_deg_s2 = {settings.stage.acceleration_deg_s2}
 approach_deg = {settings.stage.approach_deg}
+begin_s = 5.0
+age_s = 1.0
 
 [laser]
 port = {json.dumps(str(place / "laser"))}
 pulses = {settings.laser.pulses}
 rate_hz = {settings.laser.rate_hz}
+answer_s = 5.0
 
 [receiver]
 folder = {json.dumps(str(place / "daq"))}
 sampling_hz = {settings.receiver.sampling_hz}
 readout_s = {readout_s}
 frames = "triggered"
+
+[supervisor]
+lease_s = 1.0
 
 [probe]
 trigger_offset_s = {settings.receiver.trigger_offset_s}

@@ -122,7 +122,7 @@ def _print_table(held: RecordedRun) -> None:
 
     plan, facts = held.configuration.plan, held.configuration.facts
     form = " as published" if plan.as_published else ""
-    stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.kind} rig: {one_line(facts.description)}")
+    stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
     versions = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")

@@ -57,7 +57,10 @@ def _in_words(each: JournalSummary) -> str:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else f"{each.begun[:16].replace('T', ' ')} UTC"
     end = each.answer or each.state
-    if each.angle_deg is not None:
-        end += f" at {each.angle_deg:.3f}°"
-    text = f"{begun}, {each.method} on a {each.rig} rig: {end}, {each.acquisitions} acquisitions"
+    # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
+    if each.angle_deg is not None and each.answer != "not found":
+        end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
+    form = " as published" if each.as_published else ""
+    emulated = f" with emulated {' and '.join(each.emulated)}" if each.emulated else ""
+    text = f"{begun}, {each.method}{form} on a {each.rig} rig{emulated}: {end}, {each.acquisitions} acquisitions"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")

@@ -9,7 +9,7 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Cell, Duration, Section
+    from markerseek.studies.paper import Cell, Duration, Section, Table
 
 NAME = "reproduce"
 EXAMPLES = (
@@ -90,7 +90,7 @@ def command(
             sections.append(section)
             files.append(write_section(section, out))
             durations.append(watch.lap())
-        page = write_report(sections, out, options=options, durations=durations)
+        page = write_report(sections, out, options=options, durations=durations, own_bank=bank)
     if as_json:
         made = [_made(*each) for each in zip(sections, files, durations, strict=True)]
         used = {"seed": seed, "markers": markers, "workers": options.workers}
@@ -117,10 +117,13 @@ def _made(section: Section, files: list[Path], duration: Duration) -> Made:
 
     table = comparison_table(section)
     limitations = [each.paper.limitation for each in section.comparisons]
+    own = _errors_of_own_bank(section)
     return Made(
         name=section.name,
         title=section.title,
-        numbers=[
+        numbers=[dict(zip(own.columns, row, strict=True)) for row in own.rows]
+        if own is not None
+        else [
             {**dict(zip(table.columns, row, strict=True)), "limitation": limitation}
             for row, limitation in zip(table.rows, limitations, strict=True)
         ],
@@ -131,16 +134,43 @@ def _made(section: Section, files: list[Path], duration: Duration) -> Made:
     )
 
 
+_SHOWN = {
+    "method": "method",
+    "acquisitions": "acquisitions",
+    "mean_error_deg": "error from the reference [deg]",
+    "mean_from_maximum_deg": "from the bank's maximum [deg]",
+}
+"""Columns of a user's own bank that are printed, with their headings."""
+
+
+def _errors_of_own_bank(section: Section) -> Table | None:
+    """The errors of the searches on a user's own bank, which none of the paper's numbers belongs to; None otherwise."""
+    from dataclasses import replace
+
+    from markerseek.studies.paper import OFFLINE
+
+    if section.comparisons or section.name not in OFFLINE:
+        return None
+    errors = section.tables[0]
+    # One search of each kind: no spread and no interval.
+    filled = [place for place in range(len(errors.columns)) if any(row[place] is not None for row in errors.rows)]
+    return replace(
+        errors,
+        columns=tuple(errors.columns[place] for place in filled),
+        rows=tuple(tuple(row[place] for place in filled) for row in errors.rows),
+    )
+
+
 def _print(section: Section, duration: Duration) -> None:
     from rich.markup import escape
-    from rich.table import Table
+    from rich.table import Table as Printed
 
     from markerseek.cli.terminal import stdout
     from markerseek.studies.paper import shown
 
     stdout.print(f"[bold]{escape(section.title)}[/]")
     if section.comparisons:
-        table = Table(box=None, padding=(0, 2, 0, 0))
+        table = Printed(box=None, padding=(0, 2, 0, 0))
         for name in ("", "condition", "paper", "ours", "difference"):
             table.add_column(name, justify="left" if name in ("", "condition") else "right")
         for each in section.comparisons:
@@ -152,6 +182,15 @@ def _print(section: Section, duration: Duration) -> None:
                 shown(each.ours) + half,
                 shown(each.difference),
             )
+        stdout.print(table)
+    own = _errors_of_own_bank(section)
+    if own is not None:
+        table = Printed(box=None, padding=(0, 2, 0, 0))
+        places = [place for place, name in enumerate(own.columns) if name in _SHOWN]
+        for place in places:
+            table.add_column(escape(_SHOWN[own.columns[place]]), justify="right" if place > places[0] else "left")
+        for row in own.rows:
+            table.add_row(*(escape(shown(row[place])) for place in places))
         stdout.print(table)
     for remark in section.remarks:
         stdout.print(f"  {escape(remark)}")

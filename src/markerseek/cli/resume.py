@@ -161,7 +161,7 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
         return
     kept = "1 acquisition is kept" if state.acquisitions == 1 else f"{state.acquisitions} acquisitions are kept"
     lines = [
-        f"{held.configuration.plan.method} on a {held.configuration.facts.kind} rig: {kept}; "
+        f"{held.configuration.plan.method} on a {held.configuration.facts.rig_name}: {kept}; "
         + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
     ]
     if checks_deg:

@@ -36,8 +36,13 @@ def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None
             _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
-            _note_interruption(stop, journal, rig_file)
-            end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
+            _note_interruption(stop, journal)
+            end_stopped(
+                stop,
+                as_json=as_json,
+                kept=None if journal is None else journal.path,
+                resume=None if journal is None else resume_command(journal.path, rig_file),
+            )
         except MarkerseekError:
             _print_how_to_resume(journal, rig_file)
             raise
@@ -118,7 +123,7 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     stderr.print(line)
 
 
-def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file: Path | None) -> None:
+def _note_interruption(stop: StoppedBySignal, journal: Journal | None) -> None:
     """Record the interruption in the journal, once the rig has been stopped."""
     if journal is None:
         return
@@ -126,7 +131,6 @@ def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file:
         journal.interrupt(stop.name)
     except RecordError as problem:
         print_warning(str(problem))
-    print_warning(f"continue with: {resume_command(journal.path, rig_file)}")
 
 
 def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:

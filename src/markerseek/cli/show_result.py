@@ -13,9 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import PaImage, Sample
+from markerseek.core import Floor, PaImage, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
+from markerseek.search import FALSE_FOUND
 from markerseek.signals import ImageReader
 
 FOUND, OTHER_ANSWER = 0, 3
@@ -24,28 +25,22 @@ FOUND, OTHER_ANSWER = 0, 3
 
 def facts(result: SearchResult) -> list[tuple[str, str]]:
     """Names and formatted values of a result, for the table and the page."""
-    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
-    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
-        low, high = result.interval95_deg
-        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
-        rows.append(("95 % interval", f"[{low:.3f}°, {high:.3f}°], {_KINDS[result.interval_kind or 'propagated']}"))
-    else:
-        rows.append(("the rule points at", f"{result.angle_deg:.3f}°, which is not claimed"))
+    rows = _answer(result)
     if result.marker_trus_m is not None:
-        rows.append(("marker in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
+        rows.append(("in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
     rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
     rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
-        rows.append(("time", f"{result.elapsed_s:.0f} s" + (" (virtual)" if result.rig == "simulated" else "")))
+        clock = ", on the simulated clock" if result.rig == "simulated" else ""
+        rows.append(("time", f"{result.elapsed_s:.0f} s{clock}"))
     if result.confirmation is not None:
-        confirmation = result.confirmation
-        verdict = {True: "confirmed", False: "NOT confirmed", None: "not judged"}[result.confirmed]
-        rows.append(
-            ("confirmation", f"intensity {confirmation.intensity:.4g} at {confirmation.angle_deg:.3f}°, {verdict}")
-        )
+        there = f"intensity {result.confirmation.intensity:.4g} at {result.confirmation.angle_deg:.3f}°"
+        if result.as_published:
+            rows.append((NAME_WITHOUT_CLAIM, there))
+        else:
+            rows.append(("confirmation", f"{there}, {'confirmed' if result.confirmed else 'NOT confirmed'}"))
     if result.floor is not None:
-        level = "unknown" if result.floor.level is None else f"{result.floor.level:.4g} from {result.floor.source}"
-        rows.append(("noise floor", level))
+        rows.append(("noise floor", _floor(result.floor, acquisitions=result.acquisitions)))
     if result.truth_deg is not None and result.error_deg is not None:
         rows.append(("truth (simulated)", f"{result.truth_deg:.3f}°, error {result.error_deg:.3f}°"))
     elif result.reference_deg is not None and result.error_deg is not None:
@@ -53,10 +48,42 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
     return rows
 
 
+def _answer(result: SearchResult) -> list[tuple[str, str]]:
+    """The answer and its angle, in words that claim no more than the method does."""
+    if result.as_published:
+        return [
+            ("angle", f"{result.angle_deg:.3f}°"),
+            ("claim", "none: the paper's form of a method always answers, also where there is no marker"),
+        ]
+    rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
+    if result.found and result.sigma_deg is not None and result.interval95_deg is not None:
+        low, high = result.interval95_deg
+        rows.append(("marker angle", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"))
+        name, kind = _KINDS[result.interval_kind or "propagated"]
+        rows.append((name, f"[{low:.3f}°, {high:.3f}°], {kind}"))
+    elif result.answer != "not found":
+        # Where nothing was detected, the angle of a method is that of the noise, and is for programs only.
+        rows.append(("best guess", f"{result.angle_deg:.3f}°, not claimed"))
+    return rows
+
+
+def _floor(floor: Floor, *, acquisitions: int) -> str:
+    """The noise floor, and why another method has another."""
+    if floor.level is None:
+        return "unknown"
+    return (
+        f"{floor.level:.4g} from {floor.source}; noise alone exceeds it in at most one of {1 / FALSE_FOUND:g} searches "
+        f"of {acquisitions} acquisitions"
+    )
+
+
+NAME_WITHOUT_CLAIM = "acquisition at that angle"
+"""Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
+
 _KINDS = {
-    "posterior": "a posterior probability",
-    "bracket": "the bracket's width, not a probability",
-    "propagated": "noise propagated through the average, not a posterior",
+    "posterior": ("95 % interval", "a posterior probability"),
+    "bracket": ("last bracket", "where the method stopped, not a probability"),
+    "propagated": ("95 % interval", "noise propagated through the average, not a posterior"),
 }
 
 
@@ -115,12 +142,12 @@ def conclude(
         The journal whose path is printed; None where there is none, or the user named it.
     """
     result = recorder.result(configuration.plan, configuration.facts)
-    title = f"{_method_in_words(result)} on a {result.rig} rig: {configuration.facts.description}"
+    title = f"{_method_in_words(result)} on a {configuration.facts.rig_name}: {configuration.facts.description}"
     # The answer first: a failure to draw the picture must not hide it.
     if output.as_json:
         print_json(result)
     else:
-        _print_table(result, configuration.facts.description)
+        _print_table(result, title=title)
     if output.plot:
         for path in _draw(recorder, result, title, imaging, output.folder / output.name):
             (stderr if output.as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
@@ -129,8 +156,8 @@ def conclude(
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 
 
-def _print_table(result: SearchResult, description: str) -> None:
-    stdout.print(f"[bold]{escape(_method_in_words(result))}[/] on a {result.rig} rig: {escape(description)}")
+def _print_table(result: SearchResult, *, title: str) -> None:
+    stdout.print(f"[bold]{escape(title)}[/]")
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in facts(result):
         table.add_row(f"[dim]{name}[/]", escape(value))
@@ -161,7 +188,7 @@ def _draw(
     write_page(
         page,
         title=title,
-        note="Simulated rig: no hardware was involved." if result.rig == "simulated" else None,
+        note=_note(result),
         facts=facts(result),
         picture_uri=png_data_uri(draw(title=None)),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
@@ -171,11 +198,18 @@ def _draw(
     return png, page
 
 
+def _note(result: SearchResult) -> str | None:
+    """Warning above a result that no hardware has given; None for one of hardware or of a recording."""
+    if result.emulated:
+        return f"Emulated {' and '.join(result.emulated)}: this is no measurement on hardware."
+    return "Simulated rig: no hardware was involved." if result.rig == "simulated" else None
+
+
 def _rows(result: SearchResult) -> list[tuple[str, ...]]:
     """Table rows of the page: headings, acquisitions, confirmation; positions only if any are known."""
     taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
     if result.confirmation is not None:
-        taken.append(("confirmation", result.confirmation))
+        taken.append((NAME_WITHOUT_CLAIM if result.as_published else "confirmation", result.confirmation))
     rows = [("", "angle [deg]", "intensity", "peak lateral [mm]", "peak depth [mm]")]
     rows += [
         (

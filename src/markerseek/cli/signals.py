@@ -35,8 +35,8 @@ class Stopped(SystemExit):
     """Ends the command after a signal whose message has been printed."""
 
 
-def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None) -> NoReturn:
-    """Print that the rig was stopped, and end the command.
+def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resume: str | None = None) -> NoReturn:
+    """Print that the rig was stopped and how to continue, and end the command.
 
     Parameters
     ----------
@@ -46,8 +46,12 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None) -> N
         Whether to print JSON.
     kept
         File that holds what was measured; None where none does.
+    resume
+        Command that continues; None where none does.
     """
     print_warning(f"stopped by {stop.name}: the laser is disarmed, and the probe stays where it was")
+    if resume is not None:
+        print_warning(f"continue with: {resume}")
     if as_json:
         print_json({"error": f"stopped by {stop.name}", "kind": "Stopped", "kept": None if kept is None else str(kept)})
     raise Stopped(stop.exit_code) from None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import msgspec
 import typer
+from rich.markup import escape
 
 from markerseek.cli.signals import Stopped
 from markerseek.cli.study_table import show_bounds, show_summary
@@ -41,8 +42,9 @@ def command(
         int | None, typer.Option(help="Run this one row of the table again, and print it; nothing is written.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Picture to write, PNG or SVG: mean error over the acquisitions.")
-    ] = None,
+        bool,
+        typer.Option("--plot", help="Write error.png and error.svg into --out: mean error over the acquisitions."),
+    ] = False,
     bound: Annotated[
         int | None,
         typer.Option(min=1, help="Markers to search for again, to compare the errors with the bound of each."),
@@ -53,25 +55,19 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Run a study, or continue one that was interrupted, and print its summary."""
-    from markerseek.cli.terminal import print_json, progress_bar, stdout
+    from markerseek.cli.terminal import print_json, progress_bar, stderr, stdout
     from markerseek.studies import read_study, run_study
 
     # Before hours of searching, not after them.
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise ConfigError(f"--plot is {plot}: a picture's name ends in .png or .svg")
-    if beside and plot is None:
-        raise ConfigError("--beside adds lines to a picture; add --plot FILE, or leave it out")
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = read_study(study)
     if row is not None:
-        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, bound=bound)
+        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot or None, bound=bound)
         _show_row(settings, row, as_json=as_json)
         return
-    # A file that cannot be read is an error now, not after the study.
-    for path in beside or []:
-        read_study(path)
     folder = out or Path("out") / study.stem
+    _require_drawable(folder, beside or [], plot=plot)
     try:
         with progress_bar(settings.rows, what="searching") as progress:
             task = progress.task_ids[0]
@@ -85,15 +81,22 @@ def command(
     except KeyboardInterrupt:
         _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
-    if plot is not None:
-        _draw(plot, [(settings, finish.summary), *(_finished(path) for path in beside or [])], markers=bound)
+    runs = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
+    pictures = _draw(folder / "error", runs, markers=bound) if plot else ()
     if as_json:
         print_json({**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary)
+        for path in pictures:
+            stderr.print(f"[dim]picture:[/] {escape(str(path))}")
         return
     show_summary(finish.summary)
     if bounds:
         show_bounds(bounds)
-    stdout.print(f"[dim]rows:[/] {finish.rows}   [dim]summary:[/] {finish.rows.with_name('summary.json')}")
+    for what, path in (
+        ("rows", finish.rows),
+        ("summary", finish.rows.with_name("summary.json")),
+        *(("picture", path) for path in pictures),
+    ):
+        stdout.print(f"[dim]{what}:[/] {escape(str(path))}")
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
@@ -105,6 +108,19 @@ def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
     if as_json:
         print_json({"error": message, "kind": "Stopped"})
     raise Stopped(STOPPED) from None
+
+
+def _require_drawable(folder: Path, beside: list[Path], *, plot: bool) -> None:
+    """Refuse studies beside without a picture, files that cannot be read, and a folder that takes no picture."""
+    from markerseek.pictures import require_room_for_pictures
+    from markerseek.studies import read_study
+
+    if beside and not plot:
+        raise ConfigError("--beside adds lines to a picture; add --plot, or leave it out")
+    for path in beside:
+        read_study(path)
+    if plot:
+        require_room_for_pictures(folder)
 
 
 def _require_alone(**given: object) -> None:
@@ -150,7 +166,8 @@ def _finished(path: Path) -> tuple[Study, Summary]:
     return study, run_study(study, Path("out") / path.stem).summary
 
 
-def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> None:
+def _draw(stem: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> tuple[Path, ...]:
+    """Write the picture in both forms, and return their paths."""
     from markerseek.pictures import save_png, save_svg
     from markerseek.studies import cells, error_figure, mean_bounds
 
@@ -160,5 +177,8 @@ def _draw(path: Path, runs: list[tuple[Study, Summary]], *, markers: int | None)
     if markers is not None and counts:
         for cell in cells(study):
             bounds[cell.index] = (counts, mean_bounds(study, cell, markers=markers, acquisitions=counts))
-    save = save_svg if path.suffix.lower() == ".svg" else save_png
-    save(error_figure(runs, bounds=bounds), path)
+    png, svg = stem.with_suffix(".png"), stem.with_suffix(".svg")
+    figure = error_figure(runs, bounds=bounds)
+    save_png(figure, png)
+    save_svg(figure, svg)
+    return png, svg

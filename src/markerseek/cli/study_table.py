@@ -44,10 +44,10 @@ def show_summary(summary: Summary) -> None:
                 _plain(policy.travel_deg, "°"),
                 _plain(policy.elapsed_s, " s"),
             )
-        stdout.print(table)
-        stdout.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
+        _show(table)
+        _show(_whatever_the_answer(here, failure_deg=summary.failure_deg))
     if summary.differences:
-        stdout.print("\nerror of one less that of another, where both found, same trials")
+        stdout.print("\nerror of one policy minus that of another, over the same trials, where both found")
         table = _table("cell", "policies", "trials", "mean difference")
         for pair in summary.differences:
             table.add_row(
@@ -56,7 +56,33 @@ def show_summary(summary: Summary) -> None:
                 str(pair.error_deg.count),
                 _mean(pair.error_deg, least=-math.inf),
             )
-        stdout.print(table)
+        _show(table)
+    _show_legend(summary)
+
+
+def _show_legend(summary: Summary) -> None:
+    """Print what the columns are."""
+    from rich.markup import escape
+
+    from markerseek.cli.terminal import stdout
+
+    far = f"{summary.failure_deg:g}°"
+    lines = [
+        "found: share of the searches that answer found; the next two columns are of these",
+        f"> {far}: errors larger than {far}, within which a tool tip stays in the image",
+        "N, rotation, time: of one search on average; time is on the simulated clock",
+        "[low, high]: 95 % interval; ≤: the upper end of one",
+    ]
+    if any(policy.missed.count for policy in summary.policies):
+        lines += [
+            "error of all: of the angle in every search with a marker, whatever the answer",
+            "no claim: any answer but found; missed: the answer not found",
+            "claim >1°: found, and more than 1° off",
+            "covered: share of the 95 % intervals that hold the true angle",
+        ]
+    stdout.print()
+    for line in lines:
+        stdout.print(f"[dim]{escape(line)}[/]")
 
 
 def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
@@ -86,7 +112,7 @@ def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
             f"{median_ms:.3g} ms",
             f"{largest_ms:.3g} ms",
         )
-    stdout.print(table)
+    _show(table)
 
 
 def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:
@@ -96,7 +122,7 @@ def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: floa
         for policy in policies:
             table.add_row(f"[bold]{policy.policy}[/]", _rare(policy.false_found))
         return table
-    table = _table("", "error of all", f">{failure_deg:g}°", "not found", "missed", "claim >1°", "covered")
+    table = _table("", "error of all", f">{failure_deg:g}°", "no claim", "missed", "claim >1°", "covered")
     for policy in policies:
         table.add_row(
             f"[bold]{policy.policy}[/]",
@@ -117,6 +143,17 @@ def _table(*names: str) -> Table:
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     return table
+
+
+def _show(table: Table) -> None:
+    """Print a table in full: in a terminal of less than 80 columns its lines are broken, and no cell is cut."""
+    from markerseek.cli.terminal import stdout
+
+    usual = stdout.width
+    # Rich prints nothing wider than the console.
+    stdout.width = max(80, usual)
+    stdout.print(table)
+    stdout.width = usual
 
 
 def _mean(mean: Mean, *, least: float = 0.0) -> str:

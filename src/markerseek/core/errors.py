@@ -14,6 +14,7 @@
         ├── MoveError          the stage did not arrive
         ├── LaserError         the laser did not do what was permitted
         └── AcquisitionError   a frame was refused, or none came
+            ├── ReadingError    a number made of it cannot be a measurement
             └── SaturationError it is at full scale, and would be again
 
 A message names the argument, its value with the unit, the limit, and what to do about it.
@@ -84,6 +85,12 @@ class LaserError(DeviceError):
 
 class AcquisitionError(DeviceError):
     """A frame was refused, or none came."""
+
+
+# An AcquisitionError, so that a reader that makes a NaN of a frame has that frame refused and taken again, like any
+# other that the guard refuses. A ValueError for callers of the library, who made the reading themselves.
+class ReadingError(AcquisitionError, ValueError):
+    """A reading holds a number that cannot be a measurement."""
 
 
 # A class of its own: `run` repeats a refused acquisition, and repeating this one cannot help.

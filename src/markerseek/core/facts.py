@@ -43,6 +43,8 @@ class RigFacts:
         Speed of sound that the imaging assumes, in m/s.
     pitch_m
         Distance from one element of the array to the next, in metres.
+    emulated
+        Devices of a bench that say of themselves that they are emulators: "stage", "laser".
 
     Raises
     ------
@@ -62,12 +64,18 @@ class RigFacts:
     sampling_hz: float | None = None
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None
+    emulated: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("truth_deg", "reference_deg"):
             angle_deg = getattr(self, name)
             if angle_deg is not None and not is_finite(angle_deg):
                 raise ConfigError(f"{name} is {angle_deg} deg, it must be a finite number")
+
+    @property
+    def rig_name(self) -> str:
+        """The kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
+        return f"{self.kind} rig" + (f" with emulated {' and '.join(self.emulated)}" if self.emulated else "")
 
     @property
     def known_deg(self) -> float | None:

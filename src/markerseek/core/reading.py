@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from markerseek.core.errors import ReadingError
 from markerseek.core.frame import Frame
+from markerseek.core.number import is_finite
 
 MOST_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
@@ -39,6 +41,11 @@ class Reading:
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
         Numbers of channels without any signal, counted from 0.
+
+    Raises
+    ------
+    ReadingError
+        If the intensity is not a finite number of at least 0, or another feature is neither None nor finite.
     """
 
     intensity: float
@@ -52,6 +59,21 @@ class Reading:
     coherence: float | None = None
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        # The guard checks this again, because a reader from elsewhere may return a class of its own.
+        if not (is_finite(self.intensity) and self.intensity >= 0):
+            raise ReadingError(
+                f"intensity is {self.intensity!r}, it must be a finite number of at least 0; take the frame again"
+            )
+        for name in _OPTIONAL:
+            value = getattr(self, name)
+            if value is not None and not is_finite(value):
+                raise ReadingError(f"{name} is {value!r}, it must be a finite number, or None where it is not known")
+
+
+_OPTIONAL = tuple(name for name in Reading.__slots__ if name not in ("intensity", "dead_channels"))
+"""Features that may be unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

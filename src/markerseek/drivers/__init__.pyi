@@ -1,4 +1,4 @@
-from .clock import SystemClock
+from .clock import SLICE_S, SystemClock
 from .exposure import exposure_line
 from .kdc101 import Kdc101Stage, StageSettings
 from .laserbox import LaserBox
@@ -7,6 +7,7 @@ from .settings import BenchProbe, BenchSettings, SonixDaqKeys, StageKeys
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 
 __all__ = [
+    "SLICE_S",
     "BenchProbe",
     "BenchSettings",
     "Kdc101Stage",

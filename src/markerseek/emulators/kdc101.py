@@ -219,7 +219,7 @@ class Kdc101Emulator:
 
     def _send_info(self, message: AptMessage) -> None:
         model, number = self._settings.model.encode("ascii"), self._settings.serial_number
-        notes = b"simulated by markerseek"
+        notes = apt.EMULATOR.encode("ascii")
         self._send(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
 
     def _send_enabled(self, message: AptMessage) -> None:

@@ -14,9 +14,6 @@ from markerseek.core import ConfigError
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import laserbox as wire
 
-IDENTITY = "emulator"
-"""Identity that the box reports."""
-
 _NEVER_US = 1 << 62
 
 
@@ -226,7 +223,7 @@ class EmulatedLaserBox:
         self._void()
         self._last_step = 0
         return wire.Greeting(
-            identity=IDENTITY,
+            identity=wire.EMULATOR,
             version=wire.VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import re
 import tomllib
 import types
 import typing
 from pathlib import Path
+
+import msgspec
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files.inputs import MIB, read_input
@@ -105,6 +108,49 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
             known[key] = None if value == "none" else value
             require_choice(known[key], hints[key], name=prefix + key)
     return known
+
+
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": '"none"',
+    "datetime": "a date",
+    "date": "a date",
+    "time": "a time of day",
+}
+"""Types as msgspec names them, and as people do."""
+
+_PLACE = re.compile(r" - at `(?:key in )?\$\.?(.*)`$", re.DOTALL)
+_WRONG_TYPE = re.compile(r"Expected `([^`]*)`, got `([^`]*)`$")
+_MISSING = re.compile(r"Object missing required field `([^`]*)`$")
+
+
+def in_words(problem: msgspec.ValidationError, *, name: str = "") -> str:
+    """Message of a setting that does not fit, in words instead of msgspec's.
+
+    Parameters
+    ----------
+    problem
+        From `msgspec.convert`.
+    name
+        Name of what was converted; empty where that is the whole file.
+    """
+    text = str(problem)
+    place = _PLACE.search(text)
+    if place is not None:
+        text = text[: place.start()]
+        name = f"{name}.{place[1]}" if name and place[1] else name or place[1]
+    if wrong := _WRONG_TYPE.match(text):
+        wanted, got = (" or ".join(_TYPES.get(each, each) for each in names.split(" | ")) for names in wrong.groups())
+        return f"{name or 'the file'} is {got}, it must be {wanted}"
+    if missing := _MISSING.match(text):
+        return f"the key {name + '.' if name else ''}{missing[1]} is missing; add it"
+    # The settings' own checks name the key.
+    return text
 
 
 def require_choice(value: object, hint: object, *, name: str) -> None:

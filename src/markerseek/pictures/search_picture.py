@@ -98,7 +98,7 @@ def _draw_curve(
             s=110,
             color=ACCENT,
             zorder=4,
-            label="confirmation",
+            label="confirmation" if estimate.floor is not None else "acquisition at that angle",
         )
     _draw_answer(axes.axvline, axes.axvspan, estimate, known)
     floor = estimate.floor
@@ -162,15 +162,18 @@ def _draw_answer(
 ) -> None:
     """Lines at the estimate and at the known angle, and a band for the interval, along either axis."""
     found = isinstance(estimate, Found)
+    # Only the paper's form of a method asks for no noise floor: it always answers, and claims nothing.
+    claimed = found and estimate.floor is not None
     line(
         estimate.mean_deg,
         color=ACCENT,
         linestyle="-" if found else "--",
-        label=f"{'estimate' if found else 'no marker claimed; the rule points at'} {estimate.mean_deg:.2f}°",
+        label=f"{'estimate' if claimed else 'no marker is claimed; angle of the method'} {estimate.mean_deg:.2f}°",
     )
-    if isinstance(estimate, Found):
+    if isinstance(estimate, Found) and claimed:
         interval = estimate.interval95_deg
-        kind = f"95 % interval ({estimate.interval_kind})"
+        bracket = estimate.interval_kind == "bracket"
+        kind = "last bracket" if bracket else f"95 % interval ({estimate.interval_kind})"
         span(interval.low_deg, interval.high_deg, color=ACCENT, alpha=0.15, label=kind)
     name, known_deg = known
     if known_deg is not None:

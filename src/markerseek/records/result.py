@@ -58,11 +58,13 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
 class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """What a search found and how.
 
-    ``angle_deg`` is the method's best angle, even when it does not claim a marker there. ``rig`` is the kind of rig.
+    ``angle_deg`` is the method's best angle, even when it does not claim a marker there. ``rig`` is the kind of rig,
+    and ``emulated`` names the devices of a bench that are emulators.
     ``truth_deg`` is known for simulated markers only, ``reference_deg`` was given by the user or the bank, and
     ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
     (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
-    test it. ``configuration`` is the rig's fingerprint, the same for equal rigs.
+    test it; its standard deviation and interval are None too, because it answers where there is no marker as well.
+    ``configuration`` is the rig's fingerprint, the same for equal rigs.
     """
 
     found: bool
@@ -71,6 +73,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     method: str
     as_published: bool
     rig: RigKind
+    emulated: tuple[str, ...]
     angle_deg: float
     sigma_deg: float | None
     interval95_deg: tuple[float, float] | None
@@ -137,8 +140,7 @@ class Recorder:
             raise SearchError("the run is not over, or it failed: there is no result")
         finished = self.finished
         estimate = finished.estimate
-        sigma_deg = estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None
-        interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
+        known = estimate if isinstance(estimate, Found | Unsure) and not plan.as_published else None
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
@@ -146,10 +148,11 @@ class Recorder:
             method=plan.method,
             as_published=plan.as_published,
             rig=facts.kind,
+            emulated=facts.emulated,
             angle_deg=estimate.mean_deg,
-            sigma_deg=sigma_deg,
-            interval95_deg=_ends(interval),
-            interval_kind=estimate.interval_kind if isinstance(estimate, Found | Unsure) else None,
+            sigma_deg=None if known is None else known.sigma_deg,
+            interval95_deg=None if known is None else _ends(known.interval95_deg),
+            interval_kind=None if known is None else known.interval_kind,
             marker_trus_m=self._marker(estimate, facts.face_radius_m) if isinstance(estimate, Found) else None,
             acquisitions=finished.acquisitions,
             refused=self._refused,
@@ -209,5 +212,5 @@ def _reason(estimate: Found | NotFound | Ambiguous | AtBound | Unsure) -> str | 
             return f"the intensity still rises at the {side} end of the range; shift the range towards it"
 
 
-def _ends(interval: Interval | None) -> tuple[float, float] | None:
-    return None if interval is None else (interval.low_deg, interval.high_deg)
+def _ends(interval: Interval) -> tuple[float, float]:
+    return interval.low_deg, interval.high_deg

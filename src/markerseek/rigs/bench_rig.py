@@ -155,6 +155,8 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
+        # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
+        emulated=_emulated(stage, laser),
     )
     return Rig(
         facts=with_probe(facts, imaging),
@@ -169,6 +171,12 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         recipe=BenchRecipe(settings=settings),
         devices=devices,
     )
+
+
+def _emulated(stage: Kdc101Stage, laser: Laser) -> tuple[str, ...]:
+    """Names of the devices that say of themselves that they are emulators."""
+    box = isinstance(laser, LaserBox) and laser.identity == laserbox_wire.EMULATOR
+    return tuple(name for name, is_so in (("stage", stage.identity.emulated), ("laser", box)) if is_so)
 
 
 def _lines(settings: BenchSettings) -> list[Line]:

@@ -9,7 +9,7 @@ import msgspec
 
 from markerseek.core import ConfigError
 from markerseek.drivers import BenchSettings
-from markerseek.files import known_keys, read_toml
+from markerseek.files import in_words, known_keys, read_toml
 from markerseek.sim import SimulatedSettings
 
 _SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {
@@ -47,7 +47,9 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     wanted = _SETTINGS[kind]
     try:
         settings = msgspec.convert(known_keys(table, wanted), wanted)
-    except (ConfigError, msgspec.ValidationError) as problem:
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+    except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
     if isinstance(settings, BenchSettings):
         # Relative to the file, so that the command works from any current folder.

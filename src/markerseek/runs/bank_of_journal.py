@@ -64,7 +64,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         intensities=tuple(each.reading.intensity for each in lit),
         facts=bank_facts(
             known,
-            description=f"journal of {held.configuration.plan.method} on a {known.kind} rig: {known.description}"
+            description=f"journal of {held.configuration.plan.method} on a {known.rig_name}: {known.description}"
             + (f", without {repeated} at repeated angles" if repeated else ""),
             clock_zero_unix_s=_clock_zero_unix_s(held),
         ),

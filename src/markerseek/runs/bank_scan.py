@@ -63,7 +63,7 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
         face_radius_m=facts.face_radius_m,
         reference_angle_deg=facts.known_deg,
         clock_zero_unix_s=clock_zero_unix_s,
-        simulated=facts.kind == "simulated",
+        simulated=facts.kind == "simulated" or bool(facts.emulated),
         seed=facts.seed,
         configuration=facts.fingerprint,
         made_with=f"markerseek {__version__}",
@@ -114,7 +114,7 @@ def scan_bank(
             raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
     facts = bank_facts(
         rig.facts,
-        description=f"{rig.facts.kind} rig: {rig.facts.description}",
+        description=f"{rig.facts.rig_name}: {rig.facts.description}",
         clock_zero_unix_s=time.time() - rig.scanner.clock.now_s(),
     )
     facts = replace(facts, wavelength_m=wavelength_m, pulse_energy_j=pulse_energy_j)

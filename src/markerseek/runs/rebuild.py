@@ -57,7 +57,7 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
 
         # Before the devices are connected, which would already start a supervisor.
         require_same_measurement(configuration, recipe.settings, bench_settings)
-        return bench(bench_settings)
+        return _require_as_emulated(bench(bench_settings), configuration)
     if bench_settings is not None:
         raise ConfigError(
             f"the journal is of a {configuration.facts.kind} rig and describes it in full; leave --rig out"
@@ -73,6 +73,18 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
                 f"{configuration.facts.fingerprint} and is {rig.facts.fingerprint}; begin a new replay"
             )
     return rig
+
+
+def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
+    """The connected rig, unless emulated devices have replaced the journal's real ones, or the reverse."""
+    was, now = configuration.facts.emulated, rig.facts.emulated
+    if was == now:
+        return rig
+    rig.close()
+    raise ConfigError(
+        f"the emulated devices of the journal are: {', '.join(was) or 'none'}; those of the rig file are: "
+        f"{', '.join(now) or 'none'}; name the rig that the search was begun on, or begin a new search"
+    )
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:

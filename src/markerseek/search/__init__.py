@@ -7,7 +7,7 @@ either from a name.
 from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.curve import Curve, curve_of
-from markerseek.search.floor import noise_of
+from markerseek.search.floor import FALSE_FOUND, noise_of
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
@@ -16,6 +16,7 @@ from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 
 __all__ = [
+    "FALSE_FOUND",
     "GOLDEN",
     "METHODS",
     "TERNARY",

@@ -48,7 +48,7 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
         if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
             return (
                 f"the noise floor is unknown and the largest intensity, {largest:g}, is below {UNKNOWN_RATIO:g} times "
-                f"the smallest, {smallest:g}; take dark frames or 12 angles"
+                f"the smallest, {smallest:g}; dark frames or 12 angles give it"
             )
     elif not largest > level:
         return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"

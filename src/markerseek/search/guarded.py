@@ -125,5 +125,5 @@ class Guarded(SearchPolicy):
             return None
         return (
             f"the standard deviation, {answer.sigma_deg:.2f} deg, is above {self._sigma_limit_deg:g} deg; "
-            "take more acquisitions or average more pulses"
+            "more acquisitions, or more pulses in each, reduce it"
         )

@@ -19,7 +19,8 @@ class Peak:
     max_deg, max_intensity
         Angle of the largest sample in degrees, and its intensity.
     com_deg
-        Centre of mass of all samples, Σ θS / ΣS, in degrees; the middle of the angles if all are zero.
+        Centre of mass of what exceeds half of the maximum, in degrees: noise far from the peak, of which a wide scan
+        has much, would pull that of all samples to the middle of the angles. The latter if all are zero.
     cen_deg
         Middle between the two crossings of half maximum, in degrees; None if a side has none.
     fwhm_deg
@@ -39,7 +40,7 @@ def peak_of(curve: Curve) -> Peak:
     top = curve.strongest
     largest = float(curve.intensity[top])
     top_deg = float(curve.angle_deg[top])
-    weights = curve.intensity / largest if largest > 0 else np.ones(len(curve))
+    weights = np.maximum(curve.intensity / largest - 0.5, 0.0) if largest > 0 else np.ones(len(curve))
     low_deg = _half_maximum_deg(curve, top, step=-1)
     high_deg = _half_maximum_deg(curve, top, step=1)
     cen_deg = None if low_deg is None or high_deg is None else (low_deg + high_deg) / 2

@@ -59,7 +59,7 @@ class ImageReader:
     ) -> None:
         low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
         if not 0 <= low < high:
-            raise ConfigError(f"depth range {low:g} to {high:g} m: both must be numbers, not negative, and rise")
+            raise ConfigError(f"depths {_in_mm(low, high)}: the least must be 0 or more, and below the largest")
         if not 0 < false_found < 1:
             raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
         self.preset = preset
@@ -176,8 +176,9 @@ class ImageReader:
             far = min(self._high_m, (samples - 1 - origin) * metres)
             if not far - near >= 3 * step:
                 raise ConfigError(
-                    f"depths {near:.4g} to {far:.4g} m: the record of {samples} samples holds no image there; "
-                    "widen the depth range"
+                    f"depths {_in_mm(self._low_m, self._high_m)}: the record of {samples} samples holds "
+                    f"{_in_mm(max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres)}; "
+                    "change the depth range"
                 )
             # Rows above and below that the envelope needs; they are not part of the result.
             above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
@@ -263,3 +264,8 @@ class ImageReader:
             f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
             f"{100 * peak.coherence:.0f} % of it is in phase"
         )
+
+
+def _in_mm(low_m: float, high_m: float) -> str:
+    """A range of depths in millimetres, as users give it."""
+    return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")

@@ -1,12 +1,13 @@
-"""The policies of a study: those of `markerseek.search`, and the optimisers of `markerseek.adapters`."""
+"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import MOST_ACQUISITIONS, ConfigError, Interval, Policy
+from markerseek.core import MOST_ACQUISITIONS, PAPER_RANGE, ConfigError, Interval, Policy
 from markerseek.search import METHODS, Method, build, method_named
+from markerseek.studies.own_policy import build_own, is_own
 
 
 def method_of(name: str) -> Method:
@@ -23,7 +24,8 @@ def method_of(name: str) -> Method:
     try:
         return method_named(name)
     except ConfigError as problem:
-        raise ConfigError(f"{problem}; in a study also {', '.join(method.name for method in ADAPTERS)}") from problem
+        others = ", ".join(method.name for method in ADAPTERS)
+        raise ConfigError(f"{problem}; in a study also {others}, and a policy of your own as module:name") from problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +35,11 @@ class PolicySettings:
     Attributes
     ----------
     method
-        Name of the method.
+        Name of the method, or ``module:name`` of a user's own policy (`markerseek.studies.own_policy`).
     acquisitions
-        Most acquisitions; None: the method's own.
+        Most acquisitions; None: the method's own. Required for a user's own policy.
     as_published
-        The paper's form, which always answers.
+        The paper's form, which always answers; a user's own policy gets no dark frames then.
     early_end
         Whether a weighted average or a posterior may end before its last angle.
     cues
@@ -51,6 +53,9 @@ class PolicySettings:
     cues: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        if is_own(self.method):
+            self._require_own()
+            return
         least = method_of(self.method).least
         if self.acquisitions is not None and not self.acquisitions >= least:
             raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
@@ -60,6 +65,20 @@ class PolicySettings:
             )
         if self.cues is not None and self.method != "posterior":
             raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
+
+    def _require_own(self) -> None:
+        """Refuse what a user's own policy cannot be given."""
+        number = self.acquisitions
+        if number is None or not 1 <= number <= MOST_ACQUISITIONS:
+            raise ConfigError(
+                f"{self.method}: acquisitions is {number}, a policy of your own needs the number of its acquisitions, "
+                f"from 1 to {MOST_ACQUISITIONS}"
+            )
+        for name, value, usual in (("early_end", self.early_end, True), ("cues", self.cues, None)):
+            if value != usual:
+                raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
+        # A module that cannot be imported is an error when the study is read, not in a worker process.
+        build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
 
     @property
     def most(self) -> int:
@@ -91,6 +110,8 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
     ConfigError
         If the settings do not fit together, or (MissingExtraError) an optional package is missing.
     """
+    if is_own(settings.method):
+        return build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.
     if settings.method not in {method.name for method in METHODS}:
         return build_adapter(

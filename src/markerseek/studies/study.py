@@ -24,7 +24,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.files import require_choice, require_key
+from markerseek.files import in_words, require_choice, require_key
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World
@@ -226,7 +226,7 @@ def _changed(settings: T, path: Sequence[str], value: Value, *, whole: str) -> T
     try:
         fitting = msgspec.convert(value, hint)
     except msgspec.ValidationError as problem:
-        raise ConfigError(f"vary: {whole} is {value!r}: {problem}") from problem
+        raise ConfigError(in_words(problem, name=f"vary: {whole}")) from problem
     return dataclasses.replace(settings, **{name: fitting})  # type: ignore[type-var]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.files import known_keys, read_toml
+from markerseek.files import in_words, known_keys, read_toml
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.study import Study
 
@@ -36,7 +36,9 @@ def read_study(path: Path) -> Study:
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]
         settings = known_keys(table, Study)
         return msgspec.convert({"name": path.stem, **settings, "policies": policies, "vary": vary}, Study)
-    except (ConfigError, msgspec.ValidationError) as problem:
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+    except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
 
 

@@ -8,9 +8,20 @@ from typing import Literal
 import msgspec
 
 from markerseek import rigs
-from markerseek.core import Asked, ConfigError, DeviceError, Finished, Found, Refused, Unsure
+from markerseek.core import (
+    Asked,
+    ConfigError,
+    DeviceError,
+    Finished,
+    Found,
+    MarkerseekError,
+    Refused,
+    SearchError,
+    Unsure,
+)
 from markerseek.records import answer_name
 from markerseek.scan import run
+from markerseek.studies.own_policy import described, is_own
 from markerseek.studies.policies import PolicySettings, build_policy
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
@@ -75,7 +86,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     finished = course.finished
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
-    mean_deg = estimate.mean_deg if estimate is not None else None
+    # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
+    mean_deg = float(estimate.mean_deg) if estimate is not None else None
     return Row(
         study=study.digest,
         row=(cell.index * study.trials + trial) * len(study.policies) + policy,
@@ -92,9 +104,9 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         mean_deg=mean_deg,
         truth_deg=rig.facts.truth_deg,
         error_deg=None if mean_deg is None or rig.facts.truth_deg is None else abs(mean_deg - rig.facts.truth_deg),
-        sigma_deg=estimate.sigma_deg if isinstance(estimate, Found | Unsure) else None,
-        low_deg=interval.low_deg if interval is not None else None,
-        high_deg=interval.high_deg if interval is not None else None,
+        sigma_deg=float(estimate.sigma_deg) if isinstance(estimate, Found | Unsure) else None,
+        low_deg=float(interval.low_deg) if interval is not None else None,
+        high_deg=float(interval.high_deg) if interval is not None else None,
         marks_deg=tuple(course.marks_deg),
         acquisitions=None if finished is None else finished.acquisitions,
         refused=course.refused,
@@ -137,13 +149,17 @@ def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> _Course:
                 course.refused += 1
             # When acquisition n is asked for, the estimate holds n − 1 samples.
             elif isinstance(event, Asked) and event.role == "search" and event.index - 1 in study.marks:
-                course.marks_deg.append(policy.estimate().mean_deg)
+                course.marks_deg.append(float(policy.estimate().mean_deg))
             elif isinstance(event, Finished):
                 course.finished = event
                 # A search that ended before a mark has its final answer there.
                 missing = len(study.marks) - len(course.marks_deg)
-                course.marks_deg += [event.estimate.mean_deg] * missing
+                course.marks_deg += [float(event.estimate.mean_deg)] * missing
     # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
     except DeviceError:
         return _Course(refused=course.refused)
+    except Exception as problem:
+        if isinstance(problem, MarkerseekError) or not is_own(settings.method):
+            raise
+        raise SearchError(f"{settings.method}: the policy failed: {described(problem)}") from problem
     return course

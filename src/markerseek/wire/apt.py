@@ -13,6 +13,7 @@ from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
 from markerseek.wire.apt_values import (
     ACCELERATION_WORD,
     COUNTS_PER_DEG,
+    EMULATOR,
     SPEED_WORD,
     Answer,
     Counts,
@@ -35,6 +36,7 @@ __all__ = [
     "BACKLASH",
     "CHANNEL",
     "COUNTS_PER_DEG",
+    "EMULATOR",
     "INFO",
     "LIMITS",
     "SPEED_WORD",
@@ -180,19 +182,25 @@ def decode(message: AptMessage) -> Answer | None:
         return None
     fields = _parsers()[message.ident](message.raw)
     if message.ident == INFO:
-        return _info(fields)
+        # The library skips the notes of the manufacturer, 60 bytes from byte 24 on.
+        return _info(fields, notes=message.raw[24:84])
     if fields["chan_ident"] != CHANNEL:
         raise DeviceError(f"a stage's answer is of channel {fields['chan_ident']}, there is only channel {CHANNEL}")
     return _DECODERS[message.ident](fields)
 
 
-def _info(fields: dict[str, Any]) -> Info:
+def _info(fields: dict[str, Any], *, notes: bytes) -> Info:
     # The field is padded by zeros or blanks. Anything but letters and digits shows that the message is damaged.
     model = fields["model_number"].rstrip(b"\x00 ")
     if not model.isalnum():
         raise DeviceError(f"the stage's controller reports the model {model!r}, which is no model name")
     firmware = ".".join(str(part) for part in fields["firmware_version"])
-    return Info(model=model.decode("ascii"), serial_number=fields["serial_number"], firmware=firmware)
+    return Info(
+        model=model.decode("ascii"),
+        serial_number=fields["serial_number"],
+        firmware=firmware,
+        notes=notes.rstrip(b"\x00 ").decode("ascii", "replace"),
+    )
 
 
 def _velocity(fields: dict[str, Any]) -> Velocity:

@@ -47,13 +47,23 @@ def acceleration_word(acceleration_deg_s2: float) -> int:
     return _word(acceleration_deg_s2 * ACCELERATION_WORD, f"{acceleration_deg_s2} deg/s^2")
 
 
+EMULATOR = "simulated by markerseek"
+"""Notes in the identity of an emulated controller."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Info:
-    """Identity of a controller: model, serial number, firmware."""
+    """Identity of a controller: model, serial number, firmware, and the maker's notes."""
 
     model: str
     serial_number: int
     firmware: str
+    notes: str = ""
+
+    @property
+    def emulated(self) -> bool:
+        """Whether it says of itself that it is the emulator, and no hardware."""
+        return self.notes == EMULATOR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

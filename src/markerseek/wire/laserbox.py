@@ -35,6 +35,7 @@ from typing import get_args
 
 from markerseek.core import ConfigError, LaserError
 from markerseek.wire.laserbox_messages import (
+    EMULATOR,
     LEASE_MS,
     LIGHT_LATE_US,
     LINE_BYTES,
@@ -60,6 +61,7 @@ from markerseek.wire.laserbox_messages import (
 )
 
 __all__ = [
+    "EMULATOR",
     "LEASE_MS",
     "LIGHT_LATE_US",
     "LINE_BYTES",

@@ -8,6 +8,9 @@ from typing import Literal, TypeAlias
 VERSION = 1
 """Version of the protocol."""
 
+EMULATOR = "emulator"
+"""Identity of an emulated box."""
+
 LEASE_MS = 100
 """Longest lease of a box, in milliseconds."""
 

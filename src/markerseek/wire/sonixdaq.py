@@ -105,10 +105,20 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
         return old
     if fitting:
         return fitting[0]
+    expected = [
+        f"{header.file_bytes} bytes by a header of {sdk}"
+        for header, possible, sdk in ((new, number_fits, "SDK 6 and later"), (old, True, "an earlier SDK"))
+        if possible and header.frames > 0 and 0 < header.samples <= MOST_SAMPLES
+    ]
+    if not expected:
+        raise RecordError(
+            f"{name}: its first bytes are no header of a SonixDAQ channel file (channel, frames, samples; before SDK 6 "
+            "frames, samples); it has none, or is no channel file: acquire it again, or save the frame as .npy of "
+            "shape (channels, samples)"
+        )
     raise RecordError(
-        f"{name}: {size} bytes found, expected {_expected(new, possible=number_fits)} by a header of SDK 6 and later, "
-        f"or {_expected(old, possible=True)} by one of an earlier SDK; the file is cut off, still being written, or no "
-        "channel file: wait until it is complete, or acquire it again"
+        f"{name}: {size} bytes found, expected {', or '.join(expected)}; the file is cut off, still being written, or "
+        "no channel file: wait until it is complete, or acquire it again"
     )
 
 
@@ -123,9 +133,3 @@ def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames 
     """Samples of a channel file, one row per pulse, from the bytes after the header."""
     # astype without a copy where the computer is little-endian, as nearly all are.
     return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
-
-
-def _expected(header: DaqHeader, *, possible: bool) -> str:
-    if not possible or header.frames <= 0 or header.samples <= 0:
-        return "(impossible numbers)"
-    return f"{header.file_bytes} bytes"

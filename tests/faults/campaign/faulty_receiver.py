@@ -84,7 +84,10 @@ class FaultyReceiver(Faulty):
             noise = sigma * float(self._rng.uniform(4, 6))
             return replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
         if self.has("garbled feature"):
-            return replace(reading, noise_sigma=math.nan)
+            # past the reading's own check: the guard's is tried
+            reading = replace(reading)
+            object.__setattr__(reading, "noise_sigma", math.nan)
+            return reading
         return reading
 
     def _faulty_frame(self, frame: ReadingFrame, last: ReadingFrame | None) -> Frame:

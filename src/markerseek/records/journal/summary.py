@@ -29,8 +29,8 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
         Its size with that of its rollback journal.
     begun
         When its run began, UTC, ISO 8601.
-    method, rig
-        The policy's name, and the kind of the rig.
+    method, as_published, rig, emulated
+        The policy's name and whether it is in the paper's form, the kind of the rig, and its emulated devices.
     state
         As in `RunState`; "damaged" if only a part can be read, "unreadable" if nothing can be read now.
     answer, angle_deg
@@ -45,7 +45,9 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
     size_bytes: int
     begun: str | None = None
     method: str | None = None
+    as_published: bool | None = None
     rig: str | None = None
+    emulated: tuple[str, ...] = ()
     state: Literal["finished", "fault", "open", "damaged", "unreadable"]
     answer: str | None = None
     angle_deg: float | None = None
@@ -76,7 +78,9 @@ def summary(path: Path) -> JournalSummary:
         size_bytes=size_bytes,
         begun=held.entries[0].written if held.entries else None,
         method=held.configuration.plan.method,
+        as_published=held.configuration.plan.as_published,
         rig=held.configuration.facts.kind,
+        emulated=held.configuration.facts.emulated,
         state=state.state if damage is None else "damaged",
         answer=None if over is None else answer_name(over.estimate),
         angle_deg=None if over is None else over.estimate.mean_deg,

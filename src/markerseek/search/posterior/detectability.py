@@ -111,7 +111,7 @@ def missed_marker(lit: Sequence[Sample], noise: Noise, limits: Interval) -> str:
         return ""
     peak = noise.sigma * 10 ** (WEAKEST_DB / 20)
     if not 0 < level < peak:
-        return f"; a marker {WEAKEST_DB:g} dB above the noise would not be detected at all: average more pulses"
+        return f"; a marker {WEAKEST_DB:g} dB above the noise would not be detected at all with so few pulses"
     needed = acquisitions_needed(limits, level=level, peak=peak)
     if needed <= len(lit):
         return ""

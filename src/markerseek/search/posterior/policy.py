@@ -263,7 +263,7 @@ def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
     if posterior.sigma_deg <= SIGMA_LIMIT_DEG:
         return (
             "the detected source is weak, and may be clutter of a stronger marker that was missed near "
-            f"{undetected_deg:.0f} deg; take more acquisitions"
+            f"{undetected_deg:.0f} deg; more acquisitions decide it"
         )
     limit = f"the standard deviation, {posterior.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
     if posterior.centre_sigma_deg <= SIGMA_LIMIT_DEG:
@@ -271,7 +271,7 @@ def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
             f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but the position and "
             "coherence of the peak change with the angle, so the source is not a point and may lie beside that centre"
         )
-    return f"{limit}; take more acquisitions or average more pulses"
+    return f"{limit}; more acquisitions, or more pulses in each, reduce it"
 
 
 @lru_cache(maxsize=1)

@@ -38,7 +38,12 @@ def write_section(section: Section, folder: Path) -> list[Path]:
 
 
 def write_report(
-    sections: Sequence[Section], folder: Path, *, options: RunOptions, durations: Sequence[Duration] = ()
+    sections: Sequence[Section],
+    folder: Path,
+    *,
+    options: RunOptions,
+    durations: Sequence[Duration] = (),
+    own_bank: Path | None = None,
 ) -> Path:
     """Write the page of all sections, and return its path.
 
@@ -52,21 +57,27 @@ def write_report(
         What they used.
     durations
         How long each took; empty if not measured.
+    own_bank
+        The user's bank from which they were made; None for simulated ones.
 
     Raises
     ------
     ConfigError
         If the file cannot be written.
     """
-    reduced = f"Made with {options.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles to match."
+    if own_bank is not None:
+        note = f"Searches on your own bank {own_bank}, with the intensities that it holds."
+    else:
+        note = "Simulated: no hardware was involved, and the materials are stand-ins."
+        if options.markers < PAPER_MARKERS:
+            note += f" Made with {options.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles."
     write_from_template(
         folder / REPORT,
         "paper.html.jinja",
         title="The paper, reproduced",
-        note=reduced if options.markers < PAPER_MARKERS else "",
-        version=__version__,
-        seed=options.seed,
-        markers=options.markers,
+        note=note,
+        made_with=f"markerseek {__version__}"
+        + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
         sections=list(zip_longest(sections, durations)),
         sensitive=paper_number("sensitive"),
         limitations=_limitations(),

@@ -1,0 +1,65 @@
+"""What a command claims of a search: nothing where the method claims nothing, and nothing of noise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+Shell = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def nothing(tmp_path: Path) -> Path:
+    """Rig file of a simulated rig without a marker."""
+    rig = tmp_path / "nothing.toml"
+    rig.write_text('kind = "simulated"\n[marker]\npresent = false\n')
+    return rig
+
+
+@pytest.mark.parametrize("method", ["ternary", "golden-section", "weighted-average"])
+def test_the_paper_s_form_claims_nothing(shell: Shell, nothing: Path, tmp_path: Path, method: str) -> None:
+    words = ("search", "--rig", nothing, "--method", method, "--as-published", "--acquisitions", 8, "--no-journal")
+    code, out, _ = shell(*words, "--plot", "--out", tmp_path)
+    page = (tmp_path / "search.html").read_text(encoding="utf-8")
+    assert code == 0
+    for text in (out, page):
+        assert "always answers, also where there is no marker" in " ".join(text.split())
+        for word in ("confirm", "95 %", "±", "marker angle"):
+            assert word not in text.replace('"confirm', "").replace("&#34;confirm", ""), word
+    result = json.loads(shell(*words, "--json")[1])
+    assert [result[name] for name in ("confirmed", "sigma_deg", "interval95_deg", "interval_kind")] == [None] * 4
+
+
+def test_a_bracket_is_not_called_an_interval_of_95_percent(shell: Shell) -> None:
+    _, out, _ = shell("search", "--seed", 2, "--method", "golden-section", "--no-journal")
+    assert "last bracket" in out
+    assert "95 %" not in out
+
+
+def test_no_angle_is_printed_where_nothing_was_detected(shell: Shell, nothing: Path) -> None:
+    code, out, _ = shell("search", "--rig", nothing, "--no-journal")
+    assert code == 3
+    assert "not found" in out
+    for word in ("points at", "best guess", "marker angle", "°,"):
+        assert word not in out
+
+
+def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell) -> None:
+    _, out, _ = shell("search", "--seed", 1, "--no-journal")
+    said = " ".join(out.split())
+    assert "from dark frames; noise alone exceeds it in at most one of 1000 searches of 7 acquisitions" in said
+    assert "130 s, on the simulated clock" in said
+
+
+def test_a_recording_is_not_asked_for_more_acquisitions(shell: Shell) -> None:
+    scan = EXAMPLES / "simulated_scan.csv"
+    code, out, _ = shell("replay", scan, "--method", "golden-section", "--acquisitions", 4)
+    assert code == 3
+    said = " ".join(out.split())
+    assert "take more" not in said
+    assert "more acquisitions, or more pulses in each, reduce it" in said

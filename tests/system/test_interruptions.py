@@ -1,0 +1,54 @@
+"""Signals to a command in the background, and Ctrl-C while a command is still importing."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+PROGRAM = "from markerseek.cli import main; main()"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_search_in_the_background_stops_and_says_how_to_continue(tmp_path: Path, name: str, code: int) -> None:
+    """A shell without job control starts a command with & so that it ignores SIGINT."""
+    journal = tmp_path / "run.journal"
+    command = [sys.executable, "-c", PROGRAM, "search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)]
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # noqa: PLW1509  one thread
+    )
+    # a commit of a frame takes half a megabyte: the search has begun
+    while process.poll() is None and not (journal.exists() and journal.stat().st_size > 100_000):
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=0.02)
+    process.send_signal(signal.Signals[name])
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == code
+    assert 0 <= said.find(f"stopped by {name}") < said.find("continue with: markerseek resume")
+    assert "Traceback" not in said
+
+
+INTERRUPTED = """
+import os, signal, sys
+class CtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, CtrlC())
+"""
+
+
+@pytest.mark.parametrize("name", ["typer", "rich.console", "msgspec", "markerseek.rigs.simulation", "scipy", "numba"])
+def test_ctrl_c_during_an_import_gives_one_sentence(name: str) -> None:
+    program = INTERRUPTED.format(name=name) + PROGRAM
+    command = [sys.executable, "-c", program, "search", "--seed", "1", "--no-journal"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "error: stopped by the user\n")
