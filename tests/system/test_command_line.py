@@ -245,6 +245,15 @@ def test_a_fault_ends_without_an_angle_and_with_exit_code_1(shell: Shell, tmp_pa
     assert json.loads(out)["kind"] == "SaturationError"
 
 
+@pytest.mark.parametrize("peak_snr_db", [-20, 10, 20])
+def test_a_weak_marker_is_searched_without_a_fault(shell: Shell, tmp_path: Path, peak_snr_db: int) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'kind = "simulated"\n[noise]\npeak_snr_db = {peak_snr_db}\n')
+    code, out, err = shell("search", "--rig", rig, "--json", "--no-journal")
+    assert (code, err) == ({20: 0}.get(peak_snr_db, 3), "")
+    assert json.loads(out)["refused"] == 0
+
+
 def test_without_matplotlib_the_cure_is_named(shell: Shell, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     code, _, err = shell("search", "--plot", "--out", tmp_path)
