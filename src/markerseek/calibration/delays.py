@@ -1,8 +1,8 @@
 """Check that the waves of a calibration scan hold the delays from which the face radius follows.
 
 Sound from off the image plane takes a longer way, because the array's face lies at a distance from the axis of
-rotation. Frames that were aligned, scaled or copied from one angle to another have no such delay, and the fit then still
-returns numbers.
+rotation. Frames that were aligned, scaled or copied from one angle to another have no such delay, and the fit alone
+would still return numbers.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def command(
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
     from markerseek.files import require_new
-    from markerseek.records.banks import FrameBank, read_bank
+    from markerseek.records.banks import FrameBank, read_bank, require_whole
     from markerseek.records.exports import write_intensities
     from markerseek.runs import bank_curve
 
@@ -73,6 +73,8 @@ def command(
     for option, value in (("--probe", probe), ("--face-radius-mm", face_radius_mm)):
         if value is not None and not frames:
             raise ConfigError(f"{option} is {value}, and {source} holds intensities, not channel data; leave it out")
+    # A CSV needs no frame, and a damaged one must not pass for that reason.
+    require_whole(bank)
     announce_compilation()
     if kind == ".csv":
         write_intensities(to, angles_deg=bank.angles_deg, intensities=bank_curve(bank, probe=probe).intensity.tolist())

@@ -77,7 +77,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
-    from markerseek.records.banks import IntensityBank, read_bank
+    from markerseek.records.banks import IntensityBank, read_bank, require_whole
     from markerseek.runs import bank_curve, dark_intensity
     from markerseek.search import peak_of
 
@@ -85,6 +85,8 @@ def command(
     held = read_bank(bank, table_format(columns, unit))
     if probe is not None and isinstance(held, IntensityBank):
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
+    # The stored intensities need no frame, and a damaged one must not pass for that reason.
+    require_whole(held)
     announce_compilation()
     curve = bank_curve(held, probe=probe)
     peak = peak_of(curve)

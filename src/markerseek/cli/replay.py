@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from markerseek.cli.method_options import Acquisitions, MethodName
 from markerseek.cli.table_options import Columns, Unit, table_format
 
 NAME = "replay"
@@ -25,10 +26,8 @@ def command(
             help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
         ),
     ],
-    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
-    acquisitions: Annotated[
-        int | None, typer.Option(min=2, help="Most acquisitions; each method has its own default.")
-    ] = None,
+    method: MethodName = "posterior",
+    acquisitions: Acquisitions = None,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,

@@ -20,6 +20,7 @@ from markerseek.records.banks.ipasc import BankWriter, IpascBank, read_ipasc, re
 from markerseek.records.banks.reading import read_bank
 from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
+from markerseek.records.banks.verify import frame_faults, has_checksums, require_whole
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 __all__ = [
@@ -40,6 +41,8 @@ __all__ = [
     "IpascBank",
     "TableFormat",
     "UltrasonixFile",
+    "frame_faults",
+    "has_checksums",
     "load_frame",
     "open_ultrasonix",
     "read_arrays",
@@ -49,6 +52,7 @@ __all__ = [
     "read_table",
     "require_angles",
     "require_new_bank",
+    "require_whole",
     "whole_bank",
     "write_bank",
 ]
