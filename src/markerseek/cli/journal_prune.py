@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from markerseek.records.journal import JournalSummary
 
 NAME = "prune"
 EXAMPLES = (
@@ -34,26 +37,30 @@ def command(
 ) -> None:
     """List old journals, and delete them with --delete. A journal of a run that is going on is never deleted."""
     from markerseek.cli.terminal import one_line, print_error, print_json, stdout
-    from markerseek.core import RecordError
+    from markerseek.core import MarkerseekError, RecordError
     from markerseek.records.journal import Prunable, journals_folder, prunable, remove_journal
 
     place = folder or journals_folder()
-    rules = {"keep": keep, "older_than_s": None if older_than_days is None else older_than_days * _S_PER_DAY}
     # Before the first search there is no such folder.
+    empty = folder is None and not place.exists() and (keep is not None or older_than_days is not None)
     found = Prunable(old=(), kept=())
-    if folder is not None or place.exists() or set(rules.values()) == {None}:
-        found = prunable(place, now_s=datetime.now(UTC).timestamp(), unfinished=unfinished, **rules)
-    gone, problems = [], []
+    if not empty:
+        found = prunable(
+            place,
+            now_s=datetime.now(UTC).timestamp(),
+            keep=keep,
+            older_than_s=None if older_than_days is None else older_than_days * _S_PER_DAY,
+            unfinished=unfinished,
+        )
+    gone: list[JournalSummary] = []
+    problems: list[MarkerseekError] = []
     for each in found.old:
-        if not as_json:
-            stdout.print(f"{one_line(Path(each.path).name)}  {each.size_bytes / 1e6:.1f} MB")
         try:
             if delete:
                 remove_journal(Path(each.path))
+            gone.append(each)
         except RecordError as problem:
             problems.append(problem)
-        else:
-            gone.append(each)
     freed_bytes = sum(each.size_bytes for each in gone)
     if as_json:
         print_json(
@@ -62,14 +69,16 @@ def command(
                 "journals": [each.path for each in gone],
                 "bytes": freed_bytes,
                 "kept": [each.path for each in found.kept],
-                "problems": [str(problem) for problem in problems],
+                "problems": list(map(str, problems)),
             }
         )
     else:
+        for each in gone:
+            stdout.print(f"{one_line(Path(each.path).name)}  {each.size_bytes / 1e6:.1f} MB")
         done = "deleted" if delete else "to be deleted (--delete)"
         stdout.print(f"{len(gone)} journals, {freed_bytes / 1e6:.1f} MB, {done}")
         if found.kept:
             stdout.print(f"{len(found.kept)} old ones stay: their runs are not over, or they cannot be read")
-    for problem in problems:
-        print_error(problem, as_json=False)
+    for error in problems:
+        print_error(error, as_json=False)
     raise typer.Exit(problems[0].exit_code if problems else 0)
