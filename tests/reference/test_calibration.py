@@ -135,6 +135,29 @@ def test_a_scan_that_calibrates_nothing_is_refused_by_its_intensities(samples: l
         require_peak(samples, saturated_limit=0.05)
 
 
+@pytest.mark.parametrize("noise", [2.0, 20.0])
+def test_frames_without_the_delays_off_the_plane_are_refused(noise: float) -> None:
+    """One frame, scaled with the angle: the fit alone would return a face radius of 3 to 6 mm for a true one of 10."""
+    samples = scan(speed=1500.0, face_m=10e-3, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=3)
+    strongest = max(samples, key=lambda sample: sample.reading.intensity).frame
+    assert isinstance(strongest, ChannelFrame)
+    rng = np.random.default_rng(1)
+    copied = []
+    for angle_deg in (sample.angle_deg for sample in samples):
+        height = np.exp(-(((angle_deg - 0.4) / 5) ** 2))
+        counts = np.rint(height * strongest.samples + noise * rng.standard_normal(strongest.samples.shape))
+        frame = ChannelFrame(header=HEADER, samples=counts.astype(np.int16), sampling_hz=40e6)
+        copied.append(Sample(angle_deg=angle_deg, reading=ImageReader(PRESET).read(frame), frame=frame))
+    with pytest.raises(SearchError, match="these frames do not hold the delays from which face radius and trigger"):
+        calibrate(copied, PRESET)
+
+
+@pytest.mark.parametrize("face_m", [4e-3, 6e-3])
+def test_a_probe_near_its_axis_still_calibrates(face_m: float) -> None:
+    samples = scan(speed=1500.0, face_m=face_m, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=4)
+    assert calibrate(samples, PRESET).geometry.face_radius_m.value == pytest.approx(face_m, abs=0.3e-3)
+
+
 def test_a_scan_over_a_peak_is_let_through() -> None:
     require_peak(scan_of(PEAK, saturated=0.04), saturated_limit=0.05)
 

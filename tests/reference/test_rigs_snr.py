@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
+from markerseek.acoustics import Probe
 from markerseek.core import ChannelFrame, ConfigError
-from markerseek.signals import ImageReader
+from markerseek.rigs.scene import draw_scene, image_reader
+from markerseek.signals import ImageReader, beamformed_sigma
 from markerseek.signals.beamform import beamform, image_grid
 from markerseek.signals.filtering import band_pass, band_pass_taps
 from markerseek.sim import TISSUES, LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
@@ -64,3 +66,36 @@ def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> No
     assert silent.facts.truth_deg is None
     one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, detected))
     assert one == pytest.approx(other, rel=0.02)
+
+
+@pytest.mark.parametrize("peak_snr_db", [-20.0, 0.0, 10.0, 20.0, 70.0, 84.0])
+def test_no_peak_snr_saturates_the_receiver_and_the_snr_is_as_set(peak_snr_db: float) -> None:
+    settings = replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
+    rng = np.random.default_rng(6)
+    scene = draw_scene(settings, rng)
+    assert scene.peak / 10 ** (peak_snr_db / 20) == pytest.approx(
+        beamformed_sigma(scene.noise.white_sigma, preset=image_reader(settings.probe.array, sampling_hz=40e6).preset)
+    )
+    rig = rigs.simulated(seed=6, marker_deg=5.0, settings=settings)
+    for angle_deg in (4.0, 5.0, 5.5):
+        frame = rig.scanner.measure(angle_deg).frame
+        assert isinstance(frame, ChannelFrame)
+        assert np.abs(frame.samples).max() < 2047
+        # Rounding to counts must not add to the noise by more than a tenth.
+        assert np.std(frame.samples[:, :1000]) == pytest.approx(scene.noise.white_sigma, rel=0.1, abs=0.3)
+
+
+def test_the_strongest_marker_off_its_plane_does_not_saturate() -> None:
+    """Brute force over the angle: near the array a marker is stronger in a channel off its plane than in it."""
+    probe = Probe(element_height_m=6.9e-3, elevation_focus_m=10e-3)
+    marker = MarkerSettings(angle_deg=0.0, radius_m=0.05, source_radius_m=0.3e-3)
+    settings = replace(STEADY, probe=probe, marker=marker, noise=NoiseSettings(peak_snr_db=80.0))
+    scene = draw_scene(settings, np.random.default_rng(1))
+    angles_deg = np.arange(0.0, 30.0, 2.0).tolist()
+    largest = [float(np.abs(scene.model.channel_data(scene.absorbers, angle_deg=each)).max()) for each in angles_deg]
+    assert 1.2 * largest[0] < max(largest) < 2047
+
+
+def test_an_snr_beyond_the_converter_names_the_highest_that_fits() -> None:
+    with pytest.raises(ConfigError, match=r"steps of the converter hide it; lower peak_snr_db to at most \d\d dB$"):
+        rigs.simulated(seed=1, settings=replace(STEADY, noise=NoiseSettings(peak_snr_db=100.0)))

@@ -52,6 +52,31 @@ def test_a_scan_holds_the_whole_range_and_what_is_known(shell, scan):
     assert "simulated" in info["description"]
 
 
+def test_a_frame_that_has_changed_is_found_by_every_command_that_would_not_need_it(shell, scan, tmp_path):
+    damaged = tmp_path / "damaged.hdf5"
+    shutil.copyfile(scan, damaged)
+    with h5py.File(damaged, "r+") as file:
+        for row in (2, 9):
+            file["binary_time_series_data"][5, 7, 0, row] ^= 1
+    for words in (
+        ("info", damaged),
+        ("export", damaged, tmp_path / "out.csv"),
+        ("export", damaged, tmp_path / "o.mcap"),
+    ):
+        code, out, err = shell("bank", *words)
+        assert (code, out, err.count("error:")) == (2, "", 1)
+        assert "deg has changed since it was written, its checksum differs" in " ".join(err.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.hdf5"]
+    code, out, _ = shell("bank", "verify", damaged, "--json")
+    report = json.loads(out)
+    assert (code, report["ok"], report["frames"], report["checksums"], len(report["faults"])) == (1, False, 18, True, 2)
+    code, out, _ = shell("bank", "verify", scan)
+    assert (code, "18 of 18 frames are as they were written" in out) == (0, True)
+    (tmp_path / "damaged.hdf5").write_bytes(scan.read_bytes()[:9999])
+    code, _, err = shell("bank", "verify", damaged)
+    assert (code, err.count("error:")) == (2, 1)
+
+
 def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tmp_path):
     code, out, _ = shell("bank", "info", scan, "--plot", "--out", tmp_path)
     assert code == 0

@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
+from markerseek.cli.method_options import USUAL_ACQUISITIONS
 from markerseek.core import ChannelFrame
+from markerseek.search import METHODS
 from markerseek.wire.sonixdaq import element_of_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -243,6 +245,32 @@ def test_a_fault_ends_without_an_angle_and_with_exit_code_1(shell: Shell, tmp_pa
     assert code == 1
     assert "saturated" in err
     assert json.loads(out)["kind"] == "SaturationError"
+
+
+@pytest.mark.parametrize("peak_snr_db", [-20, 10, 20])
+def test_a_weak_marker_is_searched_without_a_fault(shell: Shell, tmp_path: Path, peak_snr_db: int) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'kind = "simulated"\n[noise]\npeak_snr_db = {peak_snr_db}\n')
+    code, out, err = shell("search", "--rig", rig, "--json", "--no-journal")
+    assert (code, err) == ({20: 0}.get(peak_snr_db, 3), "")
+    assert json.loads(out)["refused"] == 0
+
+
+def test_the_numbers_of_acquisitions_in_the_help_are_those_of_the_methods(shell: Shell) -> None:
+    assert {method.name: method.acquisitions for method in METHODS} == USUAL_ACQUISITIONS
+    for command in ("search", "replay"):
+        _, out, _ = shell(command, "--help")
+        assert "golden-section-reuse 16" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "number", "completed"), [("markerseek se", 1, "search"), ("markerseek search --method ter", 3, "ternary")]
+)
+def test_the_shell_completes_commands_and_methods(words: str, number: int, completed: str) -> None:
+    asked = {"_MARKERSEEK_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(number)}
+    program = "import sys; sys.argv = ['markerseek']; from markerseek.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", program], env=os.environ | asked, capture_output=True, check=False)
+    assert done.stdout.decode().split() == [completed]
 
 
 def test_without_matplotlib_the_cure_is_named(shell: Shell, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from markerseek.core import ConfigError
@@ -19,12 +22,27 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_commented_example_holds_the_defaults_but_for_the_marker() -> None:
-    settings = read_rig_file(EXAMPLES / "simulated.toml")
-    defaults = SimulatedSettings()
-    assert settings.marker.angle_deg == 12.5
-    for name in ("tissue", "start_deg", "probe", "laser", "noise", "stage", "receiver", "limits"):
-        assert getattr(settings, name) == getattr(defaults, name), name
+def flat(table: dict[str, object], prefix: str = "") -> dict[str, object]:
+    """Nested tables as one with dotted keys; None as a rig file writes it."""
+    keys: dict[str, object] = {}
+    for name, value in table.items():
+        if isinstance(value, dict):
+            keys |= flat(value, f"{prefix}{name}.")
+        else:
+            keys[prefix + name] = "none" if value is None else value
+    return keys
+
+
+def test_the_commented_example_shows_every_key_with_its_default() -> None:
+    path = EXAMPLES / "simulated.toml"
+    shown = flat(tomllib.loads(path.read_text(encoding="utf-8")))
+    # A line whose value is not the default names the default in its comment.
+    for name, default in re.findall(r'^(\w+) = .*# .*default "(\w+)"', path.read_text(encoding="utf-8"), re.MULTILINE):
+        assert shown[f"marker.{name}"] != default
+        shown[f"marker.{name}"] = default
+    assert shown.pop("kind") == "simulated"
+    assert shown == flat(msgspec.to_builtins(SimulatedSettings()))
+    assert read_rig_file(path).marker.angle_deg == 12.5
 
 
 def test_values_reach_the_settings_and_none_leaves_a_part_out(tmp_path: Path) -> None:

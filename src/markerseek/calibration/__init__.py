@@ -1,5 +1,6 @@
 """Calibration from one scan of a point source: angle zero, face radius, speed of sound, trigger offset. Pure."""
 
+from markerseek.calibration.delays import require_delays
 from markerseek.calibration.elevation import Geometry, Value, Waves, fit_geometry
 from markerseek.calibration.moveout import Moveout, apex_s, fit_moveout
 from markerseek.calibration.requirements import RECEIVED_RATIO, require_peak
@@ -13,5 +14,6 @@ __all__ = [
     "apex_s",
     "fit_geometry",
     "fit_moveout",
+    "require_delays",
     "require_peak",
 ]

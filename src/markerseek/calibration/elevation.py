@@ -45,7 +45,10 @@ _SIGNIFICANT = 0.02
 _FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
 """Start of the fit; from a wrong height it may end a cycle of the carrier away, so that several are tried."""
 
-_LOW = (-90.0, 15.0, 3.0, -3.0, 1.0, -20.0, 1.3)
+LEAST_FACE_M = 3e-3
+"""Least face radius that is tried, in metres."""
+
+_LOW = (-90.0, 15.0, 1e3 * LEAST_FACE_M, -3.0, 1.0, -20.0, 1.3)
 _HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
 
 

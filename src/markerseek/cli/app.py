@@ -27,7 +27,6 @@ app = typer.Typer(
     "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
     "4 not armed; 70 a defect of this program",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )

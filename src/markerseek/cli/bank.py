@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from markerseek.cli import bank_export, bank_import, bank_info, bank_scan
+from markerseek.cli import bank_export, bank_import, bank_info, bank_scan, bank_verify
 
 NAME = "bank"
 
@@ -14,5 +14,5 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
 )
-for command in (bank_scan, bank_info, bank_import, bank_export):
+for command in (bank_scan, bank_info, bank_verify, bank_import, bank_export):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)

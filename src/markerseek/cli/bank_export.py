@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
 from markerseek.core import ConfigError
 
@@ -49,11 +50,13 @@ def command(
         float | None,
         typer.Option(help="Distance of the array's face from the axis of rotation, where the bank does not hold it."),
     ] = None,
+    columns: Columns = None,
+    unit: Unit = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
     from markerseek.files import require_new
-    from markerseek.records.banks import FrameBank, read_bank
+    from markerseek.records.banks import FrameBank, read_bank, require_whole
     from markerseek.records.exports import write_intensities
     from markerseek.runs import bank_curve
 
@@ -64,12 +67,14 @@ def command(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = read_bank(source)
+    bank = read_bank(source, table_format(columns, unit))
     require_new(to)
     frames = isinstance(bank, FrameBank)
     for option, value in (("--probe", probe), ("--face-radius-mm", face_radius_mm)):
         if value is not None and not frames:
             raise ConfigError(f"{option} is {value}, and {source} holds intensities, not channel data; leave it out")
+    # A CSV needs no frame, and a damaged one must not pass for that reason.
+    require_whole(bank)
     announce_compilation()
     if kind == ".csv":
         write_intensities(to, angles_deg=bank.angles_deg, intensities=bank_curve(bank, probe=probe).intensity.tolist())

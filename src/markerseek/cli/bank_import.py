@@ -12,11 +12,12 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import FrameBank, IntensityBank
+    from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
 NAME = "import"
 EXAMPLES = (
@@ -61,6 +62,8 @@ def command(
     ] = None,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser.")] = None,
     pulse_energy_mj: Annotated[float | None, typer.Option(help="Energy of one laser pulse.")] = None,
+    columns: Columns = None,
+    unit: Unit = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
@@ -78,7 +81,7 @@ def command(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, first_deg=first_deg, step_deg=step_deg)
+    bank = _read(source, table_format(columns, unit), first_deg=first_deg, step_deg=step_deg)
     if probe is not None and not isinstance(bank, FrameBank):
         raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
     held_hz = bank.facts.sampling_hz
@@ -114,12 +117,16 @@ def command(
             stdout.print("it holds intensities only, no channel data, which markerseek and pacfish read")
 
 
-def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import ARRAY_SUFFIXES, read_arrays, read_bank
+def _read(
+    source: Path, table: TableFormat, *, first_deg: float | None, step_deg: float | None
+) -> IntensityBank | FrameBank:
+    from markerseek.records.banks import ARRAY_SUFFIXES, DEFAULT_FORMAT, read_arrays, read_bank
     from markerseek.records.journal import is_journal
     from markerseek.runs import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
+    if table != DEFAULT_FORMAT and source.suffix.lower() in ARRAY_SUFFIXES:
+        raise ConfigError("--columns and --unit are for a CSV; this recording names its variables")
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
         if any(given):
             raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
@@ -129,7 +136,7 @@ def _read(source: Path, *, first_deg: float | None, step_deg: float | None) -> I
             raise RecordError(
                 f"{source}: it cannot be read: {problem.strerror or problem}; check the name"
             ) from problem
-        return journal_bank(source) if journal else read_bank(source)
+        return journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")

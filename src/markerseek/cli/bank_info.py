@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError
 
@@ -67,6 +68,8 @@ def command(
     probe: Annotated[
         str | None, typer.Option(help="Compute the intensities again with this preset of the imaging chain.")
     ] = None,
+    columns: Columns = None,
+    unit: Unit = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
@@ -74,14 +77,16 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
-    from markerseek.records.banks import IntensityBank, read_bank
+    from markerseek.records.banks import IntensityBank, read_bank, require_whole
     from markerseek.runs import bank_curve, dark_intensity
     from markerseek.search import peak_of
 
     folder = picture_folder(out, plot=plot)
-    held = read_bank(bank)
+    held = read_bank(bank, table_format(columns, unit))
     if probe is not None and isinstance(held, IntensityBank):
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
+    # The stored intensities need no frame, and a damaged one must not pass for that reason.
+    require_whole(held)
     announce_compilation()
     curve = bank_curve(held, probe=probe)
     peak = peak_of(curve)

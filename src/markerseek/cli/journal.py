@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from markerseek.cli import journal_list
+from markerseek.cli import journal_list, journal_prune
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
 
 NAME = "journal"
 
-app = typer.Typer(help="List, print, check and recompute the journals of runs.", no_args_is_help=True)
-app.command(name=journal_list.NAME, epilog=journal_list.EXAMPLES)(journal_list.command)
+app = typer.Typer(help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True)
+for each in (journal_list, journal_prune):
+    app.command(name=each.NAME, epilog=each.EXAMPLES)(each.command)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]

@@ -23,7 +23,7 @@ def command(
 ) -> None:
     """List the journals of a folder, the newest last, with time, method, result and size.
 
-    Journals are never deleted automatically: delete the files that you no longer need.
+    Journals are never deleted automatically: markerseek journal prune deletes old ones.
     """
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary

@@ -7,10 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
+from markerseek.cli.method_options import Acquisitions, MethodName
+from markerseek.cli.table_options import Columns, Unit, table_format
+
 NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"
+    "  markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad\n\n"
     "  markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5"
 )
 
@@ -22,10 +26,8 @@ def command(
             help="Bank: IPASC HDF5, CSV of angle_deg,intensity, or a folder with one SonixDAQ sub-folder per angle."
         ),
     ],
-    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
-    acquisitions: Annotated[
-        int | None, typer.Option(min=2, help="Most acquisitions; each method has its own default.")
-    ] = None,
+    method: MethodName = "posterior",
+    acquisitions: Acquisitions = None,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
@@ -38,6 +40,8 @@ def command(
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
+    columns: Columns = None,
+    unit: Unit = None,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     journal: Annotated[
         Path | None, typer.Option(help="Journal of the run, a new SQLite file; without it, none is kept.")
@@ -63,9 +67,10 @@ def command(
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     announce_compilation()
+    table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
-    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between)
+    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     recorded = assembled.distinct_angles

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from markerseek.cli.method_options import Acquisitions, MethodName
+
 NAME = "search"
 EXAMPLES = (
     "Examples:\n\n"
@@ -18,10 +20,8 @@ EXAMPLES = (
 
 
 def command(
-    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
-    acquisitions: Annotated[
-        int | None, typer.Option(min=2, help="Most acquisitions; each method has its own default.")
-    ] = None,
+    method: MethodName = "posterior",
+    acquisitions: Acquisitions = None,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,

@@ -8,6 +8,7 @@ import msgspec
 
 from markerseek.core import ConfigError
 from markerseek.drivers import BenchSettings
+from markerseek.records.banks import DEFAULT_FORMAT, TableFormat
 from markerseek.sim import SimulatedSettings
 
 
@@ -30,6 +31,7 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
     probe: str | None
     reference_deg: float | None
     between: Literal["nearest", "interpolated"]
+    table: TableFormat = DEFAULT_FORMAT
 
 
 class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):

@@ -12,7 +12,7 @@ import numpy as np
 from markerseek.core import LinearArray, RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
-from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
 from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
@@ -26,6 +26,7 @@ def replayed(
     probe: str | None = None,
     reference_deg: SupportsFloat | None = None,
     between: Literal["nearest", "interpolated"] = "nearest",
+    table: TableFormat = DEFAULT_FORMAT,
 ) -> Rig:
     """A rig that plays back a recorded scan; its search range is the range recorded.
 
@@ -40,6 +41,8 @@ def replayed(
     between
         Data between two recorded angles: those of the nearest, or an intensity interpolated from both neighbours, as in
         the paper. Frames are never interpolated.
+    table
+        Columns and unit of a CSV.
 
     Raises
     ------
@@ -52,7 +55,7 @@ def replayed(
     reference_deg = None if reference_deg is None else float(reference_deg)
     if reference_deg is not None:
         require_range("reference_deg", reference_deg, low=-360, high=360, unit="deg")
-    bank = read_bank(path)
+    bank = read_bank(path, table)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)
     laser = ReplayLaser()
@@ -105,6 +108,7 @@ def replayed(
             probe=preset.name,
             reference_deg=reference_deg,
             between=between,
+            table=table,
         ),
     )
 

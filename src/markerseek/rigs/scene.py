@@ -12,7 +12,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
+from markerseek.acoustics import (
+    Absorber,
+    AcousticModel,
+    Band,
+    Digitiser,
+    GaussianAbsorber,
+    Noise,
+    RectanglePulse,
+)
 from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, PaImage
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
@@ -33,6 +41,18 @@ _PEAKS = 6
 _APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
 """Peaks nearer than this, about a resolution cell, have the same noise and count as one."""
 
+_USUAL_COUNTS = 600.0
+"""Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
+
+_LEAST_SIGMA = 2.0
+"""Noise in counts to which that gain is raised where there is room: rounding (variance 1/12) then adds 1 % to it."""
+
+_NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
+"""Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
+
+_OFF_PLANE = 1.5
+"""Room for a marker near the array, which is up to 1.34 times as strong in a channel off its plane as in it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
@@ -52,6 +72,8 @@ class Scene:
         Noise of one acquisition, in counts.
     peak
         Noise-free envelope peak with the probe on the marker, in counts; also if the marker is absent.
+    peak_counts
+        Largest count of the marker in one channel with the probe on it; also if the marker is absent.
     """
 
     description: str
@@ -60,6 +82,17 @@ class Scene:
     absorbers: tuple[Absorber, ...]
     noise: Noise
     peak: float
+    peak_counts: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScaledSpot:
+    """A spot in counts, and the noise beside it; `noise`, `peak` and `peak_counts` are those of `Scene`."""
+
+    absorbers: tuple[Absorber, ...]
+    noise: Noise
+    peak: float
+    peak_counts: float
 
 
 @lru_cache(maxsize=8)
@@ -92,23 +125,23 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     marker = _draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
     kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-    spot, noise, peak = scaled_spot(kind.draw(marker, rng), marker, settings, model)
-    absorbers = spot if settings.marker.present else []
+    spot = scaled_spot(kind.draw(marker, rng), marker, settings, model)
+    absorbers = spot.absorbers if settings.marker.present else ()
     if material.clutter is not None:
-        clutter = material.clutter.draw(rng)
-        scale = settings.receiver.peak_counts / _largest_count([marker], model, marker)
-        absorbers = absorbers + [replace(weak, strength=weak.strength * scale) for weak in clutter]
+        scale = spot.peak_counts / _largest_count([marker], model, marker)
+        absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
     return Scene(
         description=material.description,
         model=model,
         marker=marker,
-        absorbers=tuple(absorbers),
-        noise=noise,
-        peak=peak,
+        absorbers=absorbers,
+        noise=spot.noise,
+        peak=spot.peak,
+        peak_counts=spot.peak_counts,
     )
 
 
-def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int]:
+def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
     """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
 
     Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
@@ -119,11 +152,9 @@ def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int
     ----------
     scene
         The sources, and how they are received.
-    peak_counts
-        Largest count of the marker in one channel, as in the settings from which the scene was drawn.
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
-    gain_to_counts = _MOST_COUNTS / peak_counts
+    gain_to_counts = _MOST_COUNTS / scene.peak_counts
     absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
@@ -202,8 +233,8 @@ def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absor
 
 def scaled_spot(
     spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
-) -> tuple[list[Absorber], Noise, float]:
-    """The spot scaled to the peak counts of the settings, noise for their peak SNR, and the image's peak, in counts.
+) -> ScaledSpot:
+    """The spot in counts, with noise for the peak SNR of the settings.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
@@ -215,7 +246,7 @@ def scaled_spot(
     marker
         Its place.
     settings
-        The simulated rig; receiver and noise are used.
+        The simulated rig; laser, receiver and noise are used.
     model
         Acoustic model.
 
@@ -229,7 +260,7 @@ def scaled_spot(
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
     frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
-    peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
+    peak_over_largest = imaging.read(frame).intensity / _MOST_COUNTS
     # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
     share = settings.noise.coloured
@@ -239,12 +270,28 @@ def scaled_spot(
         beamformed_sigma(coloured, preset=imaging.preset, power=power),
     )
     # SNR in dB of amplitudes: 20 log10(peak / sigma); sigma after beamforming is gain times that of a channel.
-    channel_sigma = peak / 10 ** (settings.noise.peak_snr_db / 20) / gain
-    noise = Noise(
-        white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
+    sigma_over_largest = peak_over_largest / 10 ** (settings.noise.peak_snr_db / 20) / gain
+    peak_counts = settings.receiver.peak_counts
+    if peak_counts is None:
+        peak_counts = _own_gain(settings, sigma_over_largest)
+    sigma = peak_counts * sigma_over_largest
+    return ScaledSpot(
+        absorbers=tuple(replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
+        noise=Noise(white_sigma=sigma * white, coloured_sigma=sigma * coloured, bursts=settings.noise.bursts),
+        peak=peak_counts * peak_over_largest,
+        peak_counts=peak_counts,
     )
-    gain_to_counts = settings.receiver.peak_counts / largest
-    return [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in spot], noise, peak
+
+
+def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
+    """Largest count of the marker for which marker and noise together stay below full scale.
+
+    Usually `_USUAL_COUNTS`; less where the noise is strong, more where it would drown in the rounding.
+    """
+    flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
+    # One count below full scale, at which the guard takes a channel for saturated.
+    most = (Digitiser().largest - 1) / (_OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
+    return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
 
 
 def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:

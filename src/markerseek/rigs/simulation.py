@@ -81,9 +81,11 @@ def simulated(
     scene = draw_scene(settings, rng)
     step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
     if not step >= LEAST_NOISE_COUNTS:
+        most_db = settings.noise.peak_snr_db + 20 * math.log10(step / LEAST_NOISE_COUNTS)
         raise ConfigError(
             f"noise: peak_snr_db is {settings.noise.peak_snr_db:g} dB, which leaves {step:.2g} counts of noise in "
-            f"a channel: below {LEAST_NOISE_COUNTS} its steps hide it; lower peak_snr_db or raise peak_counts"
+            f"a channel: below {LEAST_NOISE_COUNTS} the steps of the converter hide it; lower peak_snr_db to at most "
+            f"{math.floor(most_db)} dB" + ("" if settings.receiver.peak_counts is None else ", or raise peak_counts")
         )
     world = World(
         model=scene.model,

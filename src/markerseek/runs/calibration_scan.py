@@ -15,6 +15,7 @@ from markerseek.calibration import (
     apex_s,
     fit_geometry,
     fit_moveout,
+    require_delays,
     require_peak,
 )
 from markerseek.core import ChannelFrame, RecordError, Sample, SearchError
@@ -105,8 +106,10 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
         sigma=np.array([wave.sigma for _, wave in received]),
         sampling_hz=preset.sampling_hz,
     )
+    geometry = fit_geometry(waves, moveout)
+    require_delays(waves, geometry)
     return Calibration(
-        geometry=fit_geometry(waves, moveout),
+        geometry=geometry,
         noise_sigma=Value(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
         frames=len(frames),
         waves=len(received),

@@ -100,7 +100,13 @@ def rebuild_reader(configuration: Configuration) -> Reader:
 
 
 def _replayed(recipe: ReplayedRecipe) -> Rig:
-    return replayed(Path(recipe.path), probe=recipe.probe, reference_deg=recipe.reference_deg, between=recipe.between)
+    return replayed(
+        Path(recipe.path),
+        probe=recipe.probe,
+        reference_deg=recipe.reference_deg,
+        between=recipe.between,
+        table=recipe.table,
+    )
 
 
 def _preset(imaging: msgspec.Raw) -> ProbePreset | None:

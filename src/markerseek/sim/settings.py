@@ -115,21 +115,24 @@ class ReceiverSettings:
     trigger_offset_s
         Time from the trigger to the middle of the laser pulse, in seconds.
     peak_counts
-        Largest count that the marker alone gives a channel with the probe on it; full scale is 2047.
+        Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
+        gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak.
     """
 
     sampling_hz: float = 40e6
     samples: int = 2080
     readout_s: float = 10.0
     trigger_offset_s: float = 0.0
-    peak_counts: float = 600.0
+    peak_counts: float | None = None
 
     def __post_init__(self) -> None:
         if not 512 <= self.samples <= 65_536:
             raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
         # Values above full scale (2047) are allowed, to try what saturation does.
-        if not 0 < self.peak_counts <= 1e6:
-            raise ConfigError(f"receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; 600 is usual")
+        if self.peak_counts is not None and not 0 < self.peak_counts <= 1e6:
+            raise ConfigError(
+                f'receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; "none" chooses it to fit'
+            )
         if not 0 <= self.readout_s <= 3600:
             raise ConfigError(f"receiver: readout_s is {self.readout_s} s, it must lie in [0, 3600] s; 10 s is usual")
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek import rigs
-from markerseek.acoustics import Absorber, Digitiser, Noise
+from markerseek.acoustics import Digitiser
 from markerseek.core import Reader
 from markerseek.rigs import draw_scene, image_reader, in_world, scaled_spot, scene_curve
 from markerseek.sim import (
@@ -29,9 +29,6 @@ from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns, draw_unknowns
 from markerseek.studies.window import Window, window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
-
-_LARGEST_COUNTS = 1800.0
-"""Largest count of a marker in a channel, noise apart, that the converter's full scale of 2047 allows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,12 +109,12 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     reader: Reader
     if study.level == "frames":
-        spot, noise = _with_gain(unknowns, settings)
+        spot = scaled_spot([unknowns.marker], unknowns.marker, settings, model)
         reader = imaging
         world: SimulatedWorld = World(
             model=model,
-            absorbers=spot if settings.marker.present else (),
-            noise=noise,
+            absorbers=spot.absorbers if settings.marker.present else (),
+            noise=spot.noise,
             digitiser=Digitiser(),
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
@@ -141,17 +138,6 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
         imaging=imaging if study.level == "frames" else None,
         description=f"simulated {study.level}, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
-    )
-
-
-def _with_gain(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
-    """Marker and noise in counts, with a gain that makes the rounding of the noise negligible, up to full scale."""
-    marker, model = unknowns.marker, unknowns.model
-    spot, noise, _ = scaled_spot([marker], marker, settings, model)
-    # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it.
-    gain = max(1.0, min(2.0 / noise.white_sigma, _LARGEST_COUNTS / settings.receiver.peak_counts))
-    return [replace(each, strength=each.strength * gain) for each in spot], replace(
-        noise, white_sigma=noise.white_sigma * gain
     )
 
 
@@ -215,4 +201,4 @@ def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
 @lru_cache(maxsize=256)
 def _acoustic_curve(rig: SimulatedSettings, seed: int, draw: int) -> tuple[RecordedCurve, int]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))
-    return scene_curve(draw_scene(rig, rng), peak_counts=rig.receiver.peak_counts)
+    return scene_curve(draw_scene(rig, rng))

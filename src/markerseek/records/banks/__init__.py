@@ -18,16 +18,19 @@ from markerseek.records.banks.folder import FolderBank, read_folder
 from markerseek.records.banks.frames import MAT_PROBE, load_frame
 from markerseek.records.banks.ipasc import BankWriter, IpascBank, read_ipasc, require_new_bank, whole_bank
 from markerseek.records.banks.reading import read_bank
-from markerseek.records.banks.table import read_table, write_bank
+from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
+from markerseek.records.banks.verify import frame_faults, has_checksums, require_whole
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 __all__ = [
     "ARRAY_SUFFIXES",
+    "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",
     "MOST_DEG",
     "ULTRASONIX_SUFFIXES",
+    "AngleUnit",
     "ArrayBank",
     "Bank",
     "BankFacts",
@@ -36,7 +39,10 @@ __all__ = [
     "FrameBank",
     "IntensityBank",
     "IpascBank",
+    "TableFormat",
     "UltrasonixFile",
+    "frame_faults",
+    "has_checksums",
     "load_frame",
     "open_ultrasonix",
     "read_arrays",
@@ -46,6 +52,7 @@ __all__ = [
     "read_table",
     "require_angles",
     "require_new_bank",
+    "require_whole",
     "whole_bank",
     "write_bank",
 ]

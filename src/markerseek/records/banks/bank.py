@@ -163,7 +163,7 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         if not abs(angle_deg) <= MOST_DEG:
             raise RecordError(
                 f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MOST_DEG:g} to "
-                f"{MOST_DEG:g} deg; leave it out, or write it in degrees"
+                f"{MOST_DEG:g} deg; leave it out, or write it in degrees (a CSV: --unit mrad or rad)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
         if low_deg == high_deg:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from markerseek.core import RecordError
+from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
 from markerseek.records.banks.folder import read_folder
 from markerseek.records.banks.ipasc.reading import read_ipasc
-from markerseek.records.banks.table import read_table
+from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.journal import is_journal
 
 
-def read_bank(path: Path) -> IntensityBank | FrameBank:
+def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk.
 
     Parameters
@@ -21,15 +21,22 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
         An IPASC HDF5 file (``.hdf5``, ``.h5``); a CSV of ``angle_deg,intensity``; or a folder that holds for each angle
         a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in degrees
         (``-12.5``, ``angle_-12.5deg``).
+    table
+        Columns and unit of a CSV.
 
     Raises
     ------
     RecordError
         If it does not exist or has another content; the message says what to do.
+    ConfigError
+        If columns or a unit are given, and it is no CSV.
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
     try:
+        is_table = path.is_file() and not is_journal(path) and path.suffix.lower() not in HDF5_SUFFIXES
+        if table != DEFAULT_FORMAT and path.exists() and not is_table:
+            raise ConfigError(f"{path}: it is no CSV, and columns and unit are for a CSV; leave them out")
         if path.is_dir():
             return read_folder(path)
         if not path.exists():
@@ -41,7 +48,7 @@ def read_bank(path: Path) -> IntensityBank | FrameBank:
                 f"'markerseek bank import {path} frames.hdf5'"
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
-            return read_table(path)
+            return read_table(path, table)
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     return read_ipasc(path)

@@ -1,23 +1,65 @@
-"""Reads and writes banks of intensities as CSV tables with the columns ``angle_deg,intensity``."""
+"""Reads and writes banks of intensities as CSV tables; what the columns are and mean is told by a `TableFormat`."""
 
 from __future__ import annotations
 
 import csv
-import io
 import math
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
-from markerseek.core import MOST_INTENSITY, RecordError
-from markerseek.files import MIB, new_file, open_input, replace_file
-from markerseek.records.banks.bank import IntensityBank, require_angles
+import numpy as np
+
+from markerseek.core import MOST_INTENSITY, ConfigError, RecordError
+from markerseek.files import MIB, new_file, read_input, replace_file
+from markerseek.records.banks.bank import LEAST_STEP_DEG, IntensityBank, require_angles
+from markerseek.records.banks.table_text import Rows, rows_of
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
-"""Columns that a table of intensities must have, named in its first line."""
+"""Columns of the tables that we write."""
+
+AngleUnit: TypeAlias = Literal["deg", "mrad", "rad"]
+"""Unit of an angle in a table."""
+
+_DEG: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
+"""Degrees of one unit."""
+
+_UNIT_OF_COLUMN: dict[str, AngleUnit] = {"angle_deg": "deg", "angle_mrad": "mrad", "angle_rad": "rad"}
+
+_FEW = 2.0
+"""Range below which angles may be radians: it is more than half a turn of a probe in radians."""
 
 _LARGEST_BYTES = 64 * MIB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableFormat:
+    """Which columns of a CSV hold angle and intensity, and the unit of the angle.
+
+    Attributes
+    ----------
+    columns
+        Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
+        ``angle_mrad``, ``angle_rad``) and ``intensity``, or the two columns of a table without names.
+    unit
+        Unit of the angles; None: as the name of the column says, else degrees.
+    """
+
+    columns: tuple[str, str] | None = None
+    unit: AngleUnit | None = None
+
+    def __post_init__(self) -> None:
+        if self.columns is not None and (not all(self.columns) or self.columns[0] == self.columns[1]):
+            raise ConfigError(
+                f"columns is {','.join(self.columns)}, two different names or numbers are needed: ANGLE,INTENSITY"
+            )
+
+
+DEFAULT_FORMAT = TableFormat()
+"""The format of the tables that we write."""
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:
@@ -45,8 +87,18 @@ def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: S
         write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), part)
 
 
-def read_table(path: Path) -> IntensityBank:
-    """Bank in a CSV of ``angle_deg,intensity``; other columns are ignored.
+def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
+    """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
+
+    Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
+    in a number is a decimal one. A warning tells what was averaged or assumed.
+
+    Parameters
+    ----------
+    path
+        The file.
+    table
+        Which columns are read, and their unit.
 
     Raises
     ------
@@ -58,72 +110,118 @@ def read_table(path: Path) -> IntensityBank:
             f"{path}: a scan that NumPy or MATLAB saved becomes a bank by 'markerseek bank import {path} scan.hdf5'"
         )
     try:
-        with (
-            open_input(path, most_bytes=_LARGEST_BYTES) as file,
-            # Excel writes a byte order mark, which would become part of the first column's name.
-            io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
-        ):
-            return _bank_of(path, csv.reader(lines, strict=True))
+        rows = rows_of(path, read_input(path, most_bytes=_LARGEST_BYTES))
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}; a bank is such a table, an IPASC "
             "HDF5 file (.hdf5, .h5), or a folder with one frame per angle"
         ) from problem
+    places = _places(path, rows, table)
+    angle_name = rows.names[places[0]] if rows.names else ""
+    values = np.array([_numbers(path, rows, number, places) for number in range(len(rows.cells))]).reshape(-1, 2)
+    unit = _unit(path, table.unit, angle_name, values[:, 0])
+    angles_deg, intensities = _averaged(path, values[:, 0] * _DEG[unit], values[:, 1])
+    require_angles(path, angles_deg)
+    return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
 
-def _bank_of(path: Path, rows: Iterator[list[str]]) -> IntensityBank:
-    places = _columns(path, [name.strip() for name in next(rows, [])])
-    angles: list[float] = []
-    intensities: list[float] = []
-    lines_of: list[int] = []
-    for line, row in enumerate(rows, start=2):
-        # Spreadsheets append empty rows.
-        if not any(cell.strip() for cell in row):
-            continue
-        angle, intensity = (_cell(path, line, row, name, place) for name, place in zip(COLUMNS, places, strict=True))
-        if intensity < 0:
-            raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
-        # Larger numbers overflow when the methods square them.
-        if intensity > MOST_INTENSITY:
-            raise RecordError(
-                f"{path}, line {line}: intensity is {intensity}, it must be at most "
-                f"{MOST_INTENSITY:g}; scale the column"
-            )
-        angles.append(angle)
-        intensities.append(intensity)
-        lines_of.append(line)
-    if angles and angles[-1] < angles[0]:  # a scan from high to low
-        angles, intensities, lines_of = angles[::-1], intensities[::-1], lines_of[::-1]
-    for (low, high), line in zip(pairwise(angles), lines_of[1:], strict=True):
-        if not low < high:
-            raise RecordError(
-                f"{path}, line {line}: the angle {high:g} deg is out of order beside {low:g} deg; "
-                "sort the rows by angle_deg, and average repeated angles"
-            )
-    require_angles(path, angles)
-    return IntensityBank(angles_deg=tuple(angles), intensities=tuple(intensities))
-
-
-def _columns(path: Path, names: list[str]) -> list[int]:
-    missing = [name for name in COLUMNS if name not in names]
-    if missing:
-        raise RecordError(
-            f"{path}, line 1: the column {' and '.join(missing)} is missing, it has {', '.join(names) or 'nothing'}; "
-            f"the first line must read {','.join(COLUMNS)}, with commas"
+def _places(path: Path, rows: Rows, table: TableFormat) -> tuple[int, int]:
+    """Indices of the columns of angle and intensity."""
+    names = rows.names
+    if table.columns is not None:
+        first, second = (_place(path, rows, column) for column in table.columns)
+        return first, second
+    if not names and rows.width == 2:
+        warnings.warn(
+            f"{path}: its columns have no names; the first is taken as the angle, the second as the intensity",
+            stacklevel=3,
         )
-    doubled = [name for name in COLUMNS if names.count(name) > 1]
-    if doubled:
-        raise RecordError(f"{path}, line 1: the column {doubled[0]} appears more than once; keep one of them")
-    return [names.index(name) for name in COLUMNS]
+        return 0, 1
+    angle = next((name for name in names if name.lower() in _UNIT_OF_COLUMN), None)
+    intensity = next((name for name in names if name.lower() == "intensity"), None)
+    if angle is None or intensity is None:
+        missing = " and ".join(name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None)
+        has = ", ".join(names) or (f"{rows.width} columns without names" if rows.width else "nothing")
+        raise RecordError(
+            f"{path}, line 1: the column {missing} is missing, it has {has}; name the columns of angle and intensity: "
+            "--columns ANGLE,INTENSITY"
+        )
+    return _place(path, rows, angle), _place(path, rows, intensity)
 
 
-def _cell(path: Path, line: int, row: list[str], name: str, place: int) -> float:
-    if place >= len(row):
-        raise RecordError(f"{path}, line {line}: it has {len(row)} columns, {name} is column {place + 1}")
+def _place(path: Path, rows: Rows, column: str) -> int:
+    """Index of one column by its name, or by its number if none has that name."""
+    found = [index for index, name in enumerate(rows.names) if name == column]
+    if len(found) > 1:
+        raise RecordError(f"{path}, line 1: the column {column} appears more than once; keep one of them")
+    if found:
+        return found[0]
+    if column.isdecimal() and 1 <= int(column) <= rows.width:
+        return int(column) - 1
+    has = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
+    raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
+
+
+def _numbers(path: Path, rows: Rows, number: int, places: tuple[int, int]) -> tuple[float, float]:
+    """Angle and intensity of one row."""
+    angle, intensity = (_cell(path, rows, number, place) for place in places)
+    line = rows.lines[number]
+    if intensity < 0:
+        raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
+    # Larger numbers overflow when the methods square them.
+    if intensity > MOST_INTENSITY:
+        raise RecordError(
+            f"{path}, line {line}: intensity is {intensity}, it must be at most {MOST_INTENSITY:g}; scale the column"
+        )
+    return angle, intensity
+
+
+def _cell(path: Path, rows: Rows, number: int, place: int) -> float:
+    row, line = rows.cells[number], rows.lines[number]
+    name = rows.names[place] if rows.names else f"column {place + 1}"
+    # A comma inside a number, in a table that commas separate, shifts all columns behind it.
+    if len(row) != rows.width:
+        raise RecordError(
+            f"{path}, line {line}: it has {len(row)} columns, {rows.width} are expected; a number with a decimal comma "
+            "needs columns that a semicolon or a tab separates"
+        )
+    text = row[place].strip()
+    if rows.separator != "," and "." not in text:
+        text = text.replace(",", ".")
     try:
-        value = float(row[place])
+        value = float(text)
     except ValueError:
         raise RecordError(f"{path}, line {line}: {name} is {row[place]!r}, it must be a number") from None
     if not math.isfinite(value):
         raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite; leave that row out")
     return value
+
+
+def _unit(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
+    """Unit of the angles; where only their range speaks, a small one is not guessed to be degrees."""
+    if unit is not None:
+        return unit
+    named = _UNIT_OF_COLUMN.get(column.lower())
+    small = angles.size > 2 and float(np.ptp(angles)) < _FEW
+    question = f"the angles run from {angles.min():g} to {angles.max():g}: are these radians?" if small else ""
+    if small and named is None:
+        raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
+    if small and named == "deg":
+        warnings.warn(f"{path}: {question} They are taken as degrees (--unit rad, --unit deg)", stacklevel=3)
+    return named or "deg"
+
+
+def _averaged(path: Path, angles_deg: np.ndarray, intensities: np.ndarray) -> tuple[list[float], list[float]]:
+    """Angles in rising order, each once, with the mean of its intensities."""
+    order = np.argsort(angles_deg, kind="stable")
+    angles_deg, intensities = angles_deg[order], intensities[order]
+    first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= LEAST_STEP_DEG)
+    if first.size == angles_deg.size:
+        return angles_deg.tolist(), intensities.tolist()
+    counts = np.diff(first, append=angles_deg.size)
+    warnings.warn(
+        f"{path}: {int((counts > 1).sum())} angles appear more than once; the intensities of each are averaged",
+        stacklevel=3,
+    )
+    mean = np.add.reduceat(intensities, first) / counts
+    return angles_deg[first].tolist(), mean.tolist()

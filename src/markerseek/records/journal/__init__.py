@@ -9,6 +9,7 @@ from markerseek.records.journal.connection import is_journal
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
 from markerseek.records.journal.folder import default_journal, journals_folder, make_folder
+from markerseek.records.journal.prune import Prunable, prunable, remove_journal
 from markerseek.records.journal.reader import RecordedRun, read_journal, salvage
 from markerseek.records.journal.sequence import RunState, run_state
 from markerseek.records.journal.summary import JournalSummary, journals_in, result_of, size_bytes_of, summary
@@ -24,6 +25,7 @@ __all__ = [
     "Journal",
     "JournalEvent",
     "JournalSummary",
+    "Prunable",
     "RecordedError",
     "RecordedRun",
     "Resuming",
@@ -35,7 +37,9 @@ __all__ = [
     "journals_folder",
     "journals_in",
     "make_folder",
+    "prunable",
     "read_journal",
+    "remove_journal",
     "result_of",
     "run_state",
     "salvage",

@@ -1,0 +1,105 @@
+"""Splits the text of a CSV into rows: encoding, separator, names of the columns, lines that hold no data."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from markerseek.core import RecordError
+
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """Rows of a table.
+
+    Attributes
+    ----------
+    names
+        Names of the columns; empty where the first row holds numbers.
+    width
+        Number of columns.
+    separator
+        What separates them.
+    cells
+        Cells of each row of data.
+    lines
+        Line of the file on which each of these rows ends.
+    """
+
+    names: tuple[str, ...]
+    width: int
+    separator: str
+    cells: list[list[str]] = field(repr=False)
+    lines: list[int] = field(repr=False)
+
+
+def rows_of(path: Path, data: bytes) -> Rows:
+    """Rows of a table in the bytes of a file.
+
+    Raises
+    ------
+    RecordError
+        If it is text of an encoding that cannot be told.
+    UnicodeDecodeError, csv.Error
+        If it is no text, or no CSV.
+    """
+    text = _decoded(path, data)
+    separator = ""
+    first_line = next((line for line in text.splitlines() if line.strip()), "")
+    # The line by which Excel tells itself the separator.
+    if first_line.lower().startswith("sep=") and len(first_line) == len("sep=,"):
+        separator = first_line[-1]
+    else:
+        separator = _separator(first_line)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True, skipinitialspace=True)
+    table = [
+        (reader.line_num, row)
+        for row in reader
+        # Spreadsheets append empty rows; NumPy writes the names as a comment.
+        if any(cell.strip() for cell in row) and not row[0].lower().startswith("sep=")
+    ]
+    names: tuple[str, ...] = ()
+    if table and not all(map(_is_number, table[0][1])):
+        names = tuple(cell.strip() for cell in table.pop(0)[1])
+        names = (names[0].removeprefix("#").strip(), *names[1:])
+    table = [(line, row) for line, row in table if not row[0].startswith("#")]
+    return Rows(
+        names=names,
+        width=len(names) or (len(table[0][1]) if table else 0),
+        separator=separator,
+        cells=[row for _, row in table],
+        lines=[line for line, _ in table],
+    )
+
+
+def _decoded(path: Path, data: bytes) -> str:
+    if data.startswith(_UTF_16):
+        return data.decode("utf-16")
+    try:
+        # Excel writes a byte order mark, which would become part of the first column's name.
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Windows programs write a degree sign or an umlaut of a heading as one byte.
+        text = data.decode("cp1252")
+    if "\0" in text:
+        raise RecordError(f"{path}: it is no text in UTF-8, or UTF-16 without its byte order mark; save it as UTF-8")
+    return text
+
+
+def _separator(line: str) -> str:
+    # Not csv.Sniffer, which takes the comma for the separator in lines such as "-1,5;2,5". The first line decides:
+    # headings have no decimal commas, and a table of numbers with decimal commas has another separator as well.
+    return next((each for each in (";", "\t", ",") if each in line), " ")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,127 @@
+"""CSV tables as people have them: separators, decimal commas, encodings, names, units, order, repeated angles."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek.core import ConfigError, RecordError
+from markerseek.records.banks import IntensityBank, TableFormat, read_bank
+
+ANGLES_DEG = (-10.5, -2.0, 0.25, 7.0)
+INTENSITIES = (1.5, 20.0, 300.25, 4.0)
+EXPECTED = IntensityBank(angles_deg=ANGLES_DEG, intensities=INTENSITIES)
+
+
+def table(names: str, separator: str, *, comma: bool = False, angles: tuple[float, ...] = ANGLES_DEG) -> str:
+    rows = [f"{angle!r}{separator}{value!r}" for angle, value in zip(angles, INTENSITIES, strict=True)]
+    text = "\n".join(rows) + "\n"
+    return (names + "\n" if names else "") + (text.replace(".", ",") if comma else text)
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "scan.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        table("angle_deg,intensity", ","),
+        table("Angle_deg;Intensity", ";"),
+        table("angle_deg;intensity", ";", comma=True),
+        table("angle_deg\tintensity", "\t", comma=True),
+        table("angle_deg intensity", "   "),
+        table("# angle_deg,intensity", ","),
+        "sep=;\n" + table("angle_deg;intensity", ";", comma=True),
+        '"angle_deg","intensity"\n' + table("", ","),
+    ],
+)
+def test_separators_decimal_commas_and_encodings(tmp_path: Path, text: str, encoding: str) -> None:
+    assert read_bank(written(tmp_path, text, encoding)) == EXPECTED
+
+
+def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
+    file = io.StringIO()
+    np.savetxt(file, np.column_stack([ANGLES_DEG, INTENSITIES]))
+    with pytest.warns(UserWarning, match="no names; the first is taken as the angle, the second as the intensity"):
+        assert read_bank(written(tmp_path, file.getvalue())) == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [
+        ("Winkel [°];Höhe", ("Winkel [°]", "Höhe")),
+        ("Winkel [°];Höhe", ("1", "2")),
+        ("", ("1", "2")),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
+def test_columns_by_name_and_by_number(tmp_path: Path, names: str, columns: tuple[str, str], encoding: str) -> None:
+    path = written(tmp_path, table(names, ";", comma=True), encoding)
+    assert read_bank(path, TableFormat(columns=columns)) == EXPECTED
+    turned = read_bank(written(tmp_path, "9;8;7\n-1;5;6\n3;4;1\n"), TableFormat(columns=("2", "3")))
+    assert turned == IntensityBank(angles_deg=(4.0, 5.0, 8.0), intensities=(1.0, 6.0, 7.0))
+
+
+def test_a_column_that_is_not_there_is_named_with_those_that_are(tmp_path: Path) -> None:
+    path = written(tmp_path, table("a,b", ","))
+    with pytest.raises(RecordError, match=r"line 1: there is no column c, it has a, b$"):
+        read_bank(path, TableFormat(columns=("a", "c")))
+    with pytest.raises(ConfigError, match="two different names or numbers"):
+        TableFormat(columns=("a", "a"))
+
+
+@pytest.mark.parametrize(("unit", "per_deg"), [("rad", math.pi / 180), ("mrad", math.pi / 0.18)])
+def test_units_by_the_option_and_by_the_name_of_the_column(tmp_path: Path, unit: str, per_deg: float) -> None:
+    angles = tuple(angle * per_deg for angle in ANGLES_DEG)
+    by_option = read_bank(written(tmp_path, table("angle,intensity", ",", angles=angles)),
+                          TableFormat(columns=("angle", "intensity"), unit=unit))  # type: ignore[arg-type]  # fmt: skip
+    by_name = read_bank(written(tmp_path, table(f"angle_{unit},intensity", ",", angles=angles)))
+    assert by_option == by_name
+    assert by_name.angles_deg == pytest.approx(ANGLES_DEG, abs=1e-12)
+
+
+def test_a_range_below_two_asks_for_the_unit(tmp_path: Path) -> None:
+    path = written(tmp_path, "angle,intensity\n-0.6,1\n0,3\n0.6,2\n")
+    columns = ("angle", "intensity")
+    with pytest.raises(RecordError, match=r"from -0\.6 to 0\.6: are these radians\? Say so: --unit rad, or --unit deg"):
+        read_bank(path, TableFormat(columns=columns))
+    assert read_bank(path, TableFormat(columns=columns, unit="deg")).angles_deg == (-0.6, 0.0, 0.6)
+    assert read_bank(path, TableFormat(columns=columns, unit="rad")).range.width_deg == pytest.approx(68.7549, abs=1e-4)
+    named = written(tmp_path, "angle_deg,intensity\n-0.6,1\n0,3\n0.6,2\n")
+    with pytest.warns(UserWarning, match="are these radians"):
+        assert read_bank(named).angles_deg == (-0.6, 0.0, 0.6)
+
+
+def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    angles = rng.permutation(np.repeat(np.arange(-20.0, 21.0, 4.0), 3))
+    values = rng.uniform(0, 100, angles.size)
+    rows = "".join(f"{angle!r},{value!r}\n" for angle, value in zip(angles.tolist(), values.tolist(), strict=True))
+    with pytest.warns(UserWarning, match="11 angles appear more than once; the intensities of each are averaged"):
+        bank = read_bank(written(tmp_path, "angle_deg,intensity\n" + rows))
+    assert isinstance(bank, IntensityBank)
+    # NumPy's own histogram as the second opinion.
+    edges = np.arange(-22.0, 23.0, 4.0)
+    mean = np.histogram(angles, edges, weights=values)[0] / np.histogram(angles, edges)[0]
+    assert bank.angles_deg == tuple(np.arange(-20.0, 21.0, 4.0).tolist())
+    assert bank.intensities == pytest.approx(mean.tolist(), rel=1e-12)
+    with pytest.warns(UserWarning, match="1 angles appear"):
+        assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
+
+
+def test_columns_and_unit_are_refused_for_anything_but_a_table(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="it is no CSV, and columns and unit are for a CSV"):
+        read_bank(tmp_path, TableFormat(unit="rad"))
+
+
+def test_utf_16_without_its_mark_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="UTF-16 without its byte order mark; save it as UTF-8"):
+        read_bank(written(tmp_path, table("angle_deg,intensity", ","), "utf-16-le"))
