@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 from changed_configuration import changed
 from markerseek.core import (
     Ambiguous,
+    Arrival,
     Asked,
     AtBound,
     ChannelFrame,
@@ -22,6 +24,7 @@ from markerseek.core import (
     Found,
     FrameHeader,
     Interval,
+    LocalMaxima,
     Measured,
     MoveError,
     NotFound,
@@ -58,6 +61,19 @@ FULL_READING = Reading(
     coherence=0.9,
     saturated_fraction=0.0,
     dead_channels=(3, 64),
+    arrivals=(
+        Arrival(lateral_m=0.018, depth_m=0.05, arrival_s=3.2e-5, intensity=1971.0123456789, coherence=0.9),
+        Arrival(lateral_m=-0.002, depth_m=0.04, arrival_s=2.6e-5, intensity=171.5, coherence=0.7),
+    ),
+    local_maxima=LocalMaxima(
+        first_lateral_m=-0.025,
+        first_depth_m=0.005,
+        lateral_step_m=0.002,
+        depth_step_m=0.002,
+        columns=2,
+        noise_peaks=12.5,
+        intensities=struct.pack("<4f", 171.5, 0.0, 1971.0123, 64.5),
+    ),
 )
 
 

@@ -1,6 +1,7 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.array import LinearArray
+from markerseek.core.arrival import Arrival, LocalMaxima
 from markerseek.core.checks import require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -27,16 +28,25 @@ from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
-from markerseek.core.reading import LEAST_INTENSITY, MOST_ACQUISITIONS, MOST_INTENSITY, Reading, Sample
+from markerseek.core.reading import (
+    LEAST_INTENSITY,
+    MOST_ACQUISITIONS,
+    MOST_ARRIVALS,
+    MOST_INTENSITY,
+    Reading,
+    Sample,
+)
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 
 __all__ = [
     "LEAST_INTENSITY",
     "MOST_ACQUISITIONS",
+    "MOST_ARRIVALS",
     "MOST_INTENSITY",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
+    "Arrival",
     "Asked",
     "AtBound",
     "Bool",
@@ -65,6 +75,7 @@ __all__ = [
     "LaserError",
     "LimitError",
     "LinearArray",
+    "LocalMaxima",
     "MarkerseekError",
     "Measured",
     "MissingExtraError",

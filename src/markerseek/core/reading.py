@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from markerseek.core.arrival import Arrival, LocalMaxima
 from markerseek.core.frame import Frame
 
 MOST_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
+
+MOST_ARRIVALS = 8
+"""Most arrivals that a reading lists."""
 
 LEAST_INTENSITY, MOST_INTENSITY = 1e-60, 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
@@ -39,6 +43,10 @@ class Reading:
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
         Numbers of channels without any signal, counted from 0.
+    arrivals
+        The coherent arrivals above the noise, strongest first, `MOST_ARRIVALS` at most.
+    local_maxima
+        Largest envelope in each block of the image.
     """
 
     intensity: float
@@ -52,6 +60,9 @@ class Reading:
     coherence: float | None = None
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
+    arrivals: tuple[Arrival, ...] = ()
+    # Left out of repr: a thousand numbers would hide the others.
+    local_maxima: LocalMaxima | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

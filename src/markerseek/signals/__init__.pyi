@@ -1,5 +1,5 @@
 from .features import LEAST_CHANNELS
-from .findings import Arrival, FrameFindings
+from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
 from .peaks import strongest_peaks
@@ -10,7 +10,6 @@ from .reader import ImageReader
 __all__ = [
     "LEAST_CHANNELS",
     "PRESET_NAMES",
-    "Arrival",
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
