@@ -34,7 +34,7 @@ class Spot:
     count: int = 1
     radius_m: float = 0.0
     depth_m: float = 0.0
-    grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
+    grain: Source = field(default_factory=GaussianAbsorber)
 
     def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
         """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength.
