@@ -6,6 +6,7 @@ import os
 import signal
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -28,6 +29,7 @@ from markerseek.core import (
     Measured,
     MoveError,
     NotFound,
+    OtherSource,
     Reading,
     ReadingFrame,
     Refused,
@@ -40,6 +42,7 @@ from markerseek.core import (
 from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, JournalEvent, Resuming
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
+OTHER = OtherSource(angle_deg=-8.5, sigma_deg=0.3, relative_db=-9.0, lateral_m=2e-3, depth_m=41e-3)
 FLOOR = Floor(level=3.25, source="dark frames")
 HEADER = FrameHeader(
     sequence=4,
@@ -141,7 +144,15 @@ EVENTS: dict[str, JournalEvent] = {
             estimate=estimate, confirmation=None, acquisitions=3, travel_deg=70.5, elapsed_s=1 / 7
         )
         for estimate in (
-            Found(mean_deg=1.0, sigma_deg=0.1, interval95_deg=RANGE, interval_kind="posterior", floor=FLOOR),
+            Found(
+                mean_deg=1.0,
+                sigma_deg=0.1,
+                interval95_deg=RANGE,
+                interval_kind="posterior",
+                floor=FLOOR,
+                others=(OTHER, replace(OTHER, lateral_m=None, depth_m=None)),
+                surveyed=0.995,
+            ),
             NotFound(mean_deg=1.0, reason="nothing", floor=Floor(level=None, source="unknown")),
             Ambiguous(mean_deg=1.0, modes_deg=(1.0, -7.25)),
             AtBound(mean_deg=-35.0, side="low"),

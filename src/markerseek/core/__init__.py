@@ -18,7 +18,17 @@ from markerseek.core.errors import (
     SaturationError,
     SearchError,
 )
-from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
+from markerseek.core.estimate import (
+    Ambiguous,
+    AtBound,
+    Estimate,
+    Floor,
+    Found,
+    IntervalKind,
+    NotFound,
+    OtherSource,
+    Unsure,
+)
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
@@ -27,7 +37,7 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
-from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
+from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
     LEAST_INTENSITY,
     MOST_ACQUISITIONS,
@@ -54,6 +64,7 @@ __all__ = [
     "Clock",
     "Complex128",
     "ConfigError",
+    "ConfirmablePolicy",
     "DeviceError",
     "DeviceTimeoutError",
     "Estimate",
@@ -82,6 +93,7 @@ __all__ = [
     "MoveError",
     "NotConnectedError",
     "NotFound",
+    "OtherSource",
     "PaImage",
     "Permit",
     "Policy",
