@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import Absorber
-from markerseek.core import Ambiguous, ConfigError, Estimate, Interval, NotFound, Unsure
+from markerseek.core import Ambiguous, ConfigError, Estimate, Interval, NotFound, OtherSource, Unsure
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import (
     Axis,
@@ -191,6 +191,7 @@ def test_two_humps_are_two_peaks_and_their_csv_states_no_noise() -> None:
 
 POINT = Interval(low_deg=-1.0, high_deg=1.0)
 BETWEEN = Unsure(mean_deg=3.0, sigma_deg=1.0, interval95_deg=POINT, interval_kind="posterior", reason="")
+WEAKER = OtherSource(angle_deg=-3.5, sigma_deg=0.2, relative_db=-3.0)
 TWO = TwoAngles(10.0, -4.0)
 
 

@@ -32,7 +32,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ``noise_seed`` are its settings, the others its result. ``settings`` holds the varied settings of the cell;
     ``acquisitions_most`` were allowed and ``acquisitions`` made. None is a missing value: the truth without a marker,
     and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
-    ``marks_deg`` the answers after as many acquisitions as the study's marks.
+    ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` is the answer's.
 
     Where the scene holds a second source, ``second_deg`` is its angle and ``second_db`` its loudness over the marker's,
     ``nearest`` says which of the two the answer's angle is that of (within `SOURCE_DEG`), and ``other_deg`` is the
@@ -62,6 +62,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     travel_deg: float | None
     elapsed_s: float | None
+    surveyed: float | None = None
     second_deg: float | None = None
     second_db: float | None = None
     nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
@@ -114,6 +115,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         refused=course.refused,
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
+        surveyed=None if estimate is None else estimate.surveyed,
         second_deg=None if two is None else two.weaker_deg,
         second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
         nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
@@ -143,8 +145,11 @@ class TwoAngles(NamedTuple):
 
 def named_deg(estimate: Estimate) -> tuple[float, ...]:
     """Return the angles that an answer names for other sources than its own, in degrees."""
-    modes = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
-    return tuple(angle_deg for angle_deg in modes if angle_deg != estimate.mean_deg)
+    modes_deg = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
+    return (
+        *(angle_deg for angle_deg in modes_deg if angle_deg != estimate.mean_deg),
+        *(other.angle_deg for other in estimate.others),
+    )
 
 
 def run_row(study: Study, row: int) -> Row:
