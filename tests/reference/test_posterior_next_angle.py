@@ -26,6 +26,7 @@ def posterior(theta_deg, log_snr, member):
         share=np.array([0.5, 0.5]),
         coarse_deg=np.array([0.0, 1.0]),
         coarse_share=np.array([0.5, 0.5]),
+        sigma=1.0,
         theta_deg=theta_deg,
         member=member,
         log_snr=log_snr,

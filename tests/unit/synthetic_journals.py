@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -13,6 +15,7 @@ import numpy as np
 from changed_configuration import changed
 from markerseek.core import (
     Ambiguous,
+    Arrival,
     Asked,
     AtBound,
     ChannelFrame,
@@ -22,9 +25,11 @@ from markerseek.core import (
     Found,
     FrameHeader,
     Interval,
+    LocalMaxima,
     Measured,
     MoveError,
     NotFound,
+    OtherSource,
     Reading,
     ReadingFrame,
     Refused,
@@ -37,6 +42,7 @@ from markerseek.core import (
 from markerseek.records.journal import Checked, Configuration, Interrupted, Journal, JournalEvent, Resuming
 
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
+OTHER = OtherSource(angle_deg=-8.5, sigma_deg=0.3, relative_db=-9.0, lateral_m=2e-3, depth_m=41e-3)
 FLOOR = Floor(level=3.25, source="dark frames")
 HEADER = FrameHeader(
     sequence=4,
@@ -58,6 +64,19 @@ FULL_READING = Reading(
     coherence=0.9,
     saturated_fraction=0.0,
     dead_channels=(3, 64),
+    arrivals=(
+        Arrival(lateral_m=0.018, depth_m=0.05, arrival_s=3.2e-5, intensity=1971.0123456789, coherence=0.9),
+        Arrival(lateral_m=-0.002, depth_m=0.04, arrival_s=2.6e-5, intensity=171.5, coherence=0.7),
+    ),
+    local_maxima=LocalMaxima(
+        first_lateral_m=-0.025,
+        first_depth_m=0.005,
+        lateral_step_m=0.002,
+        depth_step_m=0.002,
+        columns=2,
+        noise_peaks=12.5,
+        intensities=struct.pack("<4f", 171.5, 0.0, 1971.0123, 64.5),
+    ),
 )
 
 
@@ -125,7 +144,15 @@ EVENTS: dict[str, JournalEvent] = {
             estimate=estimate, confirmation=None, acquisitions=3, travel_deg=70.5, elapsed_s=1 / 7
         )
         for estimate in (
-            Found(mean_deg=1.0, sigma_deg=0.1, interval95_deg=RANGE, interval_kind="posterior", floor=FLOOR),
+            Found(
+                mean_deg=1.0,
+                sigma_deg=0.1,
+                interval95_deg=RANGE,
+                interval_kind="posterior",
+                floor=FLOOR,
+                others=(OTHER, replace(OTHER, lateral_m=None, depth_m=None)),
+                surveyed=0.995,
+            ),
             NotFound(mean_deg=1.0, reason="nothing", floor=Floor(level=None, source="unknown")),
             Ambiguous(mean_deg=1.0, modes_deg=(1.0, -7.25)),
             AtBound(mean_deg=-35.0, side="low"),

@@ -23,6 +23,7 @@ from markerseek.core import (
     is_whole,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Lease, Limits, Permits, State
+from synthetic_journals import FULL_READING
 
 NO_NUMBERS: list[Any] = [
     "3", b"3", None, 3 + 0j, [3.0], (3.0,), {}, np.array(3.0), np.array([3.0, 3.0]), np.complex128(3), True,
@@ -223,6 +224,14 @@ def test_a_reading_is_made_of_numbers(name: str, value: Any) -> None:
     with pytest.raises(AcquisitionError, match=f"{name} is"):
         Admission().admit_reading(reading, frame=frame, usual_sigma=None)
     Admission().admit_reading(replace(Reading(intensity=1.0), cells=4), frame=frame, usual_sigma=None)
+
+
+def test_a_reading_with_all_its_parts_is_admitted() -> None:
+    header = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    frame = ReadingFrame(header=header, intensity=1.0)
+    assert FULL_READING.arrivals
+    assert FULL_READING.local_maxima is not None
+    Admission().admit_reading(FULL_READING, frame=frame, usual_sigma=None)
 
 
 @no_number

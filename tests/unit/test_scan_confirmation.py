@@ -6,12 +6,26 @@ from dataclasses import replace
 
 import pytest
 
-from markerseek.core import PAPER_RANGE, Finished, Floor, Found, Measured, Reading, RigFacts, Sample, SearchPlan, Unsure
+from markerseek.core import (
+    PAPER_RANGE,
+    Arrival,
+    Finished,
+    Floor,
+    Found,
+    Measured,
+    OtherSource,
+    Reading,
+    RigFacts,
+    Sample,
+    SearchPlan,
+    Unsure,
+)
 from markerseek.records.result import Recorder
 from markerseek.scan import run
 from markerseek.scan.confirmation import judged
 from scan_bench import FOUND, Bench, Tour, scanner
 
+RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
 GUARDED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
 STRONGEST = Reading(intensity=1274.0, noise_sigma=10.0, lateral_m=2e-3, depth_m=30e-3)
 SAMPLES = [Sample(angle_deg=2.0, reading=replace(STRONGEST, intensity=300.0)), Sample(angle_deg=4.1, reading=STRONGEST)]
@@ -86,6 +100,61 @@ def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     assert isinstance(last, Finished)
     assert last.confirmation is not None
     assert [event.role for event in events if isinstance(event, Measured)] == ["search"] * 3 + ["confirmation"]
-    facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-    result = recorder.result(SearchPlan(method="test"), facts)
+    result = recorder.result(SearchPlan(method="test"), RIG)
     assert (result.found, result.confirmed, result.angle_deg) == (found, confirmed, 4.0)
+
+
+class Weighing(Tour):
+    """A tour that asks for one more angle after a weak confirmation."""
+
+    def confirm(self, sample: Sample) -> None:
+        self.samples.append(sample)
+        if sample.reading.intensity < 1000.0:
+            self.left.append(5.0)
+
+
+def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -> None:
+    recorder = Recorder()
+    policy = Weighing(-30.0, 2.0, 4.1, answer=GUARDED)
+    events = list(run(policy, scanner(Fading())))
+    for event in events:
+        recorder.add(event)
+    roles = [(event.role, event.index) for event in events if isinstance(event, Measured)]
+    assert roles == [
+        ("search", 1),
+        ("search", 2),
+        ("search", 3),
+        ("confirmation", 1),
+        ("search", 4),
+        ("confirmation", 2),
+    ]
+    last = events[-1]
+    assert isinstance(last, Finished)
+    assert (last.acquisitions, last.estimate) == (4, GUARDED)
+    assert len(policy.samples) == 6
+    result = recorder.result(SearchPlan(method="test"), RIG)
+    assert result.confirmed is True
+    # The first confirmation was weighed as a sample of the search.
+    assert [sample.angle_deg for sample in result.samples] == [-30.0, 2.0, 4.1, 4.0, 5.0]
+
+
+def test_a_long_pulse_that_arrives_twice_has_not_moved() -> None:
+    """The later of two arrivals is the stronger now, and the one of before is still there."""
+    before = Arrival(lateral_m=2e-3, depth_m=30e-3, arrival_s=20e-6, intensity=1200.0, coherence=0.9)
+    later = replace(before, depth_m=31.2e-3, intensity=1270.0)
+    seen = replace(STRONGEST, depth_m=31.2e-3)
+    for arrivals, kind in (
+        ((later,), Unsure),
+        ((later, before), Found),
+        ((later, replace(before, intensity=500.0)), Unsure),
+    ):
+        now = Sample(angle_deg=4.0, reading=replace(seen, arrivals=arrivals))
+        assert isinstance(judged(GUARDED, now, SAMPLES), kind)
+
+
+def test_what_else_an_answer_says_is_kept_when_it_is_not_confirmed() -> None:
+    other = OtherSource(angle_deg=9.0, sigma_deg=0.2, relative_db=-12.0, lateral_m=1e-3, depth_m=40e-3)
+    found = replace(GUARDED, others=(other,), surveyed=0.995)
+    answer = judged(found, Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=51.0)), SAMPLES)
+    assert isinstance(answer, Unsure)
+    assert (answer.others, answer.surveyed) == ((other,), 0.995)

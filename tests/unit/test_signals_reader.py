@@ -104,7 +104,7 @@ def test_intensity_over_noise_is_the_peak_snr(name, snr_db):
     ]
     # At 20 dB some frames fall below the level; at 30 dB none.
     assert sum(each.found for each in found) >= (6 if snr_db == 20 else 8)
-    assert np.mean([each.strongest.peak_snr_db for each in found]) == pytest.approx(snr_db, abs=1.0)
+    assert np.mean([each.peak_snr_db(each.strongest) for each in found]) == pytest.approx(snr_db, abs=1.0)
     assert all(abs(each.strongest.lateral_m - 1e-3) < 0.4e-3 for each in found)
 
 
@@ -119,6 +119,81 @@ def test_two_sources_are_two_arrivals_strongest_first():
     assert findings.others[0].lateral_m == pytest.approx(-8e-3, abs=0.2e-3)
     assert findings.others[0].depth_m == pytest.approx(0.03, abs=0.1e-3)
     assert findings.strongest.intensity > findings.others[0].intensity
+
+
+def test_a_reading_holds_the_arrivals_of_the_findings():
+    rng = np.random.default_rng(4)
+    samples = (
+        pulse_frame(BPL, lateral_m=-8e-3, depth_m=0.03) * 300 + pulse_frame(BPL, lateral_m=9e-3, depth_m=0.05) * 700
+    )
+    frame = frame_of(np.rint(samples + rng.normal(0, 5, samples.shape)).astype(np.int16))
+    findings, reading = READER.findings(frame), READER.read(frame)
+    assert reading.arrivals == (findings.strongest, *findings.others)
+    assert len(reading.arrivals) == 2
+    assert reading.arrivals[0].intensity == reading.intensity
+    noise = READER.read(frame_of(np.rint(rng.normal(0, 5, samples.shape)).astype(np.int16)))
+    assert noise.arrivals == ()
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+@settings(max_examples=12, deadline=None)
+@given(lateral_mm=st.floats(-15, 15), depth_mm=st.floats(15, 60))
+def test_local_maxima_are_as_high_as_the_source_between_columns_too(name, lateral_mm, depth_mm):
+    """The reader's intensity, beamformed on columns a quarter of a pitch apart, is the second opinion."""
+    preset = probe_preset(name)
+    clean = pulse_frame(preset, lateral_m=lateral_mm * 1e-3, depth_m=depth_mm * 1e-3)
+    reading = ImageReader(preset).read(frame_of(counts(clean)))
+    near = reading.local_maxima.near(
+        lateral_m=lateral_mm * 1e-3, low_depth_m=(depth_mm - 0.2) * 1e-3, high_depth_m=(depth_mm + 0.2) * 1e-3
+    )
+    # Pixels alone are up to 37 % too low.
+    assert 0.85 * reading.intensity <= near[0] <= 1.03 * reading.intensity
+    beside = 1e-3 * (lateral_mm + (-8 if lateral_mm > 0 else 8))
+    far = reading.local_maxima.near(lateral_m=beside, low_depth_m=depth_mm * 1e-3, high_depth_m=depth_mm * 1e-3)
+    assert far[0] < 0.2 * reading.intensity
+
+
+def test_local_maxima_are_those_of_the_picture():
+    rng = np.random.default_rng(9)
+    samples = pulse_frame(BPL, lateral_m=3e-3, depth_m=0.04) * 300 + rng.normal(0, 5, (128, 2080))
+    frame = frame_of(np.rint(samples).astype(np.int16))
+    maxima, picture = READER.read(frame).local_maxima, READER.picture(frame)
+    heights = np.frombuffer(maxima.intensities, "<f4").reshape(maxima.rows, maxima.columns)
+    rows, columns = (
+        round(step / pixel)
+        for step, pixel in ((maxima.depth_step_m, BPL.depth_step_m), (maxima.lateral_step_m, BPL.array.pitch_m))
+    )
+    for i, j in np.ndindex(heights.shape):
+        block = picture.envelope[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns]
+        # Midway between two columns a peak is up to 4 dB higher than in its pixels.
+        assert block.max() <= heights[i, j] <= 1.8 * block.max()
+    assert maxima.first_depth_m == pytest.approx(picture.depth_m[:rows].mean())
+    assert maxima.first_lateral_m == pytest.approx(picture.lateral_m[:columns].mean())
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_noise_of_a_window_exceeds_a_level_as_often_as_its_cells_say(name, blocks):
+    """Noise exceeds levels of 0.5, 0.1 and 0.01 by the law; the law overstates the lower half."""
+    preset, rng = probe_preset(name), np.random.default_rng(10)
+    reader, below = ImageReader(preset), []
+    for _ in range(24):
+        reading = reader.read(frame_of(np.rint(rng.normal(0, 20, (128, 2080))).astype(np.int16)))
+        maxima = reading.local_maxima
+        side_m = (blocks - 1) / 2
+        for row in range(0, maxima.rows - blocks, blocks):
+            for column in range(0, maxima.columns - blocks, blocks):
+                depth_m = maxima.first_depth_m + (row + side_m) * maxima.depth_step_m
+                height, cells = maxima.near(
+                    lateral_m=maxima.first_lateral_m + (column + side_m) * maxima.lateral_step_m,
+                    low_depth_m=depth_m - side_m * maxima.depth_step_m,
+                    high_depth_m=depth_m + side_m * maxima.depth_step_m,
+                    within_m=side_m * maxima.lateral_step_m,
+                )
+                below.append((1 - np.exp(-((height / reading.noise_sigma) ** 2) / 2)) ** cells)
+    shares = [np.mean(np.array(below) > level) for level in (0.5, 0.9, 0.99)]
+    assert np.all(np.array(shares) < [0.55, 0.125, 0.017])
+    assert np.all(np.array(shares) > [0.25, 0.06, 0.006])
 
 
 def test_a_strong_source_without_its_coherence_is_none():
@@ -142,7 +217,7 @@ def test_a_silent_frame_is_read_and_holds_nothing():
     findings = READER.findings(frame)
     assert not findings.found
     assert findings.reason == "the frame is zero"
-    assert findings.strongest.peak_snr_db is None
+    assert findings.peak_snr_db(findings.strongest) is None
     assert findings.dead_channels == tuple(range(128))
     assert READER.read(frame).intensity == 0
 

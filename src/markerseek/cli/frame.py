@@ -134,12 +134,12 @@ def _report(findings: FrameFindings, probe: str) -> FrameReport:
         depth_m=strongest.depth_m,
         arrival_s=strongest.arrival_s,
         intensity=strongest.intensity,
-        peak_snr_db=strongest.peak_snr_db,
+        peak_snr_db=findings.peak_snr_db(strongest),
         coherence=strongest.coherence,
         saturated_channels=len(findings.saturated_channels),
         dead_channels=len(findings.dead_channels),
         others=[
-            OtherArrival(lateral_m=each.lateral_m, depth_m=each.depth_m, peak_snr_db=each.peak_snr_db)
+            OtherArrival(lateral_m=each.lateral_m, depth_m=each.depth_m, peak_snr_db=findings.peak_snr_db(each))
             for each in findings.others
         ],
         probe=probe,
@@ -160,7 +160,7 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
                 f"{1e3 * each.depth_m:.2f}",
                 f"{1e6 * each.arrival_s:.2f}",
                 f"{each.intensity:.4g}",
-                "–" if each.peak_snr_db is None else f"{each.peak_snr_db:.1f}",
+                "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
                 f"{each.coherence:.2f}",
             )
         stdout.print(table)

@@ -25,6 +25,9 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
+    single: Annotated[
+        bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
+    ] = False,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
@@ -74,6 +77,7 @@ def command(
             as_published=as_published,
             start_deg=start_deg,
             stay=stay,
+            single=single,
         )
         session = new_session(assembled, plan)
         announce_compilation()

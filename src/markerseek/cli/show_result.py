@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import Floor, PaImage, Sample
+from markerseek.core import Floor, OtherSource, PaImage, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -26,6 +26,9 @@ FOUND, OTHER_ANSWER = 0, 3
 def facts(result: SearchResult) -> list[tuple[str, str]]:
     """Names and formatted values of a result, for the table and the page."""
     rows = _answer(result)
+    rows += [("another source", _other(other)) for other in result.others]
+    if result.surveyed is not None:
+        rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
     if result.marker_trus_m is not None:
         rows.append(("in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
     rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
@@ -46,6 +49,14 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
     elif result.reference_deg is not None and result.error_deg is not None:
         rows.append(("reference", f"{result.reference_deg:.3f}°, difference {result.error_deg:.3f}°"))
     return rows
+
+
+def _other(source: OtherSource) -> str:
+    """Another source in words."""
+    place = ""
+    if source.lateral_m is not None and source.depth_m is not None:
+        place = f", lateral {1e3 * source.lateral_m:.1f} mm, depth {1e3 * source.depth_m:.1f} mm"
+    return f"{source.relative_db:+.1f} dB at {source.angle_deg:.2f}° ± {source.sigma_deg:.2f}°{place}"
 
 
 def _answer(result: SearchResult) -> list[tuple[str, str]]:

@@ -1,6 +1,7 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.array import LinearArray
+from markerseek.core.arrival import Arrival, LocalMaxima
 from markerseek.core.checks import require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -18,7 +19,17 @@ from markerseek.core.errors import (
     SaturationError,
     SearchError,
 )
-from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
+from markerseek.core.estimate import (
+    Ambiguous,
+    AtBound,
+    Estimate,
+    Floor,
+    Found,
+    IntervalKind,
+    NotFound,
+    OtherSource,
+    Unsure,
+)
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
@@ -27,17 +38,26 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
-from markerseek.core.protocols import Clock, Laser, Policy, Reader, Receiver, Stage
-from markerseek.core.reading import LEAST_INTENSITY, MOST_ACQUISITIONS, MOST_INTENSITY, Reading, Sample
+from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
+from markerseek.core.reading import (
+    LEAST_INTENSITY,
+    MOST_ACQUISITIONS,
+    MOST_ARRIVALS,
+    MOST_INTENSITY,
+    Reading,
+    Sample,
+)
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 
 __all__ = [
     "LEAST_INTENSITY",
     "MOST_ACQUISITIONS",
+    "MOST_ARRIVALS",
     "MOST_INTENSITY",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
+    "Arrival",
     "Asked",
     "AtBound",
     "Bool",
@@ -45,6 +65,7 @@ __all__ = [
     "Clock",
     "Complex128",
     "ConfigError",
+    "ConfirmablePolicy",
     "DeviceError",
     "DeviceTimeoutError",
     "Estimate",
@@ -66,12 +87,14 @@ __all__ = [
     "LaserError",
     "LimitError",
     "LinearArray",
+    "LocalMaxima",
     "MarkerseekError",
     "Measured",
     "MissingExtraError",
     "MoveError",
     "NotConnectedError",
     "NotFound",
+    "OtherSource",
     "PaImage",
     "Permit",
     "Policy",

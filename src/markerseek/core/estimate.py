@@ -1,4 +1,8 @@
-"""The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker."""
+"""The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker.
+
+Each also says what else the search has seen: ``others`` are further sources, and ``surveyed`` is the share of the range
+in which a source as loud as the one answered would have been detected (None where that is not known).
+"""
 
 from __future__ import annotations
 
@@ -28,6 +32,27 @@ class Floor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OtherSource:
+    """A source beside the one answered: clutter, a repeat of the sound, or a second marker.
+
+    Attributes
+    ----------
+    angle_deg, sigma_deg
+        Its angle in degrees, and the standard deviation of that.
+    relative_db
+        Its loudness with the probe on it over that of the source answered, in dB.
+    lateral_m, depth_m
+        Where it is in the image, in metres; None where frames do not say it.
+    """
+
+    angle_deg: float
+    sigma_deg: float
+    relative_db: float
+    lateral_m: float | None = None
+    depth_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
     """A marker was found at this angle.
 
@@ -43,6 +68,10 @@ class Found:
         Where the interval comes from; only ``posterior`` is a probability.
     floor
         The noise floor that the evidence had to exceed; None in the paper's form of a method, which asks for none.
+    others
+        Further sources, the loudest first.
+    surveyed
+        Share of the range in which a source as loud would have been detected, 0 to 1; None where it is not known.
     """
 
     mean_deg: float
@@ -50,6 +79,8 @@ class Found:
     interval95_deg: Interval
     interval_kind: IntervalKind
     floor: Floor | None = None
+    others: tuple[OtherSource, ...] = ()
+    surveyed: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +90,8 @@ class NotFound:
     mean_deg: float
     reason: str
     floor: Floor | None = None
+    others: tuple[OtherSource, ...] = ()
+    surveyed: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +101,8 @@ class Ambiguous:
     mean_deg: float
     modes_deg: tuple[float, ...]
     floor: Floor | None = None
+    others: tuple[OtherSource, ...] = ()
+    surveyed: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +112,8 @@ class AtBound:
     mean_deg: float
     side: Literal["low", "high"]
     floor: Floor | None = None
+    others: tuple[OtherSource, ...] = ()
+    surveyed: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +126,8 @@ class Unsure:
     interval_kind: IntervalKind
     reason: str
     floor: Floor | None = None
+    others: tuple[OtherSource, ...] = ()
+    surveyed: float | None = None
 
 
 # A union and no base class: a match statement over it is checked for missing cases by mypy.

@@ -30,6 +30,8 @@ class SearchPlan:
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough.
+    single
+        Whether there is one source only, so that a posterior looks for no other.
     dark_frames
         Acquisitions without laser before the first.
     stay
@@ -49,6 +51,7 @@ class SearchPlan:
     as_published: bool = False
     start_deg: float | None = None
     early_end: bool = True
+    single: bool = False
     dark_frames: int = 0
     stay: bool = False
     closing_dark: bool = False

@@ -30,6 +30,14 @@ class Policy(Protocol):
 
 
 @runtime_checkable
+class ConfirmablePolicy(Policy, Protocol):
+    """A policy that weighs the acquisition at the angle found, and may go on with the search after it."""
+
+    def confirm(self, sample: Sample) -> None:
+        """Receive the acquisition at the angle of its answer; `ask` then says whether the search goes on."""
+
+
+@runtime_checkable
 class Clock(Protocol):
     """Time on a rig, real or virtual."""
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from markerseek.core.arrival import Arrival, LocalMaxima
 from markerseek.core.errors import ReadingError
 from markerseek.core.frame import Frame
 from markerseek.core.number import is_finite
 
 MOST_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""
+
+MOST_ARRIVALS = 8
+"""Most arrivals that a reading lists."""
 
 LEAST_INTENSITY, MOST_INTENSITY = 1e-60, 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
@@ -41,6 +45,10 @@ class Reading:
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
         Numbers of channels without any signal, counted from 0.
+    arrivals
+        The coherent arrivals above the noise, strongest first, `MOST_ARRIVALS` at most.
+    local_maxima
+        Largest envelope in each block of the image.
 
     Raises
     ------
@@ -59,6 +67,9 @@ class Reading:
     coherence: float | None = None
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
+    arrivals: tuple[Arrival, ...] = ()
+    # Left out of repr: a thousand numbers would hide the others.
+    local_maxima: LocalMaxima | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         # The guard checks this again, because a reader from elsewhere may return a class of its own.
@@ -72,7 +83,9 @@ class Reading:
                 raise ReadingError(f"{name} is {value!r}, it must be a finite number, or None where it is not known")
 
 
-_OPTIONAL = tuple(name for name in Reading.__slots__ if name not in ("intensity", "dead_channels"))
+_OPTIONAL = tuple(
+    name for name in Reading.__slots__ if name not in ("intensity", "dead_channels", "arrivals", "local_maxima")
+)
 """Features that may be unknown."""
 
 

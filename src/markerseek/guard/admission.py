@@ -113,8 +113,8 @@ class Admission:
         if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
         for feature in fields(Reading):
-            value = getattr(reading, feature.name)
-            if value is not None and feature.name != "dead_channels" and not is_finite(value):
+            checked = feature.name in ("dead_channels", "arrivals", "local_maxima")  # when they were made
+            if not checked and (value := getattr(reading, feature.name)) is not None and not is_finite(value):
                 raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:

@@ -20,6 +20,7 @@ from markerseek.core import (
     IntervalKind,
     Measured,
     NotFound,
+    OtherSource,
     Refused,
     RigFacts,
     RigKind,
@@ -63,8 +64,10 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     ``truth_deg`` is known for simulated markers only, ``reference_deg`` was given by the user or the bank, and
     ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
     (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
-    test it; its standard deviation and interval are None too, because it answers where there is no marker as well.
-    ``configuration`` is the rig's fingerprint, the same for equal rigs.
+    test it; its standard deviation and interval are None too, because it answers where there is no marker as well. A
+    confirmation after which the search went on is one of the ``samples``. ``others`` are further sources, and
+    ``surveyed`` is the share of the range in which a source as loud would have been detected. ``configuration`` is the
+    rig's fingerprint, the same for equal rigs.
     """
 
     found: bool
@@ -86,6 +89,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     confirmation: SampleRow | None
     confirmed: bool | None
     floor: Floor | None
+    others: list[OtherSource]
+    surveyed: float | None
     samples: list[SampleRow]
     truth_deg: float | None
     reference_deg: float | None
@@ -111,6 +116,10 @@ class Recorder:
             case Started(start_deg=start_deg):
                 self.start_deg = start_deg
             case Measured(role="search", sample=sample):
+                # A confirmation after which the search went on was weighed as one of its samples.
+                if self.confirmation is not None:
+                    self.samples.append(self.confirmation)
+                    self.confirmation = None
                 self.samples.append(sample)
             case Measured(role="confirmation", sample=sample):
                 self.confirmation = sample
@@ -162,6 +171,8 @@ class Recorder:
             confirmation=None if self.confirmation is None else SampleRow.of(self.confirmation),
             confirmed=None if self.confirmation is None or estimate.floor is None else isinstance(estimate, Found),
             floor=estimate.floor,
+            others=list(estimate.others),
+            surveyed=estimate.surveyed,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=facts.truth_deg,
             reference_deg=facts.reference_deg,

@@ -21,7 +21,7 @@ from markerseek.acoustics import (
     Noise,
     RectanglePulse,
 )
-from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, PaImage
+from markerseek.core import ChannelFrame, ConfigError, Float32, Float64, FrameHeader, LinearArray, PaImage
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
@@ -124,8 +124,34 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     model = _acoustic_model(settings, material)
     marker = _draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
-    kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-    spot = scaled_spot(kind.draw(marker, rng), marker, settings, model)
+    spot = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
+    return scene_of(replace(material, spot=spot), marker, settings, model, rng)
+
+
+def scene_of(
+    material: Tissue, marker: Absorber, settings: SimulatedSettings, model: AcousticModel, rng: np.random.Generator
+) -> Scene:
+    """Draw the spot and the clutter of a material about a marker.
+
+    Parameters
+    ----------
+    material
+        The material.
+    marker
+        Position of the marker.
+    settings
+        The simulated rig; receiver and noise are used, and whether there is a marker.
+    model
+        Acoustic model, with the reverberation of the material where there is one.
+    rng
+        Source of randomness.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of the marker reaches the receiver.
+    """
+    spot = scaled_spot(material.spot.draw(marker, rng), marker, settings, model)
     absorbers = spot.absorbers if settings.marker.present else ()
     if material.clutter is not None:
         scale = spot.peak_counts / _largest_count([marker], model, marker)
@@ -139,6 +165,31 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
         peak=spot.peak,
         peak_counts=spot.peak_counts,
     )
+
+
+def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
+    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of their channel data.
+
+    Parameters
+    ----------
+    absorbers
+        The sources.
+    model
+        Acoustic model.
+    angle_deg
+        Angle of the probe in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of them reaches the receiver.
+    """
+    received = model.channel_data(absorbers, angle_deg=angle_deg)
+    largest = _largest(received, absorbers[0], model)
+    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
+    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    return imaging.read(frame).intensity * largest / _MOST_COUNTS
 
 
 def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
@@ -255,12 +306,9 @@ def scaled_spot(
     ConfigError
         If no signal of it reaches the receiver.
     """
-    received = model.channel_data(spot, angle_deg=marker.angle_deg)
     largest = _largest_count(spot, model, marker)
+    peak_over_largest = image_peak(spot, model, angle_deg=marker.angle_deg) / largest
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
-    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
-    peak_over_largest = imaging.read(frame).intensity / _MOST_COUNTS
     # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
     share = settings.noise.coloured
@@ -296,10 +344,14 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
 
 def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
     """Largest channel amplitude of the absorbers with the probe on the marker."""
-    largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
+    return _largest(model.channel_data(absorbers, angle_deg=marker.angle_deg), marker, model)
+
+
+def _largest(received: Float32[np.ndarray, "channels samples"], source: Absorber, model: AcousticModel) -> float:
+    largest = float(np.abs(received).max())
     if not largest > 0:
         raise ConfigError(
-            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m its signal does not arrive "
+            f"marker: at radius_m {source.radius_m} m and lateral_m {source.lateral_m} m its signal does not arrive "
             f"within {model.samples} samples; move it nearer or record for longer"
         )
     return largest

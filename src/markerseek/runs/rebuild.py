@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import ConfigError, Measured, Policy, Reader, RecordError
+from markerseek.core import ConfigError, ConfirmablePolicy, Measured, Policy, Reader, RecordError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.rigs import BenchRecipe, Recipe, ReplayedRecipe, Rig, SimulatedRecipe, replayed, simulated
@@ -153,6 +153,10 @@ def next_angle(held: RecordedRun, policy: Policy) -> float | None:
         The policy in its state before the run; it is fed the recorded samples.
     """
     for entry in held.entries:
-        if isinstance(entry.event, Measured) and entry.event.role != "confirmation":
+        if not isinstance(entry.event, Measured):
+            continue
+        if entry.event.role != "confirmation":
             policy.tell(entry.event.sample)
+        elif isinstance(policy, ConfirmablePolicy):
+            policy.confirm(entry.event.sample)
     return policy.ask()

@@ -91,6 +91,7 @@ def plan_on(
     as_published: bool = False,
     start_deg: float,
     stay: bool = False,
+    single: bool = False,
 ) -> SearchPlan:
     """Plan of a search with the dark frames that the rig needs; the paper's form of a method takes none.
 
@@ -98,7 +99,7 @@ def plan_on(
     ----------
     rig
         The rig.
-    method, acquisitions, as_published, start_deg, stay
+    method, acquisitions, as_published, start_deg, stay, single
         As in `SearchPlan`.
 
     Raises
@@ -114,6 +115,7 @@ def plan_on(
         # The paper's methods measure no noise floor.
         dark_frames=0 if as_published else rig.dark_frames,
         stay=stay,
+        single=single,
         closing_dark=rig.closing_dark,
     )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from markerseek.core import Estimate, Found, Reading, Sample, Unsure
+from markerseek.core import Arrival, Estimate, Found, Reading, Sample, Unsure
 
 SHARE = 0.8
 """Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
@@ -51,6 +51,8 @@ def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) 
         interval_kind=estimate.interval_kind,
         reason=reason,
         floor=estimate.floor,
+        others=estimate.others,
+        surveyed=estimate.surveyed,
     )
 
 
@@ -102,9 +104,19 @@ def moved_source(before: Reading, now: Reading) -> str | None:
     noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
     if not min(before.intensity, now.intensity) > SEEN_SIGMAS * noise:
         return None
+    # A long pulse arrives twice, and either of the two may be the stronger: one of them at the place is enough.
+    if any(_together(before, each) for each in now.arrivals if each.intensity >= STRONG_SHARE * now.intensity):
+        return None
     for name in ("lateral_m", "depth_m"):
         # A CSV of intensities has no positions: then the intensity alone decides.
         then_m, now_m = getattr(before, name), getattr(now, name)
         if then_m is not None and now_m is not None and not abs(now_m - then_m) <= MOVED_M:
             return f"{name} is {1e3 * now_m:.2f} mm and was {1e3 * then_m:.2f} mm, {1e3 * MOVED_M:g} mm is the limit"
     return None
+
+
+def _together(before: Reading, arrival: Arrival) -> bool:
+    """Whether an arrival lies within `MOVED_M` of the source of a reading."""
+    if before.lateral_m is None or before.depth_m is None:
+        return False
+    return max(abs(arrival.lateral_m - before.lateral_m), abs(arrival.depth_m - before.depth_m)) <= MOVED_M

@@ -16,6 +16,7 @@ from markerseek.core import (
     Asked,
     Clock,
     ConfigError,
+    ConfirmablePolicy,
     Event,
     Failed,
     Finished,
@@ -100,10 +101,10 @@ def run(
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
-    A search that found a marker ends with a move to it and one acquisition there, which the policy does not receive.
-    Where that does not confirm the angle (`markerseek.scan.confirmation`), the answer becomes `Unsure`; only the
-    paper's form of a method, which has no noise floor, keeps its answer. Each `Measured` is yielded before the policy
-    receives it.
+    A search that found a marker ends with a move to it and one acquisition there. A `ConfirmablePolicy` weighs that
+    acquisition, and the search goes on if it then asks for another angle. Where the last one does not confirm the angle
+    (`markerseek.scan.confirmation`), the answer becomes `Unsure`; only the paper's form of a method, which has no noise
+    floor, keeps its answer. Each `Measured` is yielded before the policy receives it.
 
     Parameters
     ----------
@@ -140,29 +141,43 @@ def run(
         for index in range(1, dark_frames + 1):
             dark = yield from _dark(scanner, index, place_deg, limits.attempts)
             policy.tell(dark)
-        # The caller owns the loop (ask and tell): nothing is measured that is not yielded, journalled and limited here.
-        while (asked_deg := policy.ask()) is not None:
-            _require_budget(len(lit), scanner.clock.now_s() - began_s, limits)
-            sample = yield from _measured(scanner, "search", len(lit) + 1, asked_deg, limits.attempts)
-            # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
-            lit.append(replace(sample, frame=None))
-            travel_deg += abs(sample.angle_deg - place_deg)
-            place_deg = sample.angle_deg
-            policy.tell(sample)
-        estimate = policy.estimate()
-        confirmation = None
-        if isinstance(estimate, Found) and not stay:
-            confirmation = yield from _measured(scanner, "confirmation", 1, estimate.mean_deg, limits.attempts)
-            travel_deg += abs(confirmation.angle_deg - place_deg)
-            place_deg = confirmation.angle_deg
-            estimate = judged(estimate, confirmation, lit)
+        acquisitions, confirmations = 0, 0
+        confirmation: Sample | None = None
+        searching = True
+        while searching:
+            # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
+            while (asked_deg := policy.ask()) is not None:
+                _require_budget(acquisitions, scanner.clock.now_s() - began_s, limits)
+                acquisitions += 1
+                sample = yield from _measured(scanner, "search", acquisitions, asked_deg, limits.attempts)
+                # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
+                lit.append(replace(sample, frame=None))
+                travel_deg += abs(sample.angle_deg - place_deg)
+                place_deg = sample.angle_deg
+                policy.tell(sample)
+            estimate = policy.estimate()
+            searching = isinstance(estimate, Found) and not stay
+            if searching:
+                confirmations += 1
+                confirmation = yield from _measured(
+                    scanner, "confirmation", confirmations, estimate.mean_deg, limits.attempts
+                )
+                travel_deg += abs(confirmation.angle_deg - place_deg)
+                place_deg = confirmation.angle_deg
+                if isinstance(policy, ConfirmablePolicy):
+                    policy.confirm(confirmation)
+                    estimate, searching = policy.estimate(), policy.ask() is not None
+                else:
+                    searching = False
+                estimate = judged(estimate, confirmation, lit)
+                lit.append(replace(confirmation, frame=None))
         if closing_dark and lit:
             # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
             yield from _dark(scanner, dark_frames + 1, place_deg, 1)
         yield Finished(
             estimate=estimate,
             confirmation=confirmation,
-            acquisitions=len(lit),
+            acquisitions=acquisitions,
             travel_deg=travel_deg,
             elapsed_s=scanner.clock.now_s() - began_s,
         )

@@ -110,6 +110,7 @@ def build(
     as_published: bool = False,
     start_deg: SupportsFloat | None = None,
     early_end: bool = True,
+    single: bool = False,
 ) -> Policy:
     """Return a policy for one search.
 
@@ -130,6 +131,9 @@ def build(
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough; the other methods have no early end.
+    single
+        Whether there is one source only: a posterior then looks for no other, and ends earlier. The other methods look
+        for no other in any case.
 
     Raises
     ------
@@ -143,7 +147,7 @@ def build(
     searched = as_interval(limits, name="limits")
     stands_deg = None if start_deg is None else float(start_deg)
     if chosen.name == "posterior":
-        return _posterior(searched, number, stands_deg, early_end, as_published=as_published)
+        return _posterior(searched, number, stands_deg, early_end, single=single, as_published=as_published)
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
@@ -173,6 +177,7 @@ def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
         as_published=plan.as_published,
         start_deg=plan.start_deg,
         early_end=plan.early_end,
+        single=plan.single,
     )
 
 
@@ -182,7 +187,7 @@ def most_acquisitions(plan: SearchPlan) -> int:
 
 
 def _posterior(
-    limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool, *, as_published: bool
+    limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool, *, single: bool, as_published: bool
 ) -> Policy:
     if as_published:
         raise ConfigError(
@@ -193,7 +198,13 @@ def _posterior(
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
 
     target_deg = TARGET_SIGMA_DEG if early_end else 0.0
-    return Posterior(limits=limits, acquisitions=acquisitions, start_deg=start_deg, target_sigma_deg=target_deg)
+    return Posterior(
+        limits=limits,
+        acquisitions=acquisitions,
+        start_deg=start_deg,
+        target_sigma_deg=target_deg,
+        single=single,
+    )
 
 
 def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PublishedPolicy:

@@ -1,5 +1,5 @@
-from .features import LEAST_CHANNELS
-from .findings import Arrival, FrameFindings
+from .features import FALSE_FOUND, LEAST_CHANNELS, found_level
+from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
 from .peaks import strongest_peaks
@@ -8,9 +8,9 @@ from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
 
 __all__ = [
+    "FALSE_FOUND",
     "LEAST_CHANNELS",
     "PRESET_NAMES",
-    "Arrival",
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
@@ -18,6 +18,7 @@ __all__ = [
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",
+    "found_level",
     "probe_preset",
     "strongest_peaks",
 ]

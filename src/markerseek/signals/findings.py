@@ -5,33 +5,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
-    """A peak of the image that is above the noise and coherent.
-
-    Attributes
-    ----------
-    lateral_m, depth_m
-        Where it is, in metres.
-    arrival_s
-        When its sound reached the array after the laser's trigger, in seconds.
-    intensity
-        Its envelope in ADC counts.
-    peak_snr_db
-        The intensity over the frame's noise floor in dB; None where there is no noise at all.
-    coherence
-        Share of the channels' energy that is in phase, 0 to 1.
-    """
-
-    lateral_m: float
-    depth_m: float
-    arrival_s: float
-    intensity: float
-    peak_snr_db: float | None
-    coherence: float
+from markerseek.core import Arrival
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,3 +44,9 @@ class FrameFindings:
     cells: int
     saturated_channels: tuple[int, ...]
     dead_channels: tuple[int, ...]
+
+    def peak_snr_db(self, arrival: Arrival) -> float | None:
+        """Intensity of an arrival over the noise floor of the frame in dB; None where there is no noise at all."""
+        if not (arrival.intensity > 0 and self.noise_sigma > 0):
+            return None
+        return 20 * math.log10(arrival.intensity / self.noise_sigma)

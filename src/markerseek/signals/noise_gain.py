@@ -46,14 +46,37 @@ def beamformed_sigma(
     return float(channel_sigma * np.sqrt(np.sum(weight * _power_gain(preset, len(weight))) / np.sum(weight)))
 
 
+def noise_peaks(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) -> float:
+    """ρ of a noise image with these rows: it has ρ·(u² − 1)·exp(−u²/2) peaks above u standard deviations on average.
+
+    Noise whose in-phase and quadrature parts change with the standard deviations kx and kz of their gradients (in units
+    of their own) has ``A kx kz (u^2 - 1) exp(-u^2/2) / (2 pi)`` peaks above u in the area A (Worsley 1994, two degrees
+    of freedom in two dimensions). Along depth, kz is the spread of the wave number in the band. Across it, kx is the
+    wave number times the spread of the sine of the angle over the aperture.
+
+    Parameters
+    ----------
+    preset
+        The probe, with its default band and aperture.
+    depth_m
+        Rows of the image in metres, evenly spaced.
+    """
+    gain = _power_gain(preset, 513)
+    wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
+    axial = float(np.sqrt(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
+    width = preset.array.elements * preset.array.pitch_m
+    tangent = np.minimum(half_aperture_m(preset, depth_m), width / 2) / depth_m
+    # Mean square of the sine where the tangent is evenly spread from -a to a.
+    lateral = np.sqrt(np.average(wave**2, weights=gain) * (1 - np.arctan(tangent) / tangent))
+    step = float(depth_m[-1] - depth_m[0]) / max(1, len(depth_m) - 1)
+    return float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
+
+
 def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"], false_found: float = 1e-3) -> int:
     """Number of independent envelope cells of a noise image with these rows.
 
-    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p. Noise whose in-phase and
-    quadrature parts change with the standard deviations kx and kz of their gradients (in units of their own) has
-    ``A kx kz (u^2 - 1) exp(-u^2/2) / (2 pi)`` peaks above u in the area A (Worsley 1994, two degrees of freedom in
-    two dimensions); the factor before the exponential is M. Along depth, kz is the spread of the wave number in the
-    band. Across it, kx is the wave number times the spread of the sine of the angle over the aperture.
+    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p: M = ρ·(u² − 1), see
+    `noise_peaks`.
 
     Parameters
     ----------
@@ -64,15 +87,7 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
     false_found
         The p at which M is wanted; M grows with its logarithm.
     """
-    gain = _power_gain(preset, 513)
-    wave = 2 * np.pi * np.linspace(0, preset.sampling_hz / 2, len(gain)) / preset.sound_speed_m_s
-    axial = float(np.sqrt(np.average(wave**2, weights=gain) - np.average(wave, weights=gain) ** 2))
-    width = preset.array.elements * preset.array.pitch_m
-    tangent = np.minimum(half_aperture_m(preset, depth_m), width / 2) / depth_m
-    # Mean square of the sine where the tangent is evenly spread from -a to a.
-    lateral = np.sqrt(np.average(wave**2, weights=gain) * (1 - np.arctan(tangent) / tangent))
-    step = float(depth_m[-1] - depth_m[0]) / max(1, len(depth_m) - 1)
-    rate = float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
+    rate = noise_peaks(preset, depth_m=depth_m)
     # M is wanted where M·exp(−u²/2) = p, and depends on u itself: the fixed point, by iteration.
     square: float = 36.0
     for _ in range(6):

@@ -1,7 +1,7 @@
 """The imaging chain as a `Reader`: filter, beamform, envelope, features.
 
 `ImageReader.read` returns the reading that a search needs; `ImageReader.findings` also decides whether there is a
-source at all, and lists the other arrivals.
+source at all. Both list the coherent arrivals.
 """
 
 from __future__ import annotations
@@ -11,15 +11,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Float32, Float64, Frame, PaImage, Reading
+from markerseek.core import (
+    MOST_ARRIVALS,
+    AcquisitionError,
+    Arrival,
+    ChannelFrame,
+    ConfigError,
+    Float32,
+    Float64,
+    Frame,
+    PaImage,
+    Reading,
+)
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, image_grid
+from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
-from markerseek.signals.findings import Arrival, FrameFindings
+from markerseek.signals.findings import FrameFindings
 from markerseek.signals.noise_gain import envelope_cells
 from markerseek.signals.peaks import refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Layout:
+    """Grid for records of one length, its rows that count, the number of cells in them, and their blocks."""
+
+    grid: ImageGrid
+    rows: slice
+    cells: int
+    blocks: BlockGrid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,12 +50,11 @@ class _Chain:
 
     frame: ChannelFrame
     signals: Float32[np.ndarray, "samples columns"]
+    image: Float32[np.ndarray, "depth lateral"]
     envelope: Float32[np.ndarray, "depth lateral"]
-    grid: ImageGrid
-    rows: slice
+    layout: _Layout
     sigma: float
     profile: Float64[np.ndarray, " blocks"]
-    cells: int
 
 
 class ImageReader:
@@ -55,7 +76,7 @@ class ImageReader:
         *,
         min_depth_m: float | None = None,
         max_depth_m: float | None = None,
-        false_found: float = 1e-3,
+        false_found: float = features.FALSE_FOUND,
     ) -> None:
         low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
         if not 0 <= low < high:
@@ -66,7 +87,7 @@ class ImageReader:
         self._low_m, self._high_m = low, high
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-        self._grids: dict[int, tuple[ImageGrid, slice, int]] = {}
+        self._layouts: dict[int, _Layout] = {}
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -90,22 +111,24 @@ class ImageReader:
             centroid_s=middle / speed + self.preset.trigger_offset_s,
             spread_s=spread / speed,
             noise_sigma=chain.sigma,
-            cells=chain.cells,
+            cells=chain.layout.cells,
             coherence=peak.coherence,
             saturated_fraction=len(touching) / max(1, channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
+            arrivals=tuple(self._arrivals(chain, most=MOST_ARRIVALS)),
+            local_maxima=chain.layout.blocks.maxima(chain.image, chain.envelope, rows=chain.layout.rows),
         )
 
     def picture(self, frame: Frame) -> PaImage:
         """Envelope image of the frame."""
         chain = self._chain(frame)
         return PaImage(
-            envelope=chain.envelope[chain.rows],
-            lateral_m=chain.grid.lateral_m,
-            depth_m=chain.grid.depth_m[chain.rows],
+            envelope=chain.envelope[chain.layout.rows],
+            lateral_m=chain.layout.grid.lateral_m,
+            depth_m=chain.layout.grid.depth_m[chain.layout.rows],
         )
 
-    def findings(self, frame: Frame, *, most: int = 8) -> FrameFindings:
+    def findings(self, frame: Frame, *, most: int = MOST_ARRIVALS) -> FrameFindings:
         """Whether there is a source, where, and which other arrivals there are, at most ``most`` in all."""
         chain = self._chain(frame)
         arrivals = self._arrivals(chain, most=most)
@@ -119,7 +142,7 @@ class ImageReader:
             strongest=strongest,
             others=tuple(arrivals[1:]),
             noise_sigma=chain.sigma,
-            cells=chain.cells,
+            cells=chain.layout.cells,
             saturated_channels=touching,
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
         )
@@ -130,19 +153,19 @@ class ImageReader:
                 f"image reader: a {type(frame).__name__} was handed over, and it reads channel data only"
             )
         self._admit(frame)
-        grid, rows, cells = self._grid(frame.samples.shape[1])
+        layout = self._layout(frame.samples.shape[1])
         signals = band_pass(frame.samples, self._taps, blanked=self.preset.pickup_samples)
-        image = envelope(beamform(signals, grid))
-        profile = features.noise_profile(image[rows])
+        image = beamform(signals, layout.grid)
+        magnitude = envelope(image)
+        profile = features.noise_profile(magnitude[layout.rows])
         return _Chain(
             frame=frame,
             signals=signals,
-            envelope=image,
-            grid=grid,
-            rows=rows,
+            image=image,
+            envelope=magnitude,
+            layout=layout,
             sigma=features.noise_floor(profile),
             profile=profile,
-            cells=cells,
         )
 
     def _admit(self, frame: ChannelFrame) -> None:
@@ -165,9 +188,8 @@ class ImageReader:
                 f"{preset.pickup_samples} hold the laser's pick-up; record for longer"
             )
 
-    def _grid(self, samples: int) -> tuple[ImageGrid, slice, int]:
-        """Grid for records of that length, the rows that count, and the number of cells in them."""
-        if samples not in self._grids:
+    def _layout(self, samples: int) -> _Layout:
+        if samples not in self._layouts:
             preset = self.preset
             metres = preset.sound_speed_m_s / preset.sampling_hz
             origin = preset.trigger_offset_s * preset.sampling_hz
@@ -186,18 +208,23 @@ class ImageReader:
             count = math.floor((far - near) / step) + 1
             depth = near + step * np.arange(-above, count + below)
             grid = image_grid(preset, samples=samples, depth_m=depth)
-            cells = envelope_cells(preset, depth_m=depth[above : above + count], false_found=self._false_found)
-            self._grids[samples] = (grid, slice(above, above + count), cells)
-        return self._grids[samples]
+            inside = depth[above : above + count]
+            self._layouts[samples] = _Layout(
+                grid=grid,
+                rows=slice(above, above + count),
+                cells=envelope_cells(preset, depth_m=inside, false_found=self._false_found),
+                blocks=BlockGrid(preset, lateral_m=grid.lateral_m, depth_m=inside),
+            )
+        return self._layouts[samples]
 
     def _largest(self, chain: _Chain) -> tuple[int, int]:
-        window = chain.envelope[chain.rows]
+        window = chain.envelope[chain.layout.rows]
         row, column = np.unravel_index(int(np.argmax(window)), window.shape)
-        return int(row) + chain.rows.start, int(column)
+        return int(row) + chain.layout.rows.start, int(column)
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
         """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
-        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.grid, place=place)
+        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
         energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
         touching, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
@@ -207,7 +234,6 @@ class ImageReader:
             depth_m=depth,
             arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
             intensity=intensity,
-            peak_snr_db=20 * math.log10(intensity / chain.sigma) if intensity > 0 and chain.sigma > 0 else None,
             coherence=min(1.0, energy / max(1.0, used)),
         )
         return arrival, touching, channels
@@ -215,16 +241,16 @@ class ImageReader:
     def _arrivals(self, chain: _Chain, *, most: int) -> list[Arrival]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
-        window = chain.envelope[chain.rows]
-        level = features.found_level(chain.cells, false_found=self._false_found)
+        window = chain.envelope[chain.layout.rows]
+        level = features.found_level(chain.layout.cells, false_found=self._false_found)
         coherent = features.coherent_level(false_found=self._false_found)
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
         arrivals: list[Arrival] = []
         for row, column in strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
-            depth = float(chain.grid.depth_m[row + chain.rows.start])
-            lateral = float(chain.grid.lateral_m[column])
+            depth = float(chain.layout.grid.depth_m[row + chain.layout.rows.start])
+            lateral = float(chain.layout.grid.lateral_m[column])
             # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
             local = chain.profile[min(row // features.BLOCK_ROWS, len(chain.profile) - 1)]
             if window[row, column] <= level * local:
@@ -238,7 +264,7 @@ class ImageReader:
             # Between two columns the coherence comes out too low, by half at most: below that it need not be refined.
             if energy <= coherent / 2:
                 continue
-            arrival = self._describe(chain, (row + chain.rows.start, column))[0]
+            arrival = self._describe(chain, (row + chain.layout.rows.start, column))[0]
             energy, _ = features.coherent_energy(
                 chain.signals, preset, lateral_m=arrival.lateral_m, depth_m=arrival.depth_m
             )
@@ -250,7 +276,7 @@ class ImageReader:
         return sorted(arrivals, key=lambda each: -each.intensity)
 
     def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
-        level = features.found_level(chain.cells, false_found=self._false_found)
+        level = features.found_level(chain.layout.cells, false_found=self._false_found)
         ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
         if found:
             return (

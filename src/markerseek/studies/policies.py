@@ -42,6 +42,8 @@ class PolicySettings:
         The paper's form, which always answers; a user's own policy gets no dark frames then.
     early_end
         Whether a weighted average or a posterior may end before its last angle.
+    single
+        Whether a posterior may take it that there is one source only.
     cues
         Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all.
     """
@@ -50,6 +52,7 @@ class PolicySettings:
     acquisitions: int | None = None
     as_published: bool = False
     early_end: bool = True
+    single: bool = False
     cues: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -63,6 +66,8 @@ class PolicySettings:
             raise ConfigError(
                 f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
             )
+        if self.single and self.method != "posterior":
+            raise ConfigError(f"{self.method}: single is set, only the posterior looks for other sources; leave it out")
         if self.cues is not None and self.method != "posterior":
             raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
 
@@ -89,8 +94,9 @@ class PolicySettings:
         form = " as published" if self.as_published else ""
         # Named only where it has an effect: labels are the names of lines in a figure.
         end = "" if self.early_end or self.method not in ("weighted-average", "posterior") else ", no early end"
+        single = ", single" if self.single else ""
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
-        return f"{self.method}{form}, {self.most}{end}{cues}"
+        return f"{self.method}{form}, {self.most}{end}{single}{cues}"
 
 
 def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float | None) -> Policy:
@@ -125,6 +131,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
             as_published=settings.as_published,
             start_deg=start_deg,
             early_end=settings.early_end,
+            single=settings.single,
         )
     # Imported here, because SciPy and the compiled kernels take half a second to load.
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
@@ -135,4 +142,5 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         start_deg=start_deg,
         target_sigma_deg=TARGET_SIGMA_DEG if settings.early_end else 0.0,
         cues=settings.cues,
+        single=settings.single,
     )

@@ -124,7 +124,8 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
         If a number is not finite, which JSON would write as null, as it does what is not known; or of another type.
     """
     match value:
-        case None | bool() | int() | msgspec.Raw():
+        # msgspec writes bytes as base64, and reads them so.
+        case None | bool() | int() | bytes() | msgspec.Raw():
             return value
         case float():
             # msgspec would write NaN and infinity as null, and a value that was lost would look like one not known.

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Float64, Int64, Interval, Sample
-from markerseek.search.posterior.asymmetry import SAME_PLACE_M
+from markerseek.core import Float64, Int64, Interval
 
 MODE_SHARE = 0.05
 """Probability from which a second peak of the posterior is a mode."""
-
-RIVAL_SHARE = 0.3
-"""Intensity over the largest from which a source elsewhere along the array is a second marker, not clutter."""
-
-RIVAL_SAMPLES = 2
-"""Samples with their peak at that place that are needed: one may be a burst."""
 
 
 def mean_and_sigma(
@@ -40,6 +32,8 @@ class AnglePosterior:
         Angles in degrees, evenly spaced, and the probability of each; they add up to 1.
     coarse_deg, coarse_share
         The same over the whole range.
+    sigma
+        Noise over which amplitudes are stated, in the unit of the intensities.
     theta_deg, member, log_snr
         Markers of equal weight drawn from it: angle in degrees, shape, ln of the amplitude over σ.
     strong_deg, strong_log_snr
@@ -57,6 +51,7 @@ class AnglePosterior:
     share: Float64[np.ndarray, " angles"]
     coarse_deg: Float64[np.ndarray, " coarse"]
     coarse_share: Float64[np.ndarray, " coarse"]
+    sigma: float
     theta_deg: Float64[np.ndarray, " particles"]
     member: Int64[np.ndarray, " particles"]
     log_snr: Float64[np.ndarray, " particles"]
@@ -106,32 +101,3 @@ def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ..
             mean_deg = float(share[first:end] @ posterior.coarse_deg[first:end]) / mass
             modes.append((mass, min(max(mean_deg, limits.low_deg), limits.high_deg)))
     return tuple(mean_deg for _, mean_deg in sorted(modes, reverse=True))
-
-
-def rival_deg(lit: Sequence[Sample], *, level: float, marker_m: float | None) -> float | None:
-    """Return the angle at which a second source, elsewhere along the array, was strongest; None without one.
-
-    Parameters
-    ----------
-    lit
-        Samples with the laser on.
-    level
-        Largest intensity that noise reaches.
-    marker_m
-        Lateral position of the marker in metres; None if unknown.
-    """
-    if marker_m is None:
-        return None
-    least = max(level, RIVAL_SHARE * max(sample.reading.intensity for sample in lit))
-    away = [
-        (sample.reading.intensity, sample.angle_deg, sample.reading.lateral_m)
-        for sample in lit
-        if sample.reading.lateral_m is not None
-        and sample.reading.intensity >= least
-        and abs(sample.reading.lateral_m - marker_m) > SAME_PLACE_M
-    ]
-    if not away:
-        return None
-    _, strongest_deg, there_m = max(away)
-    together = sum(abs(lateral_m - there_m) < SAME_PLACE_M for _, _, lateral_m in away)
-    return strongest_deg if together >= RIVAL_SAMPLES else None

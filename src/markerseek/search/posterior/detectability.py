@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 from markerseek.core import Interval, Sample
 from markerseek.search.floor import Noise
@@ -19,9 +18,6 @@ WEAKEST_DB = 20.0
 
 NARROW_DEG = 3.0
 """Full width at half maximum of the narrowest usual curve, in degrees (physics notes: 3 to 17)."""
-
-STRONGER = 5.0
-"""A detected source may be clutter of a marker this many times as strong, if that one could have been missed."""
 
 _TAIL, _KNEE = 1.2, 2.4
 
@@ -39,32 +35,6 @@ def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> flo
     ratio = _KNEE / _TAIL
     scaled = ((peak / level) ** ratio - 1) / (2**ratio - 1)
     return fwhm_deg / 2 * math.pow(scaled, 1 / _KNEE)
-
-
-def undetected_deg(
-    measured_deg: Sequence[float], limits: Interval, *, level: float, peak: float, fwhm_deg: float
-) -> float | None:
-    """Return the angle farthest from all measured ones, if a marker `STRONGER` than the peak would be missed there.
-
-    Parameters
-    ----------
-    measured_deg
-        Angles measured so far, in degrees.
-    limits
-        Range of the search.
-    level
-        Largest intensity that noise reaches.
-    peak, fwhm_deg
-        Height of the curve that was found, and its full width at half maximum in degrees.
-    """
-    inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
-    gaps = [((high - low) / 2, (low + high) / 2) for low, high in pairwise(inside)]
-    # Inside, a gap is covered from both sides; at an end from one.
-    gaps += [(inside[0] - limits.low_deg, limits.low_deg), (limits.high_deg - inside[-1], limits.high_deg)]
-    far_deg, where_deg = max(gaps)
-    strong = STRONGER * peak
-    detected = strong > level > 0 and far_deg <= detection_distance_deg(level=level, peak=strong, fwhm_deg=fwhm_deg)
-    return None if detected else where_deg
 
 
 def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg: float = NARROW_DEG) -> int:

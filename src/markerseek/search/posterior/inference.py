@@ -107,9 +107,13 @@ class Inference:
         self._grid: Grid | None = None
         self._scale = Scale(unit=0.0, sigma=1.0, marker_m=None, cells=1)
         self._observations: list[Observation] = []
+        self._added: list[tuple[float, float, int | None]] = []
 
     def posterior(self, lit: Sequence[Sample], noise: Noise, *, particles: int) -> AnglePosterior:
         """Return the posterior of all samples, of which only the new ones are added to the coarse grid.
+
+        The grid is computed again where an earlier sample reads otherwise than before, for it was taken of a place that
+        is known better now.
 
         Parameters
         ----------
@@ -135,6 +139,7 @@ class Inference:
             share=share,
             coarse_deg=self._coarse_deg,
             coarse_share=known.angle,
+            sigma=scale.sigma,
             theta_deg=centre.particles.theta_deg,
             member=centre.particles.member,
             log_snr=centre.particles.log_amplitude + log_unit,
@@ -149,7 +154,10 @@ class Inference:
         """The coarse grid with all samples; computed again when their scale has changed."""
         scale = scale_of(lit, noise)
         stated = all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
-        if self._grid is None or scale.replaces(self._scale, stated=stated):
+        known = [(sample.angle_deg, sample.reading.intensity, sample.reading.cells) for sample in lit]
+        same = known[: len(self._added)] == self._added
+        self._added = known
+        if self._grid is None or not same or scale.replaces(self._scale, stated=stated):
             self._scale = scale
             self._observations = []
             self._grid = Grid(

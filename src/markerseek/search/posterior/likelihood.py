@@ -113,12 +113,14 @@ class Scale:
         sigma = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else self.sigma
         # An intensity of 0 has no logarithm; a hundredth of σ is as improbable.
         intensity = max(reading.intensity, 0.01 * sigma)
+        # Where the image is looked up at a known place, few cells say what g says, and say it better.
+        anywhere = use_lateral and reading.local_maxima is None
         return Observation(
             angle_deg=sample.angle_deg,
             log_intensity=math.log(intensity) - math.log(self.unit),
             noise=sigma / intensity,
             cells=reading.cells or self.cells,
-            lateral_ratio=lateral_ratio(reading.lateral_m, marker_m=self.marker_m) if use_lateral else 1.0,
+            lateral_ratio=lateral_ratio(reading.lateral_m, marker_m=self.marker_m) if anywhere else 1.0,
         )
 
 

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
-
-import numpy as np
 
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
-    AtBound,
     ConfigError,
     Estimate,
     Found,
@@ -21,14 +16,16 @@ from markerseek.core import (
     NotFound,
     Reading,
     Sample,
+    SearchError,
     Unsure,
 )
-from markerseek.search.evidence import UNKNOWN_RATIO, missing_evidence
+from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
-from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
-from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg, rival_deg
-from markerseek.search.posterior.detectability import missed_marker, undetected_deg
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
+from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
+from markerseek.search.posterior.confirmed import unconfirmed
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.next_angle import (
     PLANNED_ANGLES,
@@ -37,6 +34,7 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
 )
 from markerseek.search.posterior.shapes import Shapes, family
+from markerseek.search.posterior.survey import SURVEY_TARGET, Survey, survey_of
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
@@ -46,9 +44,6 @@ TARGET_SIGMA_DEG = 0.1
 
 LEAST_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for a small standard deviation."""
-
-UNRESOLVED_BEYOND = 0.1
-"""Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
 
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
@@ -60,16 +55,6 @@ FLOOR_SNR = 4.2
 @lru_cache(maxsize=1)
 def _family() -> Shapes:
     return family()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _State:
-    """All that follows from the samples so far."""
-
-    noise: Noise
-    missing: str | None
-    posterior: AnglePosterior
-    undetected_deg: float | None
 
 
 class Posterior(SearchPolicy):
@@ -87,7 +72,9 @@ class Posterior(SearchPolicy):
     start_deg
         Present angle of the probe, in degrees; the search begins at the nearer end. None: at the low end.
     cues
-        Which of `CUES` are used: "intensity", "arrival", "lateral" (position of the peak along the array).
+        Which of `CUES` are used: "intensity", "arrival", "lateral" (places in the image).
+    single
+        Whether there is one source only: the search then looks for no other, and ends earlier.
 
     Raises
     ------
@@ -105,6 +92,7 @@ class Posterior(SearchPolicy):
         target_sigma_deg: float = TARGET_SIGMA_DEG,
         start_deg: float | None = None,
         cues: Iterable[str] = CUES,
+        single: bool = False,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -122,9 +110,13 @@ class Posterior(SearchPolicy):
         self._budget = acquisitions
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
-        self._inference = Inference(limits=limits, shapes=_family(), cues=chosen)
+        self._single = single
+        self._candidates = Candidates(limits=limits, shapes=_family(), cues=chosen)
+        self._asked = 0
+        self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
-        self._cached: _State | None = None
+        self._cached_first: Candidate | None = None
+        self._cached: State | None = None
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one for the noise floor, one with the laser on for the posterior.
@@ -135,44 +127,37 @@ class Posterior(SearchPolicy):
             If the sample is not usable (`check_sample`), or the laser was on and the search is over.
         """
         super().tell(sample)
-        self._cached_noise = self._cached = None
+        if not sample.dark:
+            self._asked += 1
+            self._unconfirmed = None
+        self._cached_noise = self._cached_first = self._cached = None
+
+    def confirm(self, sample: Sample) -> None:
+        """Take the acquisition at the angle found, as one more sample.
+
+        It was not asked for, and does not count as such. Where it is weaker than the posterior predicts, the answer is
+        `Unsure`, and the search goes on while acquisitions are left.
+
+        Raises
+        ------
+        SearchError
+            If the sample is not usable (`check_sample`), or nothing is found that it could confirm.
+        """
+        check_sample(sample)
+        if not isinstance(self.estimate(), Found):
+            raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
+        first = self._first()
+        self._unconfirmed = unconfirmed(first, sample, _family())
+        self._lit.append(sample)
+        self._next = None
+        self._cached_noise = self._cached_first = self._cached = None
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
-        state = self._state()
-        posterior, floor = state.posterior, state.noise.floor
-        mean_deg = min(max(posterior.mean_deg, self._limits.low_deg), self._limits.high_deg)
-        if state.missing is not None:
-            reason = state.missing + missed_marker(self._lit, state.noise, self._limits)
-            return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-        side = self._side(posterior)
-        if side is not None:
-            return AtBound(mean_deg=mean_deg, side=side, floor=floor)
-        modes = modes_deg(posterior, limits=self._limits)
-        rival = rival_deg(self._lit, level=floor.level or 0.0, marker_m=posterior.marker_m)
-        # A rival has its own angle: the posterior, of one marker, knows only the stronger one.
-        if rival is not None:
-            modes = (mean_deg, rival)
-        if len(modes) > 1:
-            return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor)
-        interval = Interval(low_deg=posterior.quantile_deg(0.025), high_deg=posterior.quantile_deg(0.975))
-        if posterior.sigma_deg <= SIGMA_LIMIT_DEG and state.undetected_deg is None:
-            return Found(
-                mean_deg=mean_deg,
-                sigma_deg=posterior.sigma_deg,
-                interval95_deg=interval,
-                interval_kind="posterior",
-                floor=floor,
-            )
-        return Unsure(
-            mean_deg=mean_deg,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=interval,
-            interval_kind="posterior",
-            reason=_why_unsure(posterior, state.undetected_deg),
-            floor=floor,
+        return answer_of(
+            self._lit, self._state(), limits=self._limits, single=self._single, unconfirmed=self._unconfirmed
         )
 
     def _noise(self) -> Noise:
@@ -180,43 +165,74 @@ class Posterior(SearchPolicy):
             self._cached_noise = noise_of(self._lit, dark=self._dark)
         return self._cached_noise
 
-    def _state(self) -> _State:
-        if self._cached is None:
-            noise = self._noise()
-            missing = missing_evidence(self._lit, dark=self._dark, noise=noise)
-            particles = PARTICLES if self._detected() else UNDETECTED_PARTICLES
-            posterior = self._inference.posterior(self._lit, noise, particles=particles)
-            self._cached = _State(
-                noise=noise,
-                missing=missing,
-                posterior=posterior,
-                undetected_deg=self._undetected_deg(posterior, noise),
+    def _first(self) -> Candidate:
+        """The source of the strongest arrival."""
+        if self._cached_first is None:
+            self._cached_first = self._candidates.first(
+                self._lit, self._dark, self._noise(), particles=PARTICLES if self._detected() else UNDETECTED_PARTICLES
             )
+        return self._cached_first
+
+    def _state(self) -> State:
+        if self._cached is None:
+            first, noise = self._first(), self._noise()
+            sources = [first]
+            if self._detected():
+                others = self._candidates.others(
+                    first, self._lit, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
+                )
+                sources = ranked([first, *others])
+            self._cached = State(noise=noise, sources=sources, survey=self._survey(sources[0], noise))
         return self._cached
 
-    def _undetected_deg(self, posterior: AnglePosterior, noise: Noise) -> float | None:
-        """Where a much stronger marker than the known one may be missed; None while none is known, or no noise."""
-        if noise.floor.level is None or noise.sigma is None or posterior.sigma_deg > SIGMA_LIMIT_DEG:
+    def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
+        """What may still hide beside a source; None while its angle is not known."""
+        if source.missing is not None or source.posterior.sigma_deg > SIGMA_LIMIT_DEG:
             return None
-        peak = noise.sigma * math.exp(float(np.mean(posterior.log_snr)))
-        return undetected_deg(
-            self._measured_deg(), self._limits, level=noise.floor.level, peak=peak, fwhm_deg=posterior.fwhm_deg
-        )
+        return survey_of(source, _family(), self._lit, noise, limits=self._limits)
 
     def _next_deg(self) -> float | None:
-        count = len(self._lit)
-        if count >= self._budget:
+        if self._asked >= self._budget:
             return None
         if not self._lit or not self._detected():
             return self._detection_deg()
+        first = self._first()
+        if len(self._lit) < LEAST_ACQUISITIONS or first.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG:
+            return self._informative_deg(first)
+        return self._remaining_deg()
+
+    def _remaining_deg(self) -> float | None:
+        """Next angle once that of the strongest source is known, in degrees; None if nothing remains to be done."""
         state = self._state()
-        if count >= LEAST_ACQUISITIONS and self._knows_enough(state.posterior):
+        first = state.sources[0]
+        # What else there is comes before more precision: it may be the marker.
+        if not self._single:
+            other = unresolved(state.sources)
+            if other is not None:
+                return self._another_look_deg(other)
+            if state.survey is not None and state.survey.share < SURVEY_TARGET:
+                return state.survey.next_deg
+        if first.posterior.centre_sigma_deg > self._target_deg:
+            return self._informative_deg(first)
+        answer = self.estimate()
+        # More samples cannot help where the centre is known far better than the marker beside it.
+        done = isinstance(answer, Found) or (isinstance(answer, Ambiguous) and bool(rivals_of(state.sources)))
+        narrow = isinstance(answer, Unsure) and first.posterior.centre_sigma_deg <= self._target_deg / 2
+        if done or (narrow and self._unconfirmed is None):
             return None
-        # Clutter found first must not end the search beside a stronger marker.
-        if state.undetected_deg is not None:
-            return state.undetected_deg
+        return self._informative_deg(first)
+
+    def _another_look_deg(self, source: Candidate) -> float:
+        """Next angle for a source other than the loudest, in degrees."""
+        if source.source is None or source.seen > 1:
+            return self._informative_deg(source)
+        # Seen once it may be a burst: beside that angle it is seen again, or is none.
+        inwards = 1 if source.source.angle_deg < self._limits.centre_deg else -1
+        return source.source.angle_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
+
+    def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(
-            state.posterior, _family(), self._measured_deg(), limits=self._limits, floor=FLOOR_SNR
+            source.posterior, _family(), self._measured_deg(), limits=self._limits, floor=FLOOR_SNR
         )
 
     def _detection_deg(self) -> float:
@@ -226,19 +242,10 @@ class Posterior(SearchPolicy):
         if len(measured_deg) < PLANNED_ANGLES or noise.floor.level is None or not noise.sigma:
             return planned_deg(measured_deg, limits=self._limits, descending=self._descending)
         level = noise.floor.level / noise.sigma
-        return most_detectable_deg(self._state().posterior, _family(), measured_deg, limits=self._limits, level=level)
+        return most_detectable_deg(self._first().posterior, _family(), measured_deg, limits=self._limits, level=level)
 
     def _measured_deg(self) -> list[float]:
         return [sample.angle_deg for sample in self._lit]
-
-    def _knows_enough(self, posterior: AnglePosterior) -> bool:
-        """Whether the marker is found to the target; or is not, and more samples could not help."""
-        if posterior.centre_sigma_deg > self._target_deg:
-            return False
-        answer = self.estimate()
-        return isinstance(answer, Found) or (
-            isinstance(answer, Unsure) and posterior.centre_sigma_deg <= self._target_deg / 2
-        )
 
     def _detected(self) -> bool:
         """Whether a sample exceeds the noise floor; where that is unknown, whether one stands out."""
@@ -247,31 +254,6 @@ class Posterior(SearchPolicy):
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
         return max(intensities) > level
-
-    def _side(self, posterior: AnglePosterior) -> Literal["low", "high"] | None:
-        """The end of the range beyond which the marker probably lies, or may lie where its angle is uncertain."""
-        least = 0.5 if posterior.sigma_deg <= SIGMA_LIMIT_DEG else UNRESOLVED_BEYOND
-        below = float(posterior.share[posterior.angle_deg < self._limits.low_deg].sum())
-        above = float(posterior.share[posterior.angle_deg > self._limits.high_deg].sum())
-        if max(below, above) <= least:
-            return None
-        return "low" if below > above else "high"
-
-
-def _why_unsure(posterior: AnglePosterior, undetected_deg: float | None) -> str:
-    """Why a marker that was detected is not found; a stronger one may be missed at ``undetected_deg``."""
-    if posterior.sigma_deg <= SIGMA_LIMIT_DEG:
-        return (
-            "the detected source is weak, and may be clutter of a stronger marker that was missed near "
-            f"{undetected_deg:.0f} deg; more acquisitions decide it"
-        )
-    limit = f"the standard deviation, {posterior.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
-    if posterior.centre_sigma_deg <= SIGMA_LIMIT_DEG:
-        return (
-            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but the position and "
-            "coherence of the peak change with the angle, so the source is not a point and may lie beside that centre"
-        )
-    return f"{limit}; more acquisitions, or more pulses in each, reduce it"
 
 
 @lru_cache(maxsize=1)

@@ -1,0 +1,164 @@
+"""The answer that the samples prove: from the sources, what may still hide, and the confirmation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from markerseek.core import Ambiguous, AtBound, Estimate, Found, Interval, NotFound, Sample, Unsure
+from markerseek.search.floor import Noise
+from markerseek.search.guarded import SIGMA_LIMIT_DEG
+from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
+from markerseek.search.posterior.candidates import RIVAL_DB, Candidate
+from markerseek.search.posterior.detectability import missed_marker
+from markerseek.search.posterior.survey import SURVEYED, Survey
+
+UNRESOLVED_BEYOND = 0.1
+"""Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """All that follows from the samples so far.
+
+    Attributes
+    ----------
+    noise
+        Noise of the search.
+    sources
+        The sources, the loudest first, at least one.
+    survey
+        What may still hide; None where it is not known.
+    """
+
+    noise: Noise
+    sources: Sequence[Candidate]
+    survey: Survey | None
+
+
+def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
+    """Return the sources with the loudest first, those behind of which angle or existence are not known."""
+    # While a source is seen from far only, its loudness may come out as anything.
+    return sorted(
+        sources,
+        key=lambda each: (each.missing is not None, each.posterior.sigma_deg > SIGMA_LIMIT_DEG, -each.loudness),
+    )
+
+
+def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
+    """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle."""
+    first, *others = sources
+    rivals = [each for each in others if each.missing is None and each.relative_db(first) >= -RIVAL_DB]
+    return [each for each in rivals if each.apart_from(first)]
+
+
+def unresolved(sources: Sequence[Candidate]) -> Candidate | None:
+    """Return a source of which too little is known to say that it is not the marker; None without one."""
+    first, *others = sources
+    for each in others:
+        if each.posterior.sigma_deg > SIGMA_LIMIT_DEG and each.may_exceed(first, by_db=-RIVAL_DB):
+            return each
+    return None
+
+
+def answer_of(
+    lit: Sequence[Sample], state: State, *, limits: Interval, single: bool, unconfirmed: str | None
+) -> Estimate:
+    """Return the answer.
+
+    Parameters
+    ----------
+    lit
+        Samples with the laser on, at least one.
+    state
+        What follows from them.
+    limits
+        Range of the search.
+    single
+        Whether there is one source only, so that nothing else can be the marker.
+    unconfirmed
+        Why the acquisition at the angle found does not confirm it; None if it does, or was not made.
+    """
+    first = state.sources[0]
+    posterior, floor = first.posterior, state.noise.floor
+    mean_deg = _inside(posterior.mean_deg, limits)
+    if first.missing is not None:
+        reason = first.missing + missed_marker(lit, state.noise, limits)
+        return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
+    others = tuple(each.beside(first) for each in state.sources[1:] if each.missing is None)
+    surveyed = None if state.survey is None else state.survey.share
+    side = _side(posterior, limits)
+    if side is not None:
+        return AtBound(mean_deg=mean_deg, side=side, floor=floor, others=others, surveyed=surveyed)
+    modes = modes_deg(posterior, limits=limits)
+    rivals = rivals_of(state.sources)
+    if rivals:
+        modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
+    if len(modes) > 1:
+        return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
+    doubt = _uncertain(posterior) or unconfirmed or (None if single else _hidden(state))
+    if doubt is not None:
+        return Unsure(
+            mean_deg=mean_deg,
+            sigma_deg=posterior.sigma_deg,
+            interval95_deg=first.interval95_deg,
+            interval_kind="posterior",
+            reason=doubt,
+            floor=floor,
+            others=others,
+            surveyed=surveyed,
+        )
+    return Found(
+        mean_deg=mean_deg,
+        sigma_deg=posterior.sigma_deg,
+        interval95_deg=first.interval95_deg,
+        interval_kind="posterior",
+        floor=floor,
+        others=others,
+        surveyed=surveyed,
+    )
+
+
+def _inside(angle_deg: float, limits: Interval) -> float:
+    return min(max(angle_deg, limits.low_deg), limits.high_deg)
+
+
+def _uncertain(posterior: AnglePosterior) -> str | None:
+    """Why the angle is not known well enough; None if it is."""
+    if posterior.sigma_deg <= SIGMA_LIMIT_DEG:
+        return None
+    limit = f"the standard deviation, {posterior.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
+    if posterior.centre_sigma_deg <= SIGMA_LIMIT_DEG:
+        return (
+            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but the position and "
+            "coherence of the peak change with the angle, so the source is not a point and may lie beside that centre"
+        )
+    return f"{limit}; take more acquisitions or average more pulses"
+
+
+def _hidden(state: State) -> str | None:
+    """Why another source may be the marker; None if none can."""
+    other = unresolved(state.sources)
+    if other is not None:
+        return (
+            f"another source, near {other.posterior.mean_deg:.0f} deg, may be as loud; take more acquisitions, or "
+            "state that there is a single source"
+        )
+    survey = state.survey
+    if survey is None or survey.share >= SURVEYED:
+        return None
+    return (
+        f"a source as loud would have been detected in {100 * survey.share:.0f} % of the range only, and may be missed "
+        f"near {survey.hidden_deg:.0f} deg; take more acquisitions, or state that there is a single source"
+    )
+
+
+def _side(posterior: AnglePosterior, limits: Interval) -> Literal["low", "high"] | None:
+    """The end of the range beyond which the marker probably lies, or may lie where its angle is uncertain."""
+    least = 0.5 if posterior.sigma_deg <= SIGMA_LIMIT_DEG else UNRESOLVED_BEYOND
+    below = float(posterior.share[posterior.angle_deg < limits.low_deg].sum())
+    above = float(posterior.share[posterior.angle_deg > limits.high_deg].sum())
+    if max(below, above) <= least:
+        return None
+    return "low" if below > above else "high"

@@ -1,0 +1,218 @@
+"""The sources of a search with their posteriors: which one is the loudest, and which others there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import Interval, OtherSource, Sample
+from markerseek.search.evidence import FLAT_SHARE, missing_evidence
+from markerseek.search.floor import Noise
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.inference import Inference
+from markerseek.search.posterior.shapes import Shapes
+from markerseek.search.posterior.sources import Source, samples_at, sources_of
+
+MOST_OTHERS = 3
+"""Most sources beside the loudest that get a posterior of their own, the strongest first."""
+
+RIVAL_DB = 6.0
+"""A source that is weaker by no more than this may be the marker as well, in dB."""
+
+BESIDE_DEG = 1.0
+"""Distance at which the narrowest curve still has half of its height, in degrees."""
+
+DOUBT_SIGMAS = 2.0
+"""Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """A source with its posterior.
+
+    Attributes
+    ----------
+    source
+        Its place; None where the samples have no positions: then all of them are of one source.
+    samples
+        The samples with the laser on, as they are at its place.
+    missing
+        Why they are no evidence of a source; None if they are.
+    posterior
+        Posterior of its angle.
+    seen
+        Number of samples in which it exceeds the noise.
+    """
+
+    source: Source | None
+    samples: Sequence[Sample]
+    missing: str | None
+    posterior: AnglePosterior
+    seen: int
+
+    @property
+    def loudness(self) -> float:
+        """Ln of the intensity with the probe on it, over σ."""
+        return float(np.mean(self.posterior.log_snr))
+
+    @property
+    def interval95_deg(self) -> Interval:
+        """Interval that holds its angle with 95 % probability."""
+        return Interval(low_deg=self.posterior.quantile_deg(0.025), high_deg=self.posterior.quantile_deg(0.975))
+
+    def apart_from(self, other: Candidate) -> bool:
+        """Whether the 95 % intervals of two sources are separate."""
+        mine, theirs = self.interval95_deg, other.interval95_deg
+        return mine.high_deg < theirs.low_deg or theirs.high_deg < mine.low_deg
+
+    def relative_db(self, other: Candidate) -> float:
+        """Loudness over that of another source, in dB."""
+        return 20 / math.log(10) * (self.loudness - other.loudness)
+
+    def may_exceed(self, other: Candidate, *, by_db: float) -> bool:
+        """Whether its loudness over the other's may exceed a ratio, in dB, as far as both are uncertain."""
+        spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
+        return self.relative_db(other) + DOUBT_SIGMAS * spread * 20 / math.log(10) > by_db
+
+    def beside(self, other: Candidate) -> OtherSource:
+        """The source as an answer names it beside another."""
+        place = self.source
+        return OtherSource(
+            angle_deg=self.posterior.mean_deg,
+            sigma_deg=self.posterior.sigma_deg,
+            relative_db=self.relative_db(other),
+            lateral_m=None if place is None else place.lateral_m,
+            depth_m=None if place is None else place.depth_m,
+        )
+
+
+def _seen(at: Sequence[Sample], noise: Noise) -> int:
+    return sum(sample.reading.intensity > (noise.floor.level or 0.0) for sample in at)
+
+
+def _is_burst(at: Sequence[Sample], place: Source, noise: Noise) -> bool:
+    """Whether a place was loud once, and not beside that angle, where the narrowest curve is."""
+    beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in at)
+    return beside > 1 and _seen(at, noise) == 1
+
+
+def _is_background(at: Sequence[Sample]) -> bool:
+    """Whether a place is as loud at all angles, as an artefact of the rig is."""
+    intensities = [sample.reading.intensity for sample in at]
+    return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
+
+
+class Candidates:
+    """The sources of one search; the inference of the strongest grows with the samples.
+
+    Parameters
+    ----------
+    limits
+        Range of the search.
+    shapes
+        Family of curves.
+    cues
+        As for `Inference`; without "lateral" all samples are of one source.
+    """
+
+    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str]) -> None:
+        self._limits = limits
+        self._shapes = shapes
+        self._cues = cues
+        # Only that of the first is kept: what an answer computes of the others must not change what comes later.
+        self._place: Source | None = None
+        self._first = self._new()
+
+    def first(self, lit: Sequence[Sample], dark: Sequence[Sample], noise: Noise, *, particles: int) -> Candidate:
+        """Return the source of the strongest arrival that is evidence of one.
+
+        Parameters
+        ----------
+        lit, dark
+            Samples with the laser on, at least one, and off.
+        noise
+            Noise of the search.
+        particles
+            Markers to draw from its posterior.
+        """
+        for place, at in self._places(lit, noise):
+            # A background that is the same at all angles may be louder than the marker, and is none.
+            if missing_evidence(at, dark=dark, noise=noise) is None:
+                return self._candidate(place, at, None, self._kept(place), noise, particles)
+        # Before a source exceeds the noise, and where there are no positions, all samples count together.
+        missing = missing_evidence(lit, dark=dark, noise=noise)
+        return self._candidate(None, lit, missing, self._kept(None), noise, particles)
+
+    def others(
+        self,
+        first: Candidate,
+        lit: Sequence[Sample],
+        dark: Sequence[Sample],
+        noise: Noise,
+        *,
+        particles: int,
+        most: int,
+    ) -> list[Candidate]:
+        """Return the sources beside the first, that of the strongest arrival first.
+
+        Some may be none, as a burst that is seen in one frame: what is missing for them to be one is stated.
+
+        Parameters
+        ----------
+        first
+            From `first`.
+        lit, dark, noise, particles
+            As for `first`.
+        most
+            Most sources.
+        """
+        found = []
+        for place, at in self._places(lit, noise):
+            if place == first.source or _is_background(at):
+                continue
+            missing = missing_evidence(at, dark=dark, noise=noise)
+            if missing is None and _seen(at, noise) < 2:
+                missing = "it was seen in one acquisition only"
+            # Of a new inference each: what an answer computes of the others must not change what comes later.
+            found.append(self._candidate(place, at, missing, self._new(), noise, particles))
+            if len(found) == most:
+                break
+        return found
+
+    def _places(self, lit: Sequence[Sample], noise: Noise) -> Iterator[tuple[Source, Sequence[Sample]]]:
+        """Places from which sound came, and the samples there, that of the strongest arrival first."""
+        if "lateral" not in self._cues or noise.floor.level is None:
+            return
+        sources = sources_of(lit, level=noise.floor.level)
+        for place in sources:
+            at = samples_at(lit, sources, place)
+            if not _is_burst(at, place, noise):
+                yield place, at
+
+    def _candidate(
+        self,
+        place: Source | None,
+        at: Sequence[Sample],
+        missing: str | None,
+        inference: Inference,
+        noise: Noise,
+        particles: int,
+    ) -> Candidate:
+        posterior = inference.posterior(at, noise, particles=particles)
+        return Candidate(source=place, samples=at, missing=missing, posterior=posterior, seen=_seen(at, noise))
+
+    def _kept(self, place: Source | None) -> Inference:
+        """The inference of the first source so far, or a new one where that is at another place."""
+        moved = (place is None) != (self._place is None)
+        if place is not None and self._place is not None:
+            moved = not place.same_place(self._place)
+        if moved:
+            self._first = self._new()
+        self._place = place
+        return self._first
+
+    def _new(self) -> Inference:
+        return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues)

@@ -1,0 +1,132 @@
+"""What may still hide: where in the range a source as loud as the one answered would have been detected.
+
+A source at θ with the amplitude A and the curve S of the one answered stays undetected if no sample i, taken at θ_i,
+exceeds the level L_i that noise reaches there, or that other sources did:
+
+    h(θ) = mean over A, S of ∏_i Φ((L_i − A·S(θ_i − θ))/s_i),       s_i² = σ² + (εA·S)².                      (13)
+
+The share of the range that has been surveyed is the mean of 1 − h over it. Amplitude and curve are those of markers
+drawn from the posterior, so that both are as uncertain as the samples leave them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from markerseek.core import Float64, Interval, Sample
+from markerseek.search.floor import Noise
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+
+SURVEYED = 0.99
+"""Share of the range that must have been surveyed before a source is the marker."""
+
+SURVEY_TARGET = 0.993
+"""Share at which a search ends; more than `SURVEYED`, because one more sample changes the amplitude by a little."""
+
+SURVEY_ANGLES = 71
+"""Angles at which a hidden source is assumed, evenly spread over the range; and candidates for the next sample."""
+
+SURVEY_PARTICLES = 12
+"""Markers of the posterior whose amplitude and curve it is given."""
+
+MODEL_ERROR = 0.2
+"""Relative error ε of the curve in its tails, where a source is detected or not (`shapes.MODEL_ERROR`)."""
+
+SURVEY_TRAVEL_DEG = 150.0
+"""Travel that must double what a sample adds to the survey to be worth it, in degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """How much of the range has been surveyed.
+
+    Attributes
+    ----------
+    share
+        Share of the range in which a source as loud would have been detected.
+    hidden_deg
+        Angle at which it would most probably not have been, in degrees.
+    next_deg
+        Angle whose sample adds most, travel weighed in, in degrees.
+    """
+
+    share: float
+    hidden_deg: float
+    next_deg: float
+
+
+def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: Noise, *, limits: Interval) -> Survey:
+    """Return the survey of a range for sources as loud as one (13).
+
+    Parameters
+    ----------
+    source
+        The source that is answered.
+    shapes
+        Family of curves.
+    lit
+        All samples with the laser on.
+    noise
+        Noise of the search.
+    limits
+        Range of the search.
+    """
+    posterior, largest = source.posterior, [sample.reading.intensity for sample in lit]
+    level = noise.floor.level or min(largest)
+    angles_deg = np.linspace(limits.low_deg, limits.high_deg, SURVEY_ANGLES)
+    measured_deg = np.array([sample.angle_deg for sample in lit])
+    # Where a frame lists no arrivals, another source shows only if it is louder than what was measured.
+    listed = np.array([sample.reading.local_maxima is not None for sample in lit])
+    needed = np.where(listed, level, np.maximum(level, largest)) / posterior.sigma
+    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg).prod(axis=1)
+    if not listed.all():
+        # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
+        hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg] = 0.0
+    left = hidden.mean(axis=0)
+    share, hidden_deg = 1 - float(left.mean()), float(angles_deg[np.argmax(left)])
+    if share >= SURVEY_TARGET:
+        return Survey(share=share, hidden_deg=hidden_deg, next_deg=hidden_deg)
+    # What a sample at each candidate leaves hidden, of all that is.
+    there = undetected(posterior, shapes, angles_deg, np.full(SURVEY_ANGLES, level / posterior.sigma), angles_deg)
+    gained = left.mean() - (hidden[:, None] * there).mean(axis=(0, 2))
+    travel = np.abs(angles_deg - measured_deg[-1])
+    return Survey(
+        share=share,
+        hidden_deg=hidden_deg,
+        next_deg=float(angles_deg[np.argmax(gained / (1 + travel / SURVEY_TRAVEL_DEG))]),
+    )
+
+
+def undetected(
+    posterior: AnglePosterior,
+    shapes: Shapes,
+    measured_deg: Float64[np.ndarray, " samples"],
+    needed: Float64[np.ndarray, " samples"],
+    angles_deg: Float64[np.ndarray, " angles"],
+) -> Float64[np.ndarray, "particles samples angles"]:
+    """Return the probability that a source at each angle does not exceed the level of each sample, a factor of (13).
+
+    Parameters
+    ----------
+    posterior
+        Markers drawn from it give amplitude and curve.
+    shapes
+        Family of curves.
+    measured_deg, needed
+        Angles of the samples in degrees, and the intensity over σ that a source must exceed to be detected there.
+    angles_deg
+        Angles of the source, in degrees.
+    """
+    # Spread over all particles, which are sorted by angle.
+    drawn = np.linspace(0, posterior.theta_deg.size - 1, SURVEY_PARTICLES).astype(np.int64)
+    steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
+    away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
+    log_height = posterior.log_snr[drawn, None, None] + shapes.log_curve[posterior.member[drawn, None, None], away]
+    height = np.exp(np.minimum(log_height, 50.0))
+    return np.asarray(ndtr((needed[:, None] - height) / np.hypot(1.0, MODEL_ERROR * height)))

@@ -1,0 +1,77 @@
+"""What may still hide, against searches of drawn sources, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.search.floor import Noise
+from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.inference import Inference
+from markerseek.search.posterior.shapes import STEP_DEG, family, log_curve
+from markerseek.search.posterior.survey import MODEL_ERROR, SURVEY_PARTICLES, survey_of, undetected
+
+SHAPES = family()
+NOISE = Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
+
+
+def candidate(angles_deg, *, peak=50.0, fwhm_deg=6.0, marker_deg=0.0):
+    """A source that was measured at these angles without noise, by intensities alone."""
+    height = peak * np.exp(log_curve(np.asarray(angles_deg) - marker_deg, fwhm_deg=fwhm_deg, tail=1.2, knee=2.4))
+    lit = [
+        Sample(angle_deg=angle, reading=Reading(intensity=max(4.5, value), noise_sigma=1.0, cells=10_000))
+        for angle, value in zip(angles_deg, height.tolist(), strict=True)
+    ]
+    inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
+    posterior = inference.posterior(lit, NOISE, particles=48)
+    return Candidate(source=None, samples=lit, missing=None, posterior=posterior, seen=len(lit)), lit
+
+
+def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
+    source, _ = candidate([-6.0, -3.0, 0.0, 3.0, 6.0])
+    rng = np.random.default_rng(1)
+    at_deg, angles_deg, needed = np.array([-20.0, 4.0]), np.linspace(-35, 35, 15), np.array([6.4, 9.0])
+    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg)
+    drawn = np.linspace(0, 47, SURVEY_PARTICLES).astype(int)
+    steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
+    for row, k in enumerate(drawn[:4]):
+        for i in range(2):
+            away = np.abs(at_deg[i] - angles_deg)
+            log_s = np.interp(away, steps, SHAPES.log_curve[source.posterior.member[k]])
+            height = np.exp(source.posterior.log_snr[k] + log_s)
+            sample = height + np.hypot(1.0, MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
+            assert chance[row, i] == pytest.approx((sample < needed[i]).mean(axis=0), abs=0.015)
+
+
+def test_a_range_measured_everywhere_hides_nothing_and_a_gap_hides_a_source():
+    source, lit = candidate([-33.0, -27.0, -21.0, -15.0, -9.0, -3.0, 0.0, 3.0, 9.0, 15.0, 21.0, 27.0, 33.0])
+    assert survey_of(source, SHAPES, lit, NOISE, limits=PAPER_RANGE).share > 0.999
+    source, lit = candidate([-33.0, -27.0, -21.0, -15.0, -9.0, -3.0, 0.0, 3.0])
+    survey = survey_of(source, SHAPES, lit, NOISE, limits=PAPER_RANGE)
+    assert 0.5 < survey.share < 0.9
+    assert survey.hidden_deg > 12
+    assert 12 < survey.next_deg < 35
+
+
+def test_the_next_angle_leaves_least_hidden():
+    """Each candidate in turn is measured without a detection, travel apart."""
+    source, lit = candidate([-33.0, -20.0, -9.0, -3.0, 0.0, 3.0])
+    survey = survey_of(source, SHAPES, lit, NOISE, limits=PAPER_RANGE)
+
+    def left(angle_deg):
+        more = [*lit, Sample(angle_deg=angle_deg, reading=Reading(intensity=4.5, noise_sigma=1.0, cells=10_000))]
+        return survey_of(source, SHAPES, more, NOISE, limits=PAPER_RANGE).share
+
+    shares = [left(angle_deg) for angle_deg in np.linspace(-35, 35, 36).tolist()]
+    assert left(survey.next_deg) > max(shares) - 0.03
+
+
+def test_a_louder_source_hides_less():
+    angles = [-30.0, -10.0, -3.0, 0.0, 3.0, 12.0, 30.0]
+    shares = []
+    for peak in (12.0, 50.0, 300.0):
+        source, lit = candidate(angles, peak=peak)
+        shares.append(survey_of(source, SHAPES, lit, NOISE, limits=PAPER_RANGE).share)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.8 < 0.98 < shares[-1]
