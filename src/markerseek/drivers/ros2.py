@@ -93,6 +93,7 @@ class Ros2Stage:
         self._heard_s = -math.inf
         self._reached_ns = 0
         self._readings = 0
+        self._in_degrees = False
         self._busy = self._was_busy = False
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
@@ -124,6 +125,9 @@ class Ros2Stage:
         self._take(degrees)
 
     def _on_joint(self, message: Any) -> None:
+        if self._in_degrees:
+            # The node's state has the same angle, not rounded by the way over radians.
+            return
         angle_deg = joint_angle_deg(message)
         self._reached_ns = messages.stamp_ns(message)
         # What is no angle is kept as NaN, which the guard refuses.
@@ -141,6 +145,9 @@ class Ros2Stage:
         self._was_busy = self._was_busy or state.is_busy
         if not state.is_busy:
             self._idle_ns = state.stamp_ns
+        if state.angle_deg is not None:
+            self._in_degrees, self._reached_ns = True, state.stamp_ns
+            self._take(state.angle_deg)
         self._refused = (state.refused_ns, state.refused) if state.refused else self._refused
 
     @property

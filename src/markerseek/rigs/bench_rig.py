@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from markerseek.core import Clock, Laser, Receiver, RigFacts, Stage
+from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
 from markerseek.drivers import (
     BenchLaser,
     BenchProbe,
@@ -44,6 +45,99 @@ DARK_ALARM = 1e-6
 """False-alarm probability of one dark frame: a threshold of 7.3 standard deviations for an image."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchPart:
+    """The stage of a bench, or its laser and receiver, with a guard of their own: for a node that serves them.
+
+    Attributes
+    ----------
+    stage, laser, receiver
+        The devices; None where they are not of this part.
+    guard
+        Permits each step; it begins disarmed.
+    clock
+        Real time.
+    description
+        What it is.
+    devices
+        The lines, to be armed and closed.
+    """
+
+    stage: Stage | None
+    laser: Laser | None
+    receiver: Receiver | None
+    guard: Guard
+    clock: Clock
+    description: str
+    devices: OpenDevices
+
+    def arm(self, *, by: str) -> None:
+        """As `Rig.arm`."""
+        self.guard.arm(by=by)
+        self.devices.arm()
+
+
+def bench_part(
+    settings: BenchSettings, part: Literal["stage", "acquisition"], *, beat: Callable[[], None]
+) -> BenchPart:
+    """Connect the stage of a bench, or its laser and receiver, and nothing else; close its devices at the end.
+
+    Parameters
+    ----------
+    settings
+        Of the whole bench.
+    part
+        Which part.
+    beat
+        Called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
+
+    Raises
+    ------
+    DeviceError
+        As `bench`.
+    ConfigError
+        If that part is itself behind ROS 2.
+    """
+    over_ros = isinstance(settings.stage if part == "stage" else settings.receiver, RosStage | RosReceiver)
+    if over_ros:
+        raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
+    devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
+    try:
+        supervisor = devices.supervisor
+
+        def step() -> None:
+            if supervisor is not None:
+                supervisor.beat()
+            beat()
+
+        clock = SystemClock(beat=step)
+        stage, laser, receiver = None, None, None
+        if part == "stage":
+            stage, description = _stage(settings, devices, clock)
+        else:
+            laser, receiver, description = _acquisition(settings, devices, clock)
+        return BenchPart(
+            stage=stage,
+            laser=laser,
+            receiver=receiver,
+            guard=_guard(settings),
+            clock=clock,
+            description=description,
+            devices=devices,
+        )
+    except BaseException:
+        devices.close()
+        raise
+
+
+def _guard(settings: BenchSettings) -> Guard:
+    return Guard(
+        limits=settings.limits,
+        firing=settings.firing,
+        admission=Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM),
+    )
+
+
 class OpenDevices:
     """The open serial lines of a bench, with or without a supervisor, and its ROS 2 node where it needs one.
 
@@ -51,6 +145,8 @@ class OpenDevices:
     ----------
     settings
         Gives the ports, and whether a supervisor owns them.
+    names
+        Which lines are opened.
 
     Raises
     ------
@@ -58,12 +154,12 @@ class OpenDevices:
         If a line cannot be opened.
     """
 
-    def __init__(self, settings: BenchSettings) -> None:
+    def __init__(self, settings: BenchSettings, *, names: Collection[str] = ("laser", "stage")) -> None:
         self._stack = ExitStack()
         self._ports: dict[str, Port] = {}
         self.supervisor: Supervisor | None = None
         self.node: RosNode | None = None
-        lines = _lines(settings)
+        lines = [line for line in _lines(settings) if line.name in names]
         with ExitStack() as opening:
             if isinstance(settings.stage, RosStage) or isinstance(settings.receiver, RosReceiver):
                 self.node = opening.enter_context(RosNode("markerseek_rig", enclave="/markerseek/rig"))
@@ -139,11 +235,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         receiver=receiver,
         reader=imaging,
         clock=clock,
-        guard=Guard(
-            limits=settings.limits,
-            firing=settings.firing,
-            admission=Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM),
-        ),
+        guard=_guard(settings),
         pulses=settings.pulses,
         dead_man=devices.supervisor,
     )

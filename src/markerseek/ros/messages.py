@@ -122,12 +122,16 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a stage node, as crtk_msgs/OperatingState has it, and the last command that was refused."""
+    """State of a stage node, as crtk_msgs/OperatingState has it, and the last command that was refused.
+
+    ``angle_deg`` is the angle at rest as the stage gave it: radians would round it, and a search could decide otherwise.
+    """
 
     state: str
     is_homed: bool
     is_busy: bool
     stamp_ns: int
+    angle_deg: float | None = None
     refused: str = ""
     refused_ns: int = 0
 
@@ -175,6 +179,23 @@ def _decoded(data: str, kind: type[_Held]) -> _Held | None:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
         return None
+
+
+def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
+    """A DiagnosticArray of one node: an error with its sentence, or all is well, and facts as text."""
+    values = [
+        kinds["diagnostic_msgs/msg/KeyValue"](key=key, value="" if value is None else str(value))
+        for key, value in facts.items()
+    ]
+    status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
+        # A byte in ROS 2: 0 is well, 2 an error.
+        level=b"\x02" if fault else b"\x00",
+        name=name,
+        message=fault or "ok",
+        hardware_id="",
+        values=values,
+    )
+    return kinds["diagnostic_msgs/msg/DiagnosticArray"](header=header(kinds, time_s=time_s), status=[status])
 
 
 def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:

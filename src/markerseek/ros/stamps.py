@@ -22,17 +22,16 @@ class StampedCommands:
         self.dropped: dict[str, int] = {}
         self._last_ns = 0
 
-    def refusal(self, stamp: Any, *, now_s: float) -> str | None:
+    def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
         """Why a command is dropped; None if it is accepted.
 
         Parameters
         ----------
-        stamp
-            Its stamp (builtin_interfaces/Time).
+        stamp_ns
+            Its stamp in nanoseconds; 0 is none.
         now_s
             Time now on the same clock, in seconds.
         """
-        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         age_s = now_s - stamp_ns * 1e-9
         if stamp_ns == 0:
             return self.drop("no stamp", "it carries no stamp; set header.stamp to the time at which it is sent")
