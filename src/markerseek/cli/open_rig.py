@@ -119,9 +119,10 @@ def print_permissions(settings: BenchSettings) -> None:
     from rich.markup import escape
 
     from markerseek.cli.terminal import stderr
-    from markerseek.drivers import exposure_line
+    from markerseek.drivers import BenchReceiver, exposure_line
 
-    limits, firing, command = settings.limits, settings.firing, settings.receiver.start_command
+    limits, firing, receiver = settings.limits, settings.firing, settings.receiver
+    command = receiver.start_command if isinstance(receiver, BenchReceiver) else None
     lines = (
         f"limits: search {limits.search}, travel {limits.travel}",
         f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",

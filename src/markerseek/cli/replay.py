@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
 from markerseek.cli.method_options import Acquisitions, MethodName
 from markerseek.cli.table_options import Columns, Unit, table_format
 
@@ -50,6 +51,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
     ] = None,
+    events: Events = None,
+    event_frames: EventFrames = False,
+    stop_with_reader: StopWithReader = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
@@ -66,6 +70,7 @@ def command(
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     announce_compilation()
     table = table_format(columns, unit)
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
@@ -91,5 +96,5 @@ def command(
         stay=stay,
     )
     session = new_session(assembled, plan)
-    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)
+    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
     conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

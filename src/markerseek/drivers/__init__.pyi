@@ -2,16 +2,34 @@ from .clock import SLICE_S, SystemClock
 from .exposure import exposure_line
 from .kdc101 import Kdc101Stage, StageSettings
 from .laserbox import LaserBox
+from .ros2 import Ros2Acquisition, Ros2Stage
 from .serial_port import SerialPort, SerialSettings
-from .settings import BenchProbe, BenchSettings, SonixDaqKeys, StageKeys
+from .settings import (
+    BenchLaser,
+    BenchProbe,
+    BenchReceiver,
+    BenchSettings,
+    RosLaser,
+    RosReceiver,
+    RosStage,
+    SonixDaqKeys,
+    StageKeys,
+)
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 
 __all__ = [
     "SLICE_S",
+    "BenchLaser",
     "BenchProbe",
+    "BenchReceiver",
     "BenchSettings",
     "Kdc101Stage",
     "LaserBox",
+    "Ros2Acquisition",
+    "Ros2Stage",
+    "RosLaser",
+    "RosReceiver",
+    "RosStage",
     "SerialPort",
     "SerialSettings",
     "SonixDaqKeys",

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from markerseek.core import ConfigError
-from markerseek.drivers.settings import BenchLaser
+from markerseek.drivers._light import LaserKeys
 
 CAVEAT = "A laser safety officer must confirm this; the eye's limit is hundreds of times lower."
 
@@ -77,7 +77,7 @@ _LONG_S = 10.0
 """Duration in seconds from which the limit is a constant irradiance: longer trains have the same share."""
 
 
-def exposure_line(laser: BenchLaser) -> str:
+def exposure_line(laser: LaserKeys) -> str:
     """Skin exposure by a rig's laser as shares of the limits in one line, or which keys of the rig file are missing.
 
     The three shares are those of a pulse, of one acquisition, and of pulses without a pause; a search pauses.

@@ -11,6 +11,8 @@ from typing import Literal
 
 from markerseek.core import ConfigError, require_range
 from markerseek.drivers._kdc101_settings import StageKeys
+from markerseek.drivers._light import LaserKeys
+from markerseek.drivers._ros2_settings import RosLaser, RosReceiver, RosStage
 from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
 
@@ -21,17 +23,13 @@ __all__ = [
     "BenchSettings",
     "BenchStage",
     "BenchSupervisor",
+    "LaserKeys",
+    "RosLaser",
+    "RosReceiver",
+    "RosStage",
     "SonixDaqKeys",
     "StageKeys",
 ]
-
-_LIGHT = {
-    "wavelength_nm": (400, 1400, "nm"),
-    "pulse_energy_j": (1e-9, 10, "J"),
-    "pulse_width_s": (1e-9, 1e-3, "s"),
-    "spot_diameter_m": (1e-5, 1, "m"),
-}
-"""Ranges in which the limits of skin exposure hold (wavelength, pulse width), or which a suitable laser can have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +50,8 @@ class BenchStage(StageKeys):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchLaser:
-    """The laser.
+class BenchLaser(LaserKeys):
+    """The laser: its port and the keys of `LaserKeys`.
 
     Attributes
     ----------
@@ -61,34 +59,13 @@ class BenchLaser:
         Serial port of the laser box, or of the PicoLAS driver.
     driver
         Which of them it is; ``picolas`` was never tested on hardware, counts no pulses and has no lease of its own.
-    pulses
-        Pulses averaged in one acquisition.
-    rate_hz
-        Pulses per second.
     answer_s
         Longest time for the laser box's answer, in seconds; the PicoLAS driver's is fixed.
-    wavelength_nm, pulse_energy_j, pulse_width_s, spot_diameter_m
-        The light on the skin: wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot
-        in metres. They only serve to show the exposure of skin when the rig is armed; None if not known.
     """
 
     port: str
     driver: Literal["laserbox", "picolas"] = "laserbox"
-    pulses: int = 16
-    rate_hz: float = 100.0
     answer_s: float = 0.5
-    wavelength_nm: float | None = None
-    pulse_energy_j: float | None = None
-    pulse_width_s: float | None = None
-    spot_diameter_m: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, (low, high, unit) in _LIGHT.items():
-            value = getattr(self, name)
-            if value is not None:
-                require_range(f"laser: {name}", value, low=low, high=high, unit=unit)
-        require_range("laser: pulses", self.pulses, low=1, high=1024)
-        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,9 +160,9 @@ class BenchSettings:
         Limits of the laser's pulses.
     """
 
-    stage: BenchStage
-    laser: BenchLaser
-    receiver: BenchReceiver
+    stage: BenchStage | RosStage
+    laser: BenchLaser | RosLaser
+    receiver: BenchReceiver | RosReceiver
     probe: BenchProbe = field(default_factory=BenchProbe)
     limits: Limits = field(default_factory=Limits)
     firing: FiringLimits = field(default_factory=FiringLimits)
@@ -197,20 +174,29 @@ class BenchSettings:
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
-        from_below = self.stage.approach_from == "below"
-        farthest_deg = self.limits.search.low_deg if from_below else self.limits.search.high_deg
-        start_deg = farthest_deg - self.stage.approach_deg if from_below else farthest_deg + self.stage.approach_deg
-        if start_deg not in self.limits.travel:
+        if isinstance(self.laser, RosLaser) != isinstance(self.receiver, RosReceiver):
             raise ConfigError(
-                f"stage: to arrive at {farthest_deg:g} deg from {self.stage.approach_from} the stage must start at "
-                f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
-                "limits.travel, or shorten stage.approach_deg"
+                f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; an "
+                "acquisition node has both: name ros2 in both, or in neither"
             )
+        if isinstance(self.stage, BenchStage):
+            self._require_room_to_approach(self.stage)
         # Nothing else would switch that laser off when the search is killed.
         if self.laser.driver == "picolas" and not self.supervisor.enabled:
             raise ConfigError(
                 "supervisor: enabled is false, and a PicoLAS driver has no lease of its own; keep it enabled"
+            )
+
+    def _require_room_to_approach(self, stage: BenchStage) -> None:
+        # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
+        from_below = stage.approach_from == "below"
+        farthest_deg = self.limits.search.low_deg if from_below else self.limits.search.high_deg
+        start_deg = farthest_deg - stage.approach_deg if from_below else farthest_deg + stage.approach_deg
+        if start_deg not in self.limits.travel:
+            raise ConfigError(
+                f"stage: to arrive at {farthest_deg:g} deg from {stage.approach_from} the stage must start at "
+                f"{start_deg:g} deg, outside the travel range {self.limits.travel}; narrow limits.search, widen "
+                "limits.travel, or shorten stage.approach_deg"
             )
 
     @property
@@ -220,7 +206,7 @@ class BenchSettings:
         Only the last equals the number of a dark frame's triggers, so that neighbours always differ.
         """
         usual = self.laser.pulses
-        if self.receiver.frames == "fixed":
+        if isinstance(self.receiver, RosReceiver) or self.receiver.frames == "fixed":
             return (usual,)
         # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)

@@ -7,13 +7,14 @@ checks to.
 
 from markerseek.files.inputs import MIB, open_input, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
-from markerseek.files.settings import in_words, known_keys, read_toml, require_choice, require_key
+from markerseek.files.settings import convert_settings, in_words, known_keys, read_toml, require_choice, require_key
 from markerseek.files.whole import create_atomically, new_file, replace_file, require_new, sync_folder
 
 __all__ = [
     "MIB",
     "SERIAL_ERRORS",
     "Parity",
+    "convert_settings",
     "create_atomically",
     "in_words",
     "known_keys",

@@ -101,7 +101,7 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
     hints = typing.get_type_hints(settings)
     known: dict[str, object] = {}
     for key, value in table.items():
-        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)])
+        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)], value)
         if isinstance(value, dict) and part is not None:
             known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
         else:
@@ -181,7 +181,47 @@ def require_key(key: str, settings: type, *, prefix: str = "") -> str:
     raise ConfigError(f"the key {prefix}{key} is unknown; {hint}")
 
 
-def _dataclass_in(hint: object) -> type | None:
-    """The dataclass that a type hint allows, if any."""
+def convert_settings(table: object, settings: type[_Settings]) -> _Settings:
+    """Settings from a table of plain values.
+
+    Parameters
+    ----------
+    table
+        From `known_keys`, or from JSON.
+    settings
+        Dataclass of them; of a field with several dataclasses, the ``driver`` of its table names the one.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        If a value does not fit, or a key is missing.
+    ConfigError
+        If a value is out of range.
+    """
+    if not isinstance(table, dict):
+        raise msgspec.ValidationError(f"Expected `object`, got `{type(table).__name__}`")
+    hints = typing.get_type_hints(settings)
+    parts: list[typing.Any] = []
+    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
+        chosen = _dataclass_in(hints[field.name], table.get(field.name)) or hints[field.name]
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        parts.append((field.name, chosen) if required else (field.name, chosen | msgspec.UnsetType, msgspec.UNSET))
+    # msgspec knows no union of dataclasses: it converts to a struct in which the choices are made.
+    held = msgspec.convert(table, msgspec.defstruct(settings.__name__, parts, kw_only=True))
+    given = {name: getattr(held, name) for name in held.__struct_fields__}
+    return settings(**{name: value for name, value in given.items() if value is not msgspec.UNSET})
+
+
+_Settings = typing.TypeVar("_Settings")
+
+
+def _dataclass_in(hint: object, value: object) -> type | None:
+    """The dataclass that a type hint allows, if any; of several, the first that has the driver of this table."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-    return next((kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)), None)
+    kinds = [kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
+    if len(kinds) < 2 or not isinstance(value, dict) or "driver" not in value:
+        return kinds[0] if kinds else None
+    drivers = {name: kind for kind in kinds for name in typing.get_args(typing.get_type_hints(kind)["driver"])}
+    if value["driver"] not in drivers:
+        raise ConfigError(f"driver is {value['driver']!r}, it must be one of: {', '.join(drivers)}")
+    return drivers[value["driver"]]

@@ -1,4 +1,4 @@
-from .bench_rig import bench
+from .bench_rig import BenchPart, bench, bench_part
 from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
 from .replay import preset_of, replayed
 from .rig import Rig, fingerprint
@@ -8,6 +8,7 @@ from .simulation import USUAL_CELLS, in_world, of_intensities, simulated
 
 __all__ = [
     "USUAL_CELLS",
+    "BenchPart",
     "BenchRecipe",
     "Recipe",
     "ReplayedRecipe",
@@ -15,6 +16,7 @@ __all__ = [
     "Scene",
     "SimulatedRecipe",
     "bench",
+    "bench_part",
     "draw_scene",
     "fingerprint",
     "image_peak",

@@ -6,8 +6,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, RecordError
 from markerseek.drivers import BenchSettings
+from markerseek.files import convert_settings
 from markerseek.records.banks import DEFAULT_FORMAT, TableFormat
 from markerseek.sim import SimulatedSettings
 
@@ -35,9 +36,23 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
 
 
 class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
-    """Arguments of `markerseek.rigs.bench_rig.bench`."""
+    """Arguments of `markerseek.rigs.bench_rig.bench`; ``held`` is its settings as JSON."""
 
-    settings: BenchSettings
+    # JSON, because msgspec reads no field that can be one of several dataclasses, as a stage can.
+    held: msgspec.Raw = msgspec.field(name="settings")
+
+    @classmethod
+    def of(cls, settings: BenchSettings) -> BenchRecipe:
+        """Recipe with these settings."""
+        return cls(held=msgspec.Raw(msgspec.json.encode(settings)))
+
+    @property
+    def settings(self) -> BenchSettings:
+        """The settings; `RecordError` if the JSON holds none."""
+        try:
+            return convert_settings(msgspec.json.decode(self.held), BenchSettings)
+        except (msgspec.MsgspecError, ConfigError, RecursionError) as problem:
+            raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
 
 
 Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError
-from markerseek.drivers import BenchSettings
-from markerseek.files import in_words, known_keys, read_toml
+from markerseek.drivers import BenchReceiver, BenchSettings
+from markerseek.files import convert_settings, in_words, known_keys, read_toml
 from markerseek.sim import SimulatedSettings
 
 _SETTINGS: dict[str, type[SimulatedSettings] | type[BenchSettings]] = {
@@ -46,12 +46,12 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
         raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
     wanted = _SETTINGS[kind]
     try:
-        settings = msgspec.convert(known_keys(table, wanted), wanted)
+        settings = convert_settings(known_keys(table, wanted), wanted)
     except msgspec.ValidationError as problem:
         raise ConfigError(f"{path}: {in_words(problem)}") from problem
     except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
-    if isinstance(settings, BenchSettings):
+    if isinstance(settings, BenchSettings) and isinstance(settings.receiver, BenchReceiver):
         # Relative to the file, so that the command works from any current folder.
         folder = path.parent / settings.receiver.folder
         return replace(settings, receiver=replace(settings.receiver, folder=str(folder)))

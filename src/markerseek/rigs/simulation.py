@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import SupportsFloat, SupportsIndex
@@ -49,6 +50,7 @@ def simulated(
     marker_deg: SupportsFloat | None = None,
     settings: SimulatedSettings | str | Path | None = None,
     pace: SupportsFloat = 0.0,
+    beat: Callable[[], None] | None = None,
 ) -> Rig:
     """A rig in a simulated world; the same seed and settings give the same frames.
 
@@ -64,6 +66,8 @@ def simulated(
         All other settings, or the path of a rig file (kind simulated).
     pace
         Real seconds per virtual second; 0 does not wait.
+    beat
+        Called while a device works, as of `markerseek.sim.VirtualClock`.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def simulated(
     return in_world(
         world,
         settings,
-        clock=VirtualClock(pace=pace),
+        clock=VirtualClock(pace=pace, beat=beat),
         reader=imaging,
         imaging=imaging,
         description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",

@@ -113,9 +113,18 @@ class SimulatedStage:
 
     def _turn(self, angle_deg: float) -> None:
         """Move the motor by whole counts; the probe follows once the play is taken up."""
-        start_deg = self.angle_deg
+        start_deg, began_s = self.angle_deg, self._clock.now_s()
         self.counts = round(angle_deg * self._motion.counts_per_deg)
-        self._clock.wait(self._motion.duration_s(self.angle_deg - start_deg))
-        # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
-        play_deg = self._motion.backlash_deg
-        self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)
+        way_deg = self.angle_deg - start_deg
+        duration_s = self._motion.duration_s(way_deg)
+        try:
+            self._clock.wait(duration_s)
+        except BaseException:
+            # Stopped on its way: where, is computed as if its speed were constant.
+            share = (self._clock.now_s() - began_s) / duration_s if duration_s > 0 else 1.0
+            self.counts = round((start_deg + share * way_deg) * self._motion.counts_per_deg)
+            raise
+        finally:
+            # Pushed from below the probe is at the encoder's angle; pulled from above it lags by the play.
+            play_deg = self._motion.backlash_deg
+            self._world.angle_deg = min(max(self._world.angle_deg, self.angle_deg), self.angle_deg + play_deg)

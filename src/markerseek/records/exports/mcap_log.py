@@ -33,17 +33,13 @@ import msgspec
 
 from markerseek.core import ConfigError, MissingExtraError, PaImage
 from markerseek.files import new_file
-from markerseek.records.exports import _messages as messages
 from markerseek.records.exports.series import Series, grid_of, one_for_each
+from markerseek.ros import messages
+from markerseek.ros.topics import BANK, ENVELOPE, FRAMES, INTENSITY, MEASURED_JS, PICTURE, SAMPLE
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
     from rosbags.typesys.store import Typestore
-
-BANK, ANGLE, FRAMES = "/pa_search/bank", "/TRUS/measured_js", "/tf"
-PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
-SAMPLE, INTENSITY = "/pa_search/sample", "/pa_search/intensity"
-"""Topics."""
 
 METADATA = "markerseek"
 """Key of the bank's facts in the metadata of the log."""
@@ -109,9 +105,9 @@ class _Log:
             if not self._connections:
                 self._put_bank_facts(series, image, brightest=brightest)
             at_ns = messages.time_ns(time_s)
-            self._put(ANGLE, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
+            self._put(MEASURED_JS, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
             turned = messages.transforms(kinds, time_s=time_s, angle_deg=angle_deg, image=image, face_radius_m=radius_m)
-            self._put(FRAMES, turned, at_ns)
+            self._put(FRAMES, kinds["tf2_msgs/msg/TFMessage"](transforms=turned), at_ns)
             if image is not None and brightest is not None:
                 self._put(PICTURE, messages.picture(kinds, image, time_s=time_s, brightest=brightest), at_ns)
                 self._put(ENVELOPE, messages.envelope(kinds, image, time_s=time_s), at_ns)

@@ -1,0 +1,199 @@
+"""The search as a ROS 2 node: services start and cancel it, topics carry its acquisitions and its answer."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from typing import Any
+
+from markerseek.bridges.child import ChildRun, Outcome
+from markerseek.bridges.searches import Searches, SearchRequest
+from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused, SearchError
+from markerseek.records.journal import Checked
+from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+from markerseek.ros import RosNode, messages, topics
+from markerseek.runs import rebuild_reader
+from markerseek.signals import ImageReader
+
+_TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
+_DIAGNOSE_S = 1.0
+
+
+class SearchNode:
+    """Runs searches as child processes, one at a time.
+
+    Parameters
+    ----------
+    node
+        Its node.
+    searches
+        Starts them.
+    request
+        What a search is asked for; a std_srvs/Trigger carries nothing.
+    publishes_angle
+        Whether the angle of the probe is published: not if the rig is one of ROS 2 nodes, of which one does it.
+    """
+
+    def __init__(
+        self, *, node: RosNode, searches: Searches, request: SearchRequest, publishes_angle: bool = True
+    ) -> None:
+        self.node = node
+        self.outcome: Outcome | None = None
+        self._searches, self._request, self._publishes_angle = searches, request, publishes_angle
+        self._child: ChildRun | None = None
+        self._items: queue.SimpleQueue[StreamItem | Outcome] = queue.SimpleQueue()
+        self._face_radius_m: float | None = None
+        self._imaging: ImageReader | None = None
+        self._brightest = 0.0
+        self._counts = {"searches": 0, "acquisitions": 0, "refused": 0, "lost lines": 0, "lost frames": 0}
+        self._fault: str | None = None
+        self._diagnose_s = -math.inf
+        for topic in (topics.SAMPLE, topics.INTENSITY):
+            node.advertise(topic, _TEXT if topic == topics.SAMPLE else "std_msgs/msg/Float64")
+        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+        node.serve(topics.RUN, self._on_run)
+        node.serve(topics.CANCEL, self._on_cancel)
+        self._publish_result({"state": "idle"})
+
+    def _on_run(self) -> tuple[bool, str]:
+        try:
+            self.start()
+        except SearchError as refusal:
+            return False, str(refusal)
+        return True, f"a search has begun; its answer comes on {topics.RESULT}"
+
+    def _on_cancel(self) -> tuple[bool, str]:
+        if self._searches.cancel():
+            return True, "the search is being stopped"
+        return False, "no search is running"
+
+    @property
+    def running(self) -> bool:
+        """Whether a search is running, or its answer is not published yet."""
+        return self._child is not None
+
+    def start(self) -> None:
+        """Start a search; `SearchError` if one is running."""
+        if self.running:
+            raise SearchError("a search is running; cancel it, or wait for its result")
+        self._child = self._searches.start(self._request)
+        self.outcome = None
+        self._counts["searches"] += 1
+        self._publish_result({"state": "running", "process_id": self._child.process_id})
+        threading.Thread(target=self._read, args=(self._child,), daemon=True).start()
+
+    def _read(self, child: ChildRun) -> None:
+        """Read the child's stream in a thread of its own: waiting there must not hold up the network."""
+        try:
+            for item in child.items():
+                self._items.put(item)
+                self.node.wake()
+        except RecordError:
+            child.stop()
+        self._items.put(child.outcome())
+        self.node.wake()
+
+    def step(self) -> None:
+        """Publish what has happened since."""
+        while True:
+            try:
+                item = self._items.get_nowait()
+            except queue.Empty:
+                break
+            self._publish(item)
+        if self.node.now_s() >= self._diagnose_s:
+            self._diagnose_s = self.node.now_s() + _DIAGNOSE_S
+            self._publish_diagnostics()
+
+    def close(self) -> None:
+        """Stop the search that is running, and wait for its end."""
+        self._searches.cancel()
+        while self.running:
+            item = self._items.get()
+            self._publish(item)
+
+    def _publish(self, item: StreamItem | Outcome) -> None:
+        match item:
+            case StreamHead():
+                self._begin(item)
+            case StreamEvent(event=event):
+                self._counts["lost lines"] += item.lost_lines
+                self._counts["lost frames"] += item.lost_frames
+                if isinstance(event, Measured):
+                    self._publish_sample(event)
+                self._counts["refused"] += isinstance(event, Refused | Failed | Checked)
+            case Outcome():
+                self._end(item)
+
+    def _begin(self, head: StreamHead) -> None:
+        configuration = head.configuration
+        self._face_radius_m = configuration.facts.face_radius_m
+        reader = rebuild_reader(configuration)
+        self._imaging = reader if isinstance(reader, ImageReader) else None
+        self._brightest = 0.0
+        known = configuration.flat()
+        # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
+        known.pop("recipe")
+        message = messages.text(self.node.kinds, known)
+        self.node.publish(topics.BANK, _TEXT, message, latched=True)
+
+    def _publish_sample(self, event: Measured) -> None:
+        self._counts["acquisitions"] += 1
+        sample, kinds, now_s = event.sample, self.node.kinds, self.node.now_s()
+        if self._publishes_angle:
+            joint = messages.joint_state(kinds, time_s=now_s, angle_deg=sample.angle_deg)
+            self.node.publish(topics.MEASURED_JS, _JOINT, joint)
+        image = None
+        if isinstance(sample.frame, ChannelFrame) and self._imaging is not None:
+            image = self._imaging.picture(sample.frame)
+        turned = messages.transforms(
+            kinds, time_s=now_s, angle_deg=sample.angle_deg, image=image, face_radius_m=self._face_radius_m
+        )
+        if kinds.has("tf2_msgs/msg/TFMessage"):
+            kind = "tf2_msgs/msg/TFMessage"
+            self.node.publish(topics.FRAMES, kind, kinds[kind](transforms=turned))
+        else:
+            for each in turned:
+                self.node.publish(topics.FRAMES, "geometry_msgs/msg/TransformStamped", each)
+        if image is not None:
+            self._brightest = max(self._brightest, float(image.envelope.max()))
+            self.node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
+            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
+            self.node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
+        content = {
+            "angle_deg": sample.angle_deg,
+            "intensity": sample.reading.intensity,
+            "time_s": now_s,
+            "role": event.role,
+            "index": event.index,
+        }
+        self.node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, content))
+        if event.role != "dark":
+            number = messages.number(kinds, sample.reading.intensity)
+            self.node.publish(topics.INTENSITY, "std_msgs/msg/Float64", number)
+
+    def _end(self, outcome: Outcome) -> None:
+        self._child, self.outcome = None, outcome
+        self._fault = outcome.message if outcome.exit_code not in (0, 3, 4, 130, 143) else None
+        self._publish_result(
+            {
+                "state": "ended",
+                "exit_code": outcome.exit_code,
+                "message": outcome.message,
+                "result": outcome.answer,
+            }
+        )
+
+    def _publish_result(self, content: dict[str, Any]) -> None:
+        self.node.publish(topics.RESULT, _TEXT, messages.text(self.node.kinds, content), latched=True)
+
+    def _publish_diagnostics(self) -> None:
+        message = messages.diagnostics(
+            self.node.kinds,
+            time_s=self.node.now_s(),
+            name=self.node.name,
+            fault=self._fault,
+            facts={"running": self.running, **self._counts},
+        )
+        self.node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)

@@ -1,0 +1,110 @@
+"""Settings of a stage, a laser and a receiver behind ROS 2 topics: the keys of a rig file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from markerseek.core import ConfigError, require_range
+from markerseek.drivers._light import LaserKeys
+from markerseek.ros import topics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosStage:
+    """A stage node that takes an angle on one topic and returns the angle reached on another.
+
+    Attributes
+    ----------
+    driver
+        Driver of the stage.
+    command_topic, reached_topic
+        Where the angle to go to is published, and where the angle reached is read.
+    state_topic
+        State of the node: a move ends when it is busy and then idle. None: the move ends with an angle near the target.
+    message
+        Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge.
+    unit
+        Unit of ``float64``.
+    connect_s
+        Longest time until its node is found, in seconds.
+    timeout_s
+        Longest duration of a move, in seconds.
+    arrival_deg
+        Largest distance from the target at which an angle counts as reached, in degrees.
+    age_s
+        Greatest age of an angle, in seconds; None for nodes that publish it after a move only.
+    """
+
+    driver: Literal["ros2"] = "ros2"
+    command_topic: str = topics.MOVE_JP
+    reached_topic: str = topics.MEASURED_JS
+    state_topic: str | None = topics.OPERATING_STATE
+    message: Literal["joint_state", "float64"] = "joint_state"
+    unit: Literal["rad", "deg"] = "rad"
+    connect_s: float = 10.0
+    timeout_s: float = 60.0
+    arrival_deg: float = 0.05
+    age_s: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        for name, high in (("connect_s", 600), ("timeout_s", 600)):
+            require_range(f"stage: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
+        require_range("stage: arrival_deg", self.arrival_deg, low=0.001, high=0.1, unit="deg")
+        if self.age_s is not None:
+            require_range("stage: age_s", self.age_s, low=0.05, high=60, unit="s")
+        if self.message == "joint_state" and self.unit != "rad":
+            raise ConfigError("stage: unit is deg, and a joint_state is in radians; use message = 'float64', or 'rad'")
+        if self.message == "float64" and self.state_topic is not None:
+            raise ConfigError("stage: message is float64, and such nodes publish no state; add state_topic = 'none'")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosLaser(LaserKeys):
+    """The laser of an acquisition node, which fires it under its own guard.
+
+    Attributes
+    ----------
+    driver
+        Driver of the laser; the receiver's must be the same.
+    """
+
+    driver: Literal["ros2"] = "ros2"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosReceiver:
+    """The receiver of an acquisition node.
+
+    Attributes
+    ----------
+    driver
+        Driver of the data acquisition.
+    request_topic, answer_topic, frame_topic
+        Where an acquisition is asked for, where it is answered, and where its channel data come.
+    sampling_hz
+        Sampling frequency in Hz.
+    connect_s
+        Longest time until the node is found, in seconds.
+    timeout_s
+        Longest time from the request to the frame, in seconds.
+    noise_ratio
+        As of the other receivers.
+    """
+
+    driver: Literal["ros2"] = "ros2"
+    request_topic: str = topics.ACQUIRE
+    answer_topic: str = topics.ACQUIRED
+    frame_topic: str = topics.CHANNELS
+    sampling_hz: float = 40e6
+    connect_s: float = 10.0
+    timeout_s: float = 60.0
+    noise_ratio: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_range("receiver: sampling_hz", self.sampling_hz, low=0, high=1e9, unit="Hz", open_low=True)
+        for name in ("connect_s", "timeout_s"):
+            require_range(f"receiver: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
+        if not 1 < self.noise_ratio < math.inf:
+            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")

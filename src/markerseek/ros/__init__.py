@@ -1,0 +1,8 @@
+"""ROS 2: a node over rclpy, the messages of a rig, and the names of its topics.
+
+rclpy is imported by `markerseek.ros.node` alone, when a node is made; `messages` works without it, for exports.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

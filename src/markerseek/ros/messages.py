@@ -1,0 +1,261 @@
+"""ROS 2 messages of a rig and of one acquisition, for running nodes and for logs.
+
+The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.node.Kinds`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+
+from markerseek.core import Float32, Int16, PaImage, UInt8
+
+Kinds: TypeAlias = Mapping[str, Any]
+"""Classes of messages by name."""
+
+JOINT = "trus_roll"
+"""Name of the joint."""
+
+HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
+"""Frames: the probe at 0 degrees, the probe, and the image (x along columns, y along rows, from the first pixel)."""
+
+RANGE_DB = 40.0
+"""Dynamic range from white to black, in dB."""
+
+_TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
+"""The rotation of `markerseek.records.exports.frames.TRANSDUCER_AXES` as x, y, z, w."""
+
+
+def time_ns(time_s: float) -> int:
+    """A time in whole nanoseconds."""
+    # A double holds seconds since 1970 to about 0.2 µs, which is enough for acquisitions.
+    return round(time_s * 1e9)
+
+
+def header(kinds: Kinds, *, time_s: float, frame: str = "") -> Any:
+    """Header of a message; an empty frame where the message has no coordinates."""
+    sec, nanosec = divmod(time_ns(time_s), 1_000_000_000)
+    stamp = kinds["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+
+
+def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
+    """Angle of the probe, in radians."""
+    nothing = np.empty(0, np.float64)
+    return kinds["sensor_msgs/msg/JointState"](
+        header=header(kinds, time_s=time_s),
+        name=[JOINT],
+        position=np.array([math.radians(angle_deg)]),
+        velocity=nothing,
+        effort=nothing,
+    )
+
+
+def transforms(
+    kinds: Kinds, *, time_s: float, angle_deg: float, image: PaImage | None, face_radius_m: float | None
+) -> list[Any]:
+    """Transforms of the probe in its home frame, and of the image in the probe where the face radius is known.
+
+    A list of geometry_msgs/TransformStamped.
+    """
+    # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
+    half = math.radians(angle_deg) / 2
+    turned = _transform(
+        kinds, time_s, (HOME, PROBE), quaternion=(0.0, math.sin(half), 0.0, math.cos(half)), place_m=(0.0, 0.0, 0.0)
+    )
+    if image is None or face_radius_m is None:
+        return [turned]
+    place_m = (0.0, float(image.lateral_m[0]), face_radius_m + float(image.depth_m[0]))
+    mounted = _transform(kinds, time_s, (PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
+    return [turned, mounted]
+
+
+def text(kinds: Kinds, content: Any) -> Any:
+    """A value as JSON in a std_msgs/String; numbers that are not finite become null."""
+    return kinds["std_msgs/msg/String"](data=msgspec.json.encode(content).decode("utf-8"))
+
+
+def number(kinds: Kinds, value: float) -> Any:
+    """A std_msgs/Float64."""
+    return kinds["std_msgs/msg/Float64"](data=float(value))
+
+
+def channels(kinds: Kinds, samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
+    """Image message of channel data: a row per channel, 16SC1, ADC counts."""
+    return _image(kinds, samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s)
+
+
+def empty(kinds: Kinds) -> Any:
+    """A std_msgs/Empty."""
+    return kinds["std_msgs/msg/Empty"]()
+
+
+class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """Request to an acquisition node; -1 pulses ask it to end what it does.
+
+    ``id`` names the request, ``stamp_ns`` is when it was sent, on the clock of ROS; 0 pulses take a dark frame.
+    """
+
+    id: str
+    pulses: int
+    angle_rad: float
+    stamp_ns: int
+
+
+class Acquired(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer of an acquisition node: first ``fired``, then ``frame``, or ``error``.
+
+    ``stamp_ns`` of a frame is the stamp of its channel data.
+    """
+
+    id: str
+    step: Literal["fired", "frame", "error"]
+    pulses: int = 0
+    sequence: int = 0
+    sampling_hz: float = 0.0
+    stamp_ns: int = 0
+    error: str = ""
+
+
+class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
+    """State of a stage node, as crtk_msgs/OperatingState has it, and the last command that was refused.
+
+    ``angle_deg`` is the angle at rest as the stage gave it: rounded to radians, a search could decide otherwise.
+    """
+
+    state: str
+    is_homed: bool
+    is_busy: bool
+    stamp_ns: int
+    angle_deg: float | None = None
+    refused: str = ""
+    refused_ns: int = 0
+
+
+def acquired_of(message: Any) -> Acquired | None:
+    """Answer in a std_msgs/String; None if it holds none."""
+    return _decoded(message.data, Acquired)
+
+
+def request_of(message: Any) -> AcquireRequest | None:
+    """Request in a std_msgs/String; None if it holds none."""
+    return _decoded(message.data, AcquireRequest)
+
+
+STATE_KIND = "crtk_msgs/msg/OperatingState"
+
+
+def state_kind(kinds: Any) -> str:
+    """Name of the message with the state: that of CRTK where it is installed."""
+    return STATE_KIND if kinds.has(STATE_KIND) else "std_msgs/msg/String"
+
+
+def state(kinds: Any, held: OperatingState) -> Any:
+    """Message with the state of a stage node."""
+    if state_kind(kinds) != STATE_KIND:
+        return text(kinds, held)
+    stamp = header(kinds, time_s=held.stamp_ns * 1e-9)
+    return kinds[STATE_KIND](header=stamp, state=held.state, is_homed=held.is_homed, is_busy=held.is_busy)
+
+
+def state_of(message: Any) -> OperatingState | None:
+    """State in a message; None if it holds none."""
+    if hasattr(message, "data"):
+        return _decoded(message.data, OperatingState)
+    return OperatingState(
+        state=message.state, is_homed=message.is_homed, is_busy=message.is_busy, stamp_ns=stamp_ns(message)
+    )
+
+
+_Held = TypeVar("_Held", bound=msgspec.Struct)
+
+
+def _decoded(data: str, kind: type[_Held]) -> _Held | None:
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
+        return None
+
+
+def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
+    """A DiagnosticArray of one node: an error with its sentence, or all is well, and facts as text."""
+    values = [
+        kinds["diagnostic_msgs/msg/KeyValue"](key=key, value="" if value is None else str(value))
+        for key, value in facts.items()
+    ]
+    status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
+        # A byte in ROS 2: 0 is well, 2 an error.
+        level=b"\x02" if fault else b"\x00",
+        name=name,
+        message=fault or "ok",
+        hardware_id="",
+        values=values,
+    )
+    return kinds["diagnostic_msgs/msg/DiagnosticArray"](header=header(kinds, time_s=time_s), status=[status])
+
+
+def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
+    """Channel data of an image message; None if it is no 16SC1 image of the size that it states."""
+    rows, columns, data = message.height, message.width, bytes(message.data)
+    right = message.encoding == "16SC1" and rows > 0 and columns > 0 and message.step == 2 * columns
+    if not right or len(data) != 2 * rows * columns:
+        return None
+    order = ">i2" if message.is_bigendian else "<i2"
+    return np.frombuffer(data, dtype=order).reshape(rows, columns).astype(np.int16, copy=False)
+
+
+def stamp_ns(message: Any) -> int:
+    """Stamp of a message with a header, in nanoseconds."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def envelope(kinds: Kinds, image: PaImage, *, time_s: float) -> Any:
+    """Image message of the envelope, 32FC1, in ADC counts."""
+    return _image(kinds, image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
+
+
+def picture(kinds: Kinds, image: PaImage, *, time_s: float, brightest: float) -> Any:
+    """Image message of the envelope in decibels, mono8: `RANGE_DB` below the brightest value is black."""
+    return _image(kinds, grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
+
+
+def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
+    """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
+    # The lower end is clipped before the logarithm, which has none of zero.
+    share = np.clip(values / brightest, 10 ** (-RANGE_DB / 20), 1.0)
+    return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
+
+
+def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float) -> Any:
+    rows, columns = pixels.shape
+    return kinds["sensor_msgs/msg/Image"](
+        header=header(kinds, time_s=time_s, frame=IMAGE),
+        height=rows,
+        width=columns,
+        encoding=encoding,
+        is_bigendian=0,
+        step=pixels.itemsize * columns,
+        data=np.frombuffer(pixels.tobytes(), np.uint8),
+    )
+
+
+def _transform(
+    kinds: Kinds,
+    time_s: float,
+    frames: tuple[str, str],
+    *,
+    quaternion: tuple[float, float, float, float],
+    place_m: tuple[float, float, float],
+) -> Any:
+    parent, child = frames
+    place = kinds["geometry_msgs/msg/Vector3"](**dict(zip("xyz", place_m, strict=True)))
+    rotation = kinds["geometry_msgs/msg/Quaternion"](**dict(zip("xyzw", quaternion, strict=True)))
+    return kinds["geometry_msgs/msg/TransformStamped"](
+        header=header(kinds, time_s=time_s, frame=parent),
+        child_frame_id=child,
+        transform=kinds["geometry_msgs/msg/Transform"](translation=place, rotation=rotation),
+    )

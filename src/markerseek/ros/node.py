@@ -1,0 +1,334 @@
+"""A ROS 2 node: publishers, subscriptions and triggers by name, spun by its owner's thread; the one user of rclpy."""
+
+from __future__ import annotations
+
+import array
+import importlib
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from markerseek.core import ConfigError, MissingExtraError, RecordError
+
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+_PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
+
+_DEPTH = 10
+"""Messages that wait for a subscriber."""
+
+
+def local_transport() -> str:
+    """Choose shared memory, which opens no socket, unless the user chose a transport; returns what is used."""
+    if not any(name in os.environ for name in _PROFILES):
+        os.environ.setdefault(_TRANSPORTS, "SHM")
+    return os.environ.get(_TRANSPORTS, "that of the profiles file")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Security:
+    """Whether this process takes part in ROS 2 with keys (SROS 2), from its environment.
+
+    Attributes
+    ----------
+    enforced
+        Whether a node without keys is refused.
+    keystore
+        Folder of the keys; None if none is named.
+    """
+
+    enforced: bool
+    keystore: Path | None
+
+    @classmethod
+    def of_environment(cls) -> Security:
+        """As ROS 2 reads it."""
+        enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
+        keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
+        return cls(
+            enforced=enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce",
+            keystore=None if keystore is None else Path(keystore),
+        )
+
+    def require(self, enclave: str) -> None:
+        """Refuse to start without keys.
+
+        Parameters
+        ----------
+        enclave
+            Name of the keys of this node, such as ``/markerseek/stage``.
+
+        Raises
+        ------
+        ConfigError
+            If security is not enforced, or there are no keys.
+        """
+        if not self.enforced:
+            raise ConfigError(
+                "--require-security: ROS 2 would start without keys; set ROS_SECURITY_ENABLE=true, "
+                "ROS_SECURITY_STRATEGY=Enforce and ROS_SECURITY_KEYSTORE"
+            )
+        folder = None if self.keystore is None else self.keystore / "enclaves" / enclave.strip("/")
+        missing = [
+            name
+            for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s")
+            if folder is None or not (folder / name).is_file()
+        ]
+        if missing:
+            raise ConfigError(
+                f"--require-security: there are no keys for {enclave} in {folder}: {', '.join(missing)} missing; "
+                "make them with: ros2 security create_enclave KEYSTORE ENCLAVE"
+            )
+
+
+class Kinds(Mapping[str, Any]):
+    """Classes of messages by name, imported when they are asked for; NumPy arrays become those of the message."""
+
+    def __init__(self) -> None:
+        self._classes: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        kind = self.kind(name)
+        return lambda **fields: kind(**{key: _native(value) for key, value in fields.items()})
+
+    def kind(self, name: str) -> Any:
+        """The class itself; `KeyError` if its package is not installed."""
+        if name not in self._classes:
+            package, folder, member = name.split("/")
+            try:
+                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
+            except (ImportError, AttributeError) as problem:
+                raise KeyError(name) from problem
+        return self._classes[name]
+
+    def has(self, name: str) -> bool:
+        """Whether the package of a message is installed."""
+        try:
+            self.kind(name)
+        except KeyError:
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._classes)
+
+    def __len__(self) -> int:
+        return len(self._classes)
+
+
+def _native(value: object) -> object:
+    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
+    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
+
+
+class RosNode:
+    """A lifecycle node, active as soon as it is made; use it as a context manager.
+
+    Everything happens in the thread that calls `spin`; only `wake` may be called by others.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    kinds
+        Classes of messages by name.
+    handled
+        Number of messages that were received so far.
+
+    Parameters
+    ----------
+    name
+        Its name, without a namespace.
+    parameters
+        Read-only parameters, such as limits.
+    on_active
+        Called with True and False when somebody activates or deactivates it.
+    enclave
+        Name of its keys, where security is enforced.
+
+    Raises
+    ------
+    MissingExtraError
+        If ROS 2 is not installed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        parameters: Mapping[str, float | str | int | bool] | None = None,
+        on_active: Callable[[bool], None] | None = None,
+        enclave: str | None = None,
+    ) -> None:
+        local_transport()
+        try:
+            import rclpy
+            from rclpy.context import Context
+            from rclpy.executors import SingleThreadedExecutor
+            from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+            from rclpy.signals import SignalHandlerOptions
+        except ImportError as problem:
+            raise MissingExtraError(package="rclpy", extra="ros2", purpose="ROS 2") from problem
+        self.kinds = Kinds()
+        self.name = name
+        self._context = Context()
+        arguments = ["--ros-args", "--disable-rosout-logs", "--log-level", "error"]
+        if enclave is not None:
+            arguments += ["--enclave", enclave]
+        # Signals stay with the command: it stops the rig first.
+        rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        notify = on_active or (lambda _active: None)
+
+        class _Node(LifecycleNode):  # type: ignore[misc,unused-ignore]
+            def on_activate(self, state: Any) -> Any:
+                notify(True)
+                return super().on_activate(state)
+
+            def on_deactivate(self, state: Any) -> Any:
+                notify(False)
+                return super().on_deactivate(state)
+
+            def on_cleanup(self, _state: Any) -> Any:
+                return TransitionCallbackReturn.SUCCESS
+
+            def on_shutdown(self, _state: Any) -> Any:
+                notify(False)
+                return TransitionCallbackReturn.SUCCESS
+
+        self._node = _Node(name, context=self._context)
+        self._declare(parameters or {})
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._publishers: dict[str, Any] = {}
+        self._subscriptions: list[Any] = []
+        self.handled = 0
+        # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
+        self._node.trigger_configure()
+        self._node.trigger_activate()
+        self._open = True
+
+    def _declare(self, parameters: Mapping[str, float | str | int | bool]) -> None:
+        from rcl_interfaces.msg import ParameterDescriptor
+
+        for name, value in parameters.items():
+            self._node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
+
+    def publish(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
+        """Publish a message.
+
+        Parameters
+        ----------
+        topic, kind
+            Topic, and name of the message, such as ``std_msgs/msg/String``.
+        message
+            The message.
+        latched
+            Whether it is kept for subscribers that come later.
+        """
+        self.advertise(topic, kind, latched=latched)
+        self._publishers[topic].publish(message)
+
+    def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
+        """Make a publisher now, so that subscribers can find it before the first message."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self._node.create_publisher(
+                self.kinds.kind(kind), topic, _quality(latched=latched)
+            )
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = False) -> None:
+        """Call a function with each message of a topic, while the node is spun."""
+
+        def count(message: Any) -> None:
+            self.handled += 1
+            callback(message)
+
+        self._subscriptions.append(
+            self._node.create_subscription(self.kinds.kind(kind), topic, count, _quality(latched=latched))
+        )
+
+    def serve(self, service: str, answer: Callable[[], tuple[bool, str]]) -> None:
+        """Serve a std_srvs/Trigger.
+
+        Parameters
+        ----------
+        service
+            Its name.
+        answer
+            Called for each request; whether it was carried out, and a sentence.
+        """
+
+        def reply(_request: Any, response: Any) -> Any:
+            response.success, response.message = answer()
+            return response
+
+        self._node.create_service(self.kinds.kind("std_srvs/srv/Trigger"), service, reply)
+
+    def call(self, service: str, *, timeout_s: float) -> tuple[bool, str]:
+        """Call a std_srvs/Trigger of another node.
+
+        Raises
+        ------
+        RecordError
+            If nobody answers in time.
+        """
+        client = self._node.create_client(self.kinds.kind("std_srvs/srv/Trigger"), service)
+        try:
+            future = client.call_async(client.srv_type.Request()) if client.wait_for_service(timeout_s) else None
+            if future is not None:
+                self._executor.spin_until_future_complete(future, timeout_sec=timeout_s)
+            if future is None or not future.done():
+                raise RecordError(f"nobody answers on {service} within {timeout_s:g} s; start the node first")
+            answer: Any = future.result()
+            return bool(answer.success), str(answer.message)
+        finally:
+            self._node.destroy_client(client)
+
+    def matched(self, topic: str) -> bool:
+        """Whether somebody listens to a topic that this node publishes."""
+        return bool(self._publishers[topic].get_subscription_count() > 0)
+
+    def publishes(self, topic: str) -> bool:
+        """Whether somebody publishes a topic that this node listens to."""
+        return any(each.get_publisher_count() > 0 for each in self._subscriptions if each.topic_name == topic)
+
+    def spin(self, timeout_s: float) -> None:
+        """Carry out what has arrived; waits for it at most so long."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def wake(self) -> None:
+        """Let `spin` return now; allowed in any thread."""
+        if self._open:
+            self._executor.wake()
+
+    def now_s(self) -> float:
+        """Seconds since 1970 on the clock of ROS."""
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9
+
+    def close(self) -> None:
+        """Leave the network; allowed twice."""
+        if not self._open:
+            return
+        self._open = False
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _quality(*, latched: bool) -> Any:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    if latched:
+        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return QoSProfile(depth=_DEPTH)

@@ -1,0 +1,72 @@
+"""Checks of commands on the network: their stamp, their joint, their angle."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from markerseek.core import is_finite
+from markerseek.ros.messages import JOINT
+
+MOST_AGE_S = 0.3
+"""Oldest command that is carried out, in seconds: one that waited on the network is not what is wanted now."""
+
+MOST_AHEAD_S = 0.05
+"""Most by which a stamp may lie in the future, in seconds: clocks of two computers differ by some milliseconds."""
+
+
+class StampedCommands:
+    """Accepts commands whose stamp is fresh and newer than the last, and counts the others by reason."""
+
+    def __init__(self) -> None:
+        self.dropped: dict[str, int] = {}
+        self._last_ns = 0
+
+    def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
+        """Why a command is dropped; None if it is accepted.
+
+        Parameters
+        ----------
+        stamp_ns
+            Its stamp in nanoseconds; 0 is none.
+        now_s
+            Time now on the same clock, in seconds.
+        """
+        age_s = now_s - stamp_ns * 1e-9
+        if stamp_ns == 0:
+            return self.drop("no stamp", "it carries no stamp; set header.stamp to the time at which it is sent")
+        if age_s > MOST_AGE_S:
+            return self.drop("too old", f"it is {age_s:.2f} s old, at most {MOST_AGE_S} s are accepted")
+        if not age_s >= -MOST_AHEAD_S:
+            return self.drop("from the future", f"it is stamped {-age_s:.2f} s ahead; compare the computers' clocks")
+        if stamp_ns <= self._last_ns:
+            return self.drop("repeated", "its stamp is not later than that of the command before; it is a repetition")
+        self._last_ns = stamp_ns
+        return None
+
+    def drop(self, reason: str, sentence: str) -> str:
+        """Count a command that is dropped; returns the sentence.
+
+        Parameters
+        ----------
+        reason
+            Short, for the count.
+        sentence
+            For whoever sent it.
+        """
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        return sentence
+
+
+def joint_angle_deg(message: Any) -> float | None:
+    """Angle in degrees of a JointState of the one joint; None if it holds anything else, or no finite number.
+
+    Parameters
+    ----------
+    message
+        A sensor_msgs/JointState; its name may be left out.
+    """
+    names = list(message.name)
+    if names not in ([], [JOINT]) or len(message.position) != 1 or not is_finite(message.position[0]):
+        return None
+    return math.degrees(message.position[0])

@@ -1,0 +1,33 @@
+"""Names of topics and services, as in CRTK (dVRK) where it has one; angles are in radians, lengths in metres."""
+
+from __future__ import annotations
+
+MEASURED_JS, SETPOINT_JS = "/TRUS/measured_js", "/TRUS/setpoint_js"
+"""Angle read back, and angle asked for: sensor_msgs/JointState, joint ``trus_roll``."""
+
+MOVE_JP, SERVO_JP = "/TRUS/move_jp", "/TRUS/servo_jp"
+"""Commands to a stage node: go there and rest; go there as long as the command is renewed. sensor_msgs/JointState."""
+
+STOP = "/TRUS/stop"
+"""Stop now: std_msgs/Empty, to a stage node; it needs no stamp, for a stop is never too late."""
+
+OPERATING_STATE = "/TRUS/operating_state"
+"""State of a stage node: crtk_msgs/OperatingState where it is installed, else std_msgs/String with the same in JSON."""
+
+ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
+"""Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""
+
+FRAMES = "/tf"
+"""tf2_msgs/TFMessage where it is installed, else geometry_msgs/TransformStamped."""
+
+PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
+"""Photoacoustic image to be looked at (mono8) and to be calculated with (32FC1): sensor_msgs/Image."""
+
+BANK, SAMPLE, INTENSITY = "/pa_search/bank", "/pa_search/sample", "/pa_search/intensity"
+"""What is known of the rig, latched; each acquisition as JSON; its intensity as std_msgs/Float64."""
+
+RUN, CANCEL, RESULT = "/pa_search/run", "/pa_search/cancel", "/pa_search/result"
+"""Services of the search node, std_srvs/Trigger, and its latched answer: std_msgs/String with JSON."""
+
+DIAGNOSTICS = "/diagnostics"
+"""diagnostic_msgs/DiagnosticArray."""
