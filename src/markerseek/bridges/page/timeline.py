@@ -1,0 +1,48 @@
+"""The slider over the events of a run: at its end it follows a run that goes on."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.watched import WatchedRun
+
+
+class Timeline:
+    """A slider over the events of a run."""
+
+    def __init__(self) -> None:
+        self._run: WatchedRun | None = None
+        self._following = True
+        self._chosen = 0
+        with ui.element("div").classes("ms-foot"):
+            self._label = ui.label("event 0 of 0").classes("ms-note").style("min-width: 128px")
+            self._slider = ui.slider(min=0, max=1, step=1, value=0).props('aria-label="event shown" label').mark("timeline")
+            self._slider.on("update:model-value", lambda event: self._choose(int(event.args)), throttle=0.1)
+            self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
+
+    def snapshot(self, run: WatchedRun) -> Snapshot:
+        """The snapshot to be shown: the newest, or the one that was chosen."""
+        if run is not self._run:
+            self._run, self._following = run, True
+        last = len(run.snapshots) - 1
+        shown = last if self._following else min(self._chosen, last)
+        if self._slider.max != max(last, 1):
+            self._slider.max = max(last, 1)
+        if self._following and self._slider.value != last:
+            self._slider.set_value(last)
+        self._label.set_text(f"event {shown} of {last}")
+        self._follow.set_enabled(not self._following)
+        return run.snapshots[shown]
+
+    def go_to(self, number: int) -> None:
+        """Show an event by its number."""
+        self._choose(number)
+        self._slider.set_value(number)
+
+    def _choose(self, number: int) -> None:
+        last = 0 if self._run is None else len(self._run.snapshots) - 1
+        self._chosen, self._following = number, number >= last
+
+    def _to_newest(self) -> None:
+        self._following = True
