@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import MarkerseekError, Measured, Refused
@@ -54,6 +55,9 @@ def command(
     pulse_energy_mj: Annotated[
         float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
     ] = None,
+    events: Events = None,
+    event_frames: EventFrames = False,
+    stop_with_reader: StopWithReader = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
@@ -62,16 +66,17 @@ def command(
     """
     from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.records.banks.ipasc import require_new_bank
-    from markerseek.runs import scan_angles, scan_bank
+    from markerseek.runs import scan_angles, scan_bank, scan_configuration
 
     require_new_bank(out)
+    options = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
     with open_rig(rig, seed=seed) as (assembled, _start_deg):
         angles = scan_angles(assembled, step_deg=step_deg)
         arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
-        events = scan_bank(
+        scan = scan_bank(
             assembled,
             out,
             step_deg=step_deg,
@@ -79,9 +84,17 @@ def command(
             pulse_energy_j=scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000),
         )
         try:
-            with stopped_by_signals(), progress_bar(angles, what="scanning") as progress, closing(events):
+            with (
+                options.opened(scan_configuration(assembled, step_deg=step_deg)) as stream,
+                stopped_by_signals(),
+                options.stopping(stream),
+                progress_bar(angles, what="scanning") as progress,
+                closing(scan),
+            ):
                 task = progress.task_ids[0]
-                for event in events:
+                for event in scan:
+                    if stream is not None:
+                        stream.add(event, clock_s=assembled.scanner.clock.now_s())
                     if isinstance(event, Measured) and event.role == "search":
                         taken = event.index
                         sample = event.sample

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+
 NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
@@ -46,6 +48,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
     ] = None,
+    events: Events = None,
+    event_frames: EventFrames = False,
+    stop_with_reader: StopWithReader = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
@@ -62,6 +67,7 @@ def command(
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     announce_compilation()
     # Only the paper's form gets invented data: its section 2.5 interpolates between recorded angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if as_published else "nearest"
@@ -86,5 +92,5 @@ def command(
         stay=stay,
     )
     session = new_session(assembled, plan)
-    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)
+    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
     conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

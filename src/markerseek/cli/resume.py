@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
     ] = None,
+    events: Events = None,
+    event_frames: EventFrames = False,
+    stop_with_reader: StopWithReader = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Continue a search after any interruption, with the same next angle and the same result.
@@ -57,6 +61,7 @@ def command(
     from markerseek.runs import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     # Frames are needed for the picture only, and have half a megabyte each.
     held = read_journal(journal, frames=plot)
     state = run_state(held.entries)
@@ -69,7 +74,7 @@ def command(
         announce_compilation()
         if not arm and not _confirmed(held, bench, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        recorder, imaging = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
+        recorder, imaging = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
     conclude(recorder, held.configuration, output, imaging=imaging)
 
 
@@ -112,7 +117,13 @@ def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSett
 
 
 def _resume(
-    journal: Path, rig_file: Path | None, bench: BenchSettings | None, *, reset_fault: bool, as_json: bool
+    journal: Path,
+    rig_file: Path | None,
+    bench: BenchSettings | None,
+    *,
+    reset_fault: bool,
+    as_json: bool,
+    stream: StreamOptions,
 ) -> tuple[Recorder, ImageReader | None]:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.open_rig import person
@@ -124,7 +135,7 @@ def _resume(
     kept, held = Journal.reopen(journal)
     with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
         session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
-        run_session(session, as_json=as_json, rig_file=rig_file)
+        run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
     return session.recorder, rig.imaging
 
 

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+
 NAME = "search"
 EXAMPLES = (
     "Examples:\n\n"
@@ -52,6 +54,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
     ] = None,
+    events: Events = None,
+    event_frames: EventFrames = False,
+    stop_with_reader: StopWithReader = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
@@ -64,6 +69,7 @@ def command(
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
+    stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     # An unknown method is an error before devices are opened.
     method_named(method)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
@@ -78,5 +84,7 @@ def command(
         session = new_session(assembled, plan)
         announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
-        session = run_new_session(session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig)
+        session = run_new_session(
+            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
+        )
     conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)

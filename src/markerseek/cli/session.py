@@ -9,14 +9,20 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from markerseek.cli.event_stream import StreamOptions
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, quoted, stderr
 from markerseek.core import ConfigError, Failed, MarkerseekError, Measured, RecordError, Refused
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
 
+_NO_STREAM = StreamOptions()
+"""No events are sent."""
 
-def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:
+
+def run_session(
+    session: Session, *, as_json: bool, rig_file: Path | None = None, stream: StreamOptions = _NO_STREAM
+) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     Parameters
@@ -27,16 +33,29 @@ def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None
         Whether to print an interruption as JSON.
     rig_file
         Rig file of the search; for a rig of devices, the command that resumes it names this file.
+    stream
+        Whether events are sent to other programs.
+
+    Raises
+    ------
+    RecordError
+        If they cannot be sent where they should; nothing has moved then.
     """
+    with stream.opened(session.configuration) as opened:
+        _run(replace(session, stream=opened), as_json=as_json, rig_file=rig_file, stream=stream)
+
+
+def _run(session: Session, *, as_json: bool, rig_file: Path | None, stream: StreamOptions) -> None:
     journal = session.journal
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
     with stopped_by_signals():
         try:
-            _watch(session)
+            with stream.stopping(session.stream):
+                _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
-            _note_interruption(stop, journal, rig_file)
+            _note_interruption(stop, session, rig_file)
             end_stopped(stop, as_json=as_json, kept=None if journal is None else journal.path)
         except MarkerseekError:
             _print_how_to_resume(journal, rig_file)
@@ -50,6 +69,7 @@ def run_new_session(
     journal: Path | None = None,
     keep: bool = True,
     rig_file: Path | None = None,
+    stream: StreamOptions = _NO_STREAM,
 ) -> Session:
     """Run a new search to its end with a new journal; returns the session with that journal.
 
@@ -57,7 +77,7 @@ def run_new_session(
     ----------
     session
         The search.
-    as_json, rig_file
+    as_json, rig_file, stream
         As in `run_session`.
     journal
         The user's file; None for one in the data folder.
@@ -73,7 +93,7 @@ def run_new_session(
     """
     session = replace(session, journal=new_journal(journal, session.configuration, wanted=keep))
     with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file)
+        run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
     return session
 
 
@@ -118,15 +138,14 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     stderr.print(line)
 
 
-def _note_interruption(stop: StoppedBySignal, journal: Journal | None, rig_file: Path | None) -> None:
-    """Record the interruption in the journal, once the rig has been stopped."""
-    if journal is None:
-        return
+def _note_interruption(stop: StoppedBySignal, session: Session, rig_file: Path | None) -> None:
+    """Record the interruption in journal and stream, once the rig has been stopped."""
     try:
-        journal.interrupt(stop.name)
+        session.interrupt(stop.name)
     except RecordError as problem:
         print_warning(str(problem))
-    print_warning(f"continue with: {resume_command(journal.path, rig_file)}")
+    if session.journal is not None:
+        print_warning(f"continue with: {resume_command(session.journal.path, rig_file)}")
 
 
 def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:

@@ -1,6 +1,6 @@
 from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark_intensity, described
 from .bank_of_journal import journal_bank
-from .bank_scan import scan_angles, scan_bank
+from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
@@ -34,4 +34,5 @@ __all__ = [
     "samples_to_recheck",
     "scan_angles",
     "scan_bank",
+    "scan_configuration",
 ]

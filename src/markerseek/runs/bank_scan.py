@@ -10,10 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Event, Measured, RigFacts
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, Event, Measured, RigFacts, SearchPlan
 from markerseek.records.banks import BankFacts
 from markerseek.records.banks.ipasc import BankWriter
+from markerseek.records.journal import Configuration
 from markerseek.rigs import Rig
+from markerseek.runs.journalled import configuration_of
 from markerseek.scan import RunLimits, run
 from markerseek.search import Exhaustive
 
@@ -68,6 +70,33 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
         configuration=facts.fingerprint,
         made_with=f"markerseek {__version__}",
     )
+
+
+def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
+    """Configuration of a scan for its stream of events: that of an exhaustive search which does not end at the marker.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    step_deg
+        As in `scan_angles`.
+
+    Raises
+    ------
+    ConfigError
+        As in `scan_angles`.
+    """
+    angles = scan_angles(rig, step_deg=step_deg)
+    plan = SearchPlan(
+        method="exhaustive",
+        # A scan may have more angles than a search, whose plan then names no number.
+        acquisitions=angles if angles <= MOST_ACQUISITIONS else None,
+        start_deg=rig.stage.angle_deg,
+        dark_frames=rig.dark_frames,
+        stay=True,
+    )
+    return configuration_of(rig, plan)
 
 
 def scan_bank(

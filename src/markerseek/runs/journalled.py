@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import msgspec
 
 from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
 from markerseek.records.journal import Configuration, Journal
+from markerseek.records.stream import EventStream
 from markerseek.rigs import Rig
 from markerseek.scan import AnyScanner, RunLimits, run
 
@@ -85,6 +86,29 @@ def journalled(
         for event in events:
             # Before the yield: a policy must never act on a measurement that a crash could lose.
             commit_event(event, clock, rig, journal)
+            yield event
+
+
+def streamed(events: Generator[Event, None, None], stream: EventStream, clock: Clock) -> Generator[Event, None, None]:
+    """A run without a journal, with each event sent to a stream before it is yielded.
+
+    Parameters
+    ----------
+    events
+        The run; it is closed with this generator.
+    stream
+        Receives the events.
+    clock
+        The run's clock.
+
+    Yields
+    ------
+    Event
+        As the run.
+    """
+    with closing(events):
+        for event in events:
+            stream.add(event, clock_s=clock.now_s())
             yield event
 
 

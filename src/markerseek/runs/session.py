@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
-from markerseek.records.journal import Configuration, Journal, RecordedRun
+from markerseek.records.journal import Configuration, Interrupted, Journal, RecordedRun
+from markerseek.records.stream import EventStream
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, run_plan
+from markerseek.runs.journalled import configuration_of, journalled, run_plan, streamed
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.search import most_acquisitions, policy_for
@@ -32,6 +33,8 @@ class Session:
         Recorded run to be resumed; None for a new run.
     by, reset_fault
         For a resumed run: who arms the rig, and whether that person has inspected it after a fault.
+    stream
+        Receives each event after its commit, for programs that watch; None if none does.
     recorder
         Collects the samples and the answer for the result.
     """
@@ -43,6 +46,7 @@ class Session:
     held: RecordedRun | None = None
     by: str = ""
     reset_fault: bool = False
+    stream: EventStream | None = None
     recorder: Recorder = field(default_factory=Recorder)
 
     def events(self) -> Generator[Event, None, None]:
@@ -68,10 +72,33 @@ class Session:
 
     def _run(self) -> Generator[Event, None, None]:
         if self.journal is None:
-            return run_plan(self.policy, self.rig.scanner, self.configuration.plan)
+            events = run_plan(self.policy, self.rig.scanner, self.configuration.plan)
+            return events if self.stream is None else streamed(events, self.stream, self.rig.scanner.clock)
+        if self.stream is not None:
+            if self.held is not None:
+                self.stream.repeat(self.held.entries)
+            self.journal.watch(self.stream.put)
         if self.held is None:
             return journalled(self.policy, self.rig, self.journal)
         return resumed(self.policy, self.rig, self.journal, self.held, by=self.by, reset_fault=self.reset_fault)
+
+    def interrupt(self, reason: str) -> None:
+        """Record that the run was stopped from outside, once the rig has been stopped; does nothing if it is over.
+
+        Parameters
+        ----------
+        reason
+            What stopped it.
+
+        Raises
+        ------
+        RecordError
+            If the journal cannot be written.
+        """
+        if self.journal is not None:
+            self.journal.interrupt(reason)
+        elif self.stream is not None and self.recorder.finished is None:
+            self.stream.add(Interrupted(reason=reason), clock_s=self.rig.scanner.clock.now_s())
 
     @property
     def most_acquisitions(self) -> int:

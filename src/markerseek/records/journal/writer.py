@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -49,7 +50,8 @@ class Journal:
         self._presence = Presence(held.path)
         self._number = len(held.entries)
         self._checksum = held.last_checksum
-        self._uncertain: tuple[Row, JournalEvent] | None = None
+        self._uncertain: tuple[Row, JournalEvent, memoryview | None] | None = None
+        self._watcher: Callable[[Row, memoryview | None], None] | None = None
         self._lost: RecordError | None = None
         self._last = held.entries[-1].event if held.entries else None
         self._clock_s = held.entries[-1].clock_s if held.entries else 0.0
@@ -161,10 +163,10 @@ class Journal:
         )
         row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, encoded.samples))
         # A signal can arrive between the commit and the lines after it: `_settle` then asks the file.
-        self._uncertain = row, event
+        self._uncertain = row, event, encoded.samples
         with as_record_error(self.path, verb="written"):
             add_row(self._connection, row, encoded.samples)
-        self._note(row, event)
+        self._note(row, event, encoded.samples)
         self._require_present()
         return Entry(number=row.number, written=row.written, clock_s=row.clock_s, event=event, checkpoint=checkpoint)
 
@@ -172,13 +174,13 @@ class Journal:
         """Find out from the file whether the last commit succeeded, after an error or signal in the middle of it."""
         if self._uncertain is None or not self._open:
             return
-        row, event = self._uncertain
+        row, event, samples = self._uncertain
         with as_record_error(self.path, verb="written"):
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
             committed = counted(self._connection) == (row.number, row.checksum)
         if committed:
-            self._note(row, event)
+            self._note(row, event, samples)
         self._uncertain = None
 
     def _require_present(self) -> None:
@@ -196,10 +198,22 @@ class Journal:
             self._lost = RecordError(f"{finding}; everything up to now is in {self.path}")
         raise self._lost
 
-    def _note(self, row: Row, event: JournalEvent) -> None:
+    def _note(self, row: Row, event: JournalEvent, samples: memoryview | None) -> None:
         self._number, self._checksum = row.number, row.checksum
         self._last, self._clock_s = event, row.clock_s
         self._uncertain = None
+        if self._watcher is not None:
+            self._watcher(row, samples)
+
+    def watch(self, watcher: Callable[[Row, memoryview | None], None]) -> None:
+        """Hand the row and the samples of each event to a watcher from now on, after its commit.
+
+        Parameters
+        ----------
+        watcher
+            It must return at once, and raise nothing.
+        """
+        self._watcher = watcher
 
     def interrupt(self, reason: str) -> None:
         """Record that the run was interrupted, once the rig has been stopped; does nothing if it is over.

@@ -1,0 +1,133 @@
+"""Searches that other programs ask for: what they may choose, and one at a time."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from markerseek.bridges.child import ChildRun
+from markerseek.core import MOST_ACQUISITIONS, ConfigError, SearchError, is_whole
+from markerseek.search import method_named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchRequest:
+    """What a program on the network may choose of a search: never a file, a rig, or whether it is armed.
+
+    Attributes
+    ----------
+    method, acquisitions, as_published, stay
+        As in `markerseek.core.SearchPlan`.
+    seed
+        Seed of a simulated rig; None for its default.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used.
+    """
+
+    method: str = "posterior"
+    acquisitions: int | None = None
+    as_published: bool = False
+    stay: bool = False
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str):
+            raise ConfigError(f"method is {self.method!r}, it must be the name of a method")
+        method_named(self.method)
+        number = self.acquisitions
+        if number is not None and not (is_whole(number) and 2 <= number <= MOST_ACQUISITIONS):
+            raise ConfigError(
+                f"acquisitions is {number!r}, it must be a whole number from 2 to {MOST_ACQUISITIONS}; leave it out "
+                "for the number of the method"
+            )
+        for name in ("as_published", "stay"):
+            if not isinstance(getattr(self, name), bool):
+                raise ConfigError(f"{name} is {getattr(self, name)!r}, it must be true or false")
+        if self.seed is not None and not (is_whole(self.seed) and 0 <= self.seed < 2**63):
+            raise ConfigError(f"seed is {self.seed!r}, it must be a whole number from 0 to 2**63 - 1")
+
+    def arguments(self) -> list[str]:
+        """Options of ``markerseek search``."""
+        options = [f"--method={self.method}"]
+        if self.acquisitions is not None:
+            options.append(f"--acquisitions={self.acquisitions}")
+        if self.seed is not None:
+            options.append(f"--seed={self.seed}")
+        return options + ["--as-published"] * self.as_published + ["--stay"] * self.stay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """What the person who starts a bridge chooses for all its searches.
+
+    Attributes
+    ----------
+    rig
+        Rig file; None for the simulated rig with its defaults.
+    pace
+        Real seconds per virtual second of a simulated rig.
+    keep_journal
+        Whether each search keeps a journal, in the data folder.
+    frames
+        Whether the bridge gets the channel data.
+    """
+
+    rig: Path | None = None
+    pace: float = 0.0
+    keep_journal: bool = True
+    frames: bool = False
+
+    def arguments(self) -> list[str]:
+        """Options of ``markerseek search``."""
+        options = [] if self.rig is None else [f"--rig={self.rig}"]
+        if self.pace:
+            options.append(f"--pace={self.pace}")
+        return options + ["--no-journal"] * (not self.keep_journal)
+
+
+class Searches:
+    """The searches of one bridge, one at a time.
+
+    Parameters
+    ----------
+    options
+        For all of them.
+    """
+
+    def __init__(self, options: SearchOptions) -> None:
+        self._options = options
+        self._lock = threading.Lock()
+        self._running: ChildRun | None = None
+
+    def start(self, request: SearchRequest) -> ChildRun:
+        """Start a search.
+
+        Parameters
+        ----------
+        request
+            What was asked for.
+
+        Raises
+        ------
+        SearchError
+            If one is running.
+        """
+        # Two requests can come at once, from two threads of a bridge.
+        with self._lock:
+            if self._running is not None and self._running.running:
+                raise SearchError("a search is running; cancel it, or wait for its result")
+            arguments = ["search", *request.arguments(), *self._options.arguments()]
+            self._running = ChildRun(arguments, frames=self._options.frames)
+            return self._running
+
+    def cancel(self) -> bool:
+        """Stop the search that is running; returns at once, False if there is none."""
+        with self._lock:
+            if self._running is None or not self._running.running:
+                return False
+            self._running.stop()
+            return True

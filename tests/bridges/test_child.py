@@ -1,0 +1,179 @@
+"""A search from outside: the ordinary command as a child process, its events, its end, and the end of its parent."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from markerseek import rigs
+from markerseek.bridges import ChildRun, Searches, SearchOptions, SearchRequest
+from markerseek.core import ConfigError, Finished, Measured, SearchError
+from markerseek.records.journal import Interrupted, read_journal
+from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
+from markerseek.runs import new_session, plan_on
+
+SEED = 3
+
+
+@pytest.fixture(autouse=True)
+def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+def events_of(items: list[StreamItem]) -> list[StreamEvent]:
+    return [item for item in items if isinstance(item, StreamEvent)]
+
+
+def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_this_process() -> None:
+    rig = rigs.simulated(seed=SEED)
+    plan = plan_on(rig, method="golden-section", acquisitions=5, start_deg=0.0)
+    session = new_session(rig, plan)
+    expected = list(session.events())
+    with ChildRun(
+        ["search", "--method", "golden-section", "--acquisitions", "5", "--seed", str(SEED), "--no-journal"],
+        frames=True,
+    ) as child:
+        items = list(child.items())
+        outcome = child.outcome()
+    assert isinstance(items[0], StreamHead)
+    assert items[0].configuration.plan == plan
+    assert isinstance(items[-1], StreamEnd)
+    received = [item.event for item in events_of(items)]
+    assert received == expected
+    for one, other in zip(received, expected, strict=True):
+        if isinstance(one, Measured) and isinstance(other, Measured):
+            assert (one.sample.frame.samples == other.sample.frame.samples).all()
+    result = session.result()
+    assert outcome.exit_code == (0 if result.found else 3)
+    assert outcome.answer["angle_deg"] == result.angle_deg
+    assert [sample["angle_deg"] for sample in outcome.answer["samples"]] == [s.angle_deg for s in result.samples]
+
+
+def test_an_event_loop_reads_the_same_items() -> None:
+    async def read() -> tuple[list[StreamItem], int]:
+        child = ChildRun(["search", "--method", "ternary", "--acquisitions", "4", "--seed", "2", "--no-journal"])
+        items = [item async for item in child.items_async()]
+        return items, (await child.outcome_async()).exit_code
+
+    items, code = asyncio.run(read())
+    assert isinstance(events_of(items)[-1].event, Finished)
+    assert code in (0, 3)
+
+
+def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
+    child = ChildRun(["search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)])
+    items = child.items()
+    next(item for item in items if isinstance(item, StreamEvent) and isinstance(item.event, Measured))
+    child.stop()
+    rest = list(items)
+    outcome = child.outcome()
+    assert isinstance(events_of(rest)[-1].event, Interrupted)
+    assert outcome.exit_code == 128 + signal.SIGINT
+    assert outcome.message == "stopped by SIGINT"
+    assert isinstance(read_journal(journal).entries[-1].event, Interrupted)
+
+
+def test_a_child_whose_bridge_is_killed_stops_the_search(tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
+    bridge = (
+        "import sys\n"
+        "from markerseek.bridges import ChildRun\n"
+        f"child = ChildRun(['search', '--seed', '1', '--pace', '0.5', '--journal', {str(journal)!r}])\n"
+        "for item in child.items():\n"
+        "    print(child.process_id, flush=True)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", bridge], stdout=subprocess.PIPE, text=True) as process:
+        for _ in range(4):
+            child = int(process.stdout.readline())
+        watched = os.pidfd_open(child)
+        process.kill()
+    # Readable once the child has ended, although it is no child of this process.
+    ready, _, _ = select.select([watched], [], [], 30)
+    os.close(watched)
+    assert ready
+    last = read_journal(journal).entries[-1].event
+    assert last == Interrupted(reason="SIGTERM")
+
+
+def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path: Path) -> None:
+    # The child's standard input is that of the tests, which is no terminal.
+    emulator = subprocess.Popen(
+        [sys.executable, "-m", "markerseek", "emulate", "bench", "--dir", str(tmp_path), "--pace", "0.01"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        stdin=subprocess.DEVNULL,
+        text=True,
+    )
+    with emulator:
+        while "Ctrl-C" not in emulator.stdout.readline():
+            pass
+        with ChildRun(["search", "--rig", str(tmp_path / "rig.toml"), "--no-journal"]) as child:
+            items = list(child.items())
+            outcome = child.outcome()
+        emulator.send_signal(signal.SIGTERM)
+    assert items == []
+    assert outcome.exit_code == 4
+    assert outcome.message.startswith("not armed: nothing moved and nothing was fired; a person must arm the rig")
+
+
+def test_an_error_is_one_sentence(tmp_path: Path) -> None:
+    with ChildRun(["search", "--rig", str(tmp_path / "none.toml")]) as child:
+        assert list(child.items()) == []
+        outcome = child.outcome()
+    assert outcome.exit_code == 2
+    assert "none.toml" in outcome.message
+
+
+def test_a_second_search_is_refused_while_one_runs() -> None:
+    searches = Searches(SearchOptions(pace=0.02, keep_journal=False))
+    assert not searches.cancel()
+    with searches.start(SearchRequest(seed=1)) as child:
+        with pytest.raises(SearchError, match="a search is running; cancel it, or wait for its result"):
+            searches.start(SearchRequest(seed=2))
+        assert searches.cancel()
+        list(child.items())
+        assert child.outcome().exit_code == 130
+    again = searches.start(SearchRequest(method="ternary", acquisitions=4))
+    list(again.items())
+    assert again.outcome().exit_code in (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("method", "posterior --arm", "method"),
+        ("method", 7, "method is 7"),
+        ("acquisitions", 1, "acquisitions is 1, it must"),
+        ("acquisitions", 10_000, "acquisitions is 10000"),
+        ("acquisitions", float("nan"), "acquisitions is nan"),
+        ("seed", -1, "seed is -1"),
+        ("seed", "1 --arm", "seed is '1 --arm'"),
+        ("stay", "yes", "stay is 'yes'"),
+    ],
+)
+def test_what_a_program_may_not_ask_for_is_refused_with_a_sentence(field: str, value: object, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        SearchRequest(**{field: value})
+
+
+def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
+    request = SearchRequest(method="ternary", acquisitions=8, as_published=True, stay=True, seed=5)
+    assert request.arguments() == [
+        "--method=ternary",
+        "--acquisitions=8",
+        "--seed=5",
+        "--as-published",
+        "--stay",
+    ]
+    assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0, keep_journal=False).arguments()) == (
+        '["--rig=a.toml", "--pace=1.0", "--no-journal"]'
+    )
