@@ -38,19 +38,21 @@ class SettingsRow:
     ) -> None:
         self.settings = settings
         self._on_change = on_change
-        self._select("method", {each.name: each.name for each in METHODS}, "method").style("width: 176px")
-        self._number("acquisitions", "acquisitions").style("width: 104px")
+        self._select("method", {each.name: each.name for each in METHODS}, "method").style("width: 150px")
+        self._number("acquisitions", "acquisitions").style("width: 92px")
         ui.checkbox(
             "as published",
             value=settings.as_published,
             on_change=lambda event: self._set("as_published", event.value),
         ).props("dense").tooltip("the paper's form of the method, which always answers")
         if simulated:
-            self._select("tissue", {None: "as the rig"} | {name: name for name in TISSUES}, "tissue").style("width: 150px")
-            self._number("peak_snr_db", "peak SNR [dB]").style("width: 104px")
-            self._number("seed", "seed").style("width: 84px")
-            self._select("readout_s", {None: "as the rig"} | READOUTS, "receiver").style("width: 150px")
-            self._select("pace", PACES, "speed").style("width: 118px")
+            self._select("tissue", {None: "as the rig"} | {name: name for name in TISSUES}, "tissue").style(
+                "width: 128px"
+            )
+            self._number("peak_snr_db", "SNR [dB]").style("width: 84px")
+            self._number("seed", "seed").style("width: 66px")
+            self._select("readout_s", {None: "as the rig"} | READOUTS, "receiver").style("width: 134px")
+            self._select("pace", PACES, "speed").style("width: 116px")
 
     def _select(self, name: str, options: dict[Any, str], label: str) -> ui.select:
         value = getattr(self.settings, name)

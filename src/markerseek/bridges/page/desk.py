@@ -130,7 +130,9 @@ class Desk:
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                LiveRun(self._launch, ["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"])
+                LiveRun(
+                    self._launch, ["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"]
+                )
                 for each in (one, other)
             )
 

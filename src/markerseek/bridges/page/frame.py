@@ -74,11 +74,12 @@ class Frame:
         ui.timer(TICK_S, self._tick)
 
     def _tick(self) -> None:
-        self._count += 1
         if self._count % BEAT_TICKS == 0:
-            beat = self._count // BEAT_TICKS
+            # The first at once: a page that has just connected may be used.
+            beat = self._count // BEAT_TICKS + 1
             self._beats.append((beat, time.monotonic()))
             self._beat.strike(beat)
+        self._count += 1
         self._update()
 
     def on_click(self, element: ui.element, handler: Callable[[], None]) -> None:

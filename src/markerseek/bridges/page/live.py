@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
@@ -18,7 +18,7 @@ Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 class Child(Protocol):
     """What is used of `markerseek.bridges.ChildRun`."""
 
-    def items(self) -> object:
+    def items(self) -> Iterator[StreamItem]:
         """Head, events and end, each as it arrives."""
 
     def stop(self) -> None:

@@ -90,7 +90,8 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             "nameTextStyle": {"color": GREY},
             "min": limits.low_deg,
             "max": limits.high_deg,
-            "axisLabel": {"color": GREY},
+            "axisLabel": {"color": GREY, "showMinLabel": False, "showMaxLabel": False},
+            "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
             "splitLine": {"show": False},
         },
         "yAxis": [_axis("intensity"), _axis("probability per deg") | {"splitLine": {"show": False}}],
@@ -128,6 +129,7 @@ def _axis(name: str) -> dict[str, Any]:
         "nameTextStyle": {"color": GREY},
         "min": 0,
         "axisLabel": {"color": GREY, "hideOverlap": True},
+        "axisLine": {"show": False, "onZero": False},
         "splitLine": {"lineStyle": {"color": "rgba(128,128,128,0.2)"}},
     }
 
@@ -139,7 +141,7 @@ def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
     number = point.number
     size = 4 + 10 * weights[number - 1] if weights and not confirms else 13 if confirms else 9
     return {
-        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), "confirmation" if confirms else number],
+        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), "✓" if confirms else number],
         "symbol": "rect" if confirms else "circle",
         "symbolSize": size,
     }
@@ -163,17 +165,17 @@ def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any
     lines = []
     if snapshot.belief is not None:
         mean_deg = snapshot.belief.estimate.mean_deg
-        lines.append(_line(mean_deg, f"{mean_deg:.2f}°", ORANGE, "solid"))
+        lines.append(_line(mean_deg, f"{mean_deg:.2f}°", ORANGE, "solid", "end"))
     if known is not None:
-        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted"))
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", "insideMiddleBottom"))
     return {"silent": True, "symbol": "none", "data": lines}
 
 
-def _line(angle_deg: float, text: str, colour: str, kind: str) -> dict[str, Any]:
+def _line(angle_deg: float, text: str, colour: str, kind: str, position: str) -> dict[str, Any]:
     return {
         "xAxis": angle_deg,
         "lineStyle": {"color": colour, "type": kind, "width": 2},
-        "label": {"formatter": text, "color": colour},
+        "label": {"formatter": text, "color": colour, "position": position},
     }
 
 

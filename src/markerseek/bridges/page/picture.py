@@ -96,7 +96,10 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
     pooled = _pooled(image.envelope)
     relative = pooled / max(brightest, float(np.finfo(np.float32).tiny))
     decibels = 20 * np.log10(np.maximum(relative, 10 ** (-RANGE_DB / 20)))
-    return np.rint(255 * (1 + np.minimum(decibels, 0.0) / RANGE_DB)).astype(np.uint8)
+    levels: UInt8[np.ndarray, "rows columns"] = np.rint(255 * (1 + np.minimum(decibels, 0.0) / RANGE_DB)).astype(
+        np.uint8
+    )
+    return levels
 
 
 def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndarray, "rows laterals"]:
@@ -105,7 +108,8 @@ def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndar
     missing = rows * together - envelope.shape[0]
     # The last row holds fewer depths: zeros are never the largest envelope.
     padded = np.pad(envelope, ((0, missing), (0, 0)))
-    return padded.reshape(rows, together, -1).max(axis=1)
+    pooled: Float32[np.ndarray, "rows laterals"] = padded.reshape(rows, together, -1).max(axis=1)
+    return pooled
 
 
 @lru_cache(maxsize=4)
@@ -122,7 +126,7 @@ def drawn_background(rows: int, columns: int) -> str:
     field = rng.normal(size=(rows, columns)) + 1j * rng.normal(size=(rows, columns))
     for axis, length in ((0, 3), (1, 4)):
         # Neighbours share their field, as within a resolution cell.
-        field = sum(np.roll(field, shift, axis=axis) for shift in range(length))
+        field = np.sum([np.roll(field, shift, axis=axis) for shift in range(length)], axis=0)
     speckle = np.abs(field) / np.abs(field).mean()
     depth = np.linspace(0.0, 1.0, rows)[:, None]
     # A quiet gel pad in front, then tissue that fades with depth.

@@ -53,7 +53,9 @@ class ResultRow:
             self._text = ui.label("").mark("result")
             for suffix in ("html", "png", "json"):
                 ui.button(
-                    f"report {suffix.upper()}", icon="download", on_click=lambda name=f"search.{suffix}": self._give(name)
+                    f"report {suffix.upper()}",
+                    icon="download",
+                    on_click=lambda name=f"search.{suffix}": self._give(name),
                 ).props("flat dense").mark(f"report-{suffix}")
             ui.button("copy the angle", icon="content_copy", on_click=self._copy).props("flat dense").mark("copy")
         self._bar.visible = False
@@ -71,7 +73,11 @@ class ResultRow:
             return
         journal = self._live.journal
         if journal not in self._reports:
-            self._reports = {journal: await run.io_bound(make_report, journal)}
+            made = await run.io_bound(make_report, journal)
+            # None while the program ends.
+            if made is None:
+                return
+            self._reports = {journal: made}
         report = self._reports[journal]
         if name in report:
             ui.download.content(report[name], name)

@@ -93,14 +93,15 @@ class SecurityLayer:
     """
 
     def __init__(self, app: App, access: Access, *, now_s: Callable[[], float] = time.monotonic) -> None:
-        self._app = app
+        # Public: NiceGUI finds its server by following this attribute.
+        self.app = app
         self._access = access
         self._now_s = now_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, one WebSocket, or the start and end of the server."""
         if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
         headers = _headers(scope)
         refusal = self._foreign(scope, headers)
@@ -113,11 +114,11 @@ class SecurityLayer:
         if refusal is not None:
             await _refuse(scope, send, 403, refusal)
         elif scope["type"] == "websocket":
-            await self._app(scope, _Limited(receive, send, self._now_s).receive, send)
+            await self.app(scope, _Limited(receive, send, self._now_s).receive, send)
         elif _too_large(headers):
             await _refuse(scope, send, 413, f"the body has more than {BODY_BYTES} bytes")
         else:
-            await self._app(scope, _capped(receive), _with_headers(send))
+            await self.app(scope, _capped(receive), _with_headers(send))
 
     def _foreign(self, scope: Scope, headers: dict[bytes, list[bytes]]) -> str | None:
         """Why a request does not come from a page of ours; None if it does."""

@@ -11,7 +11,7 @@ import msgspec
 
 from markerseek.core import PAPER_RANGE, ConfigError, SearchPlan, is_whole
 from markerseek.search import policy_for
-from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named, ReceiverSettings, tissue_named
+from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
 
 SONIXDAQ_READOUT_S, REAL_TIME_READOUT_S = 10.0, 0.1
 """Time to read one acquisition in seconds: from the files of a SonixDAQ, and with a receiver that streams."""

@@ -14,10 +14,12 @@ class Timeline:
     def __init__(self) -> None:
         self._run: WatchedRun | None = None
         self._following = True
-        self._chosen = 0
+        self._chosen = self._last = 0
         with ui.element("div").classes("ms-foot"):
             self._label = ui.label("event 0 of 0").classes("ms-note").style("min-width: 128px")
-            self._slider = ui.slider(min=0, max=1, step=1, value=0).props('aria-label="event shown" label').mark("timeline")
+            self._slider = (
+                ui.slider(min=0, max=1, step=1, value=0).props('aria-label="event shown" label').mark("timeline")
+            )
             self._slider.on("update:model-value", lambda event: self._choose(int(event.args)), throttle=0.1)
             self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
 
@@ -27,8 +29,9 @@ class Timeline:
             self._run, self._following = run, True
         last = len(run.snapshots) - 1
         shown = last if self._following else min(self._chosen, last)
-        if self._slider.max != max(last, 1):
-            self._slider.max = max(last, 1)
+        if last != self._last:
+            self._last = last
+            self._slider.props(f"max={max(last, 1)}")
         if self._following and self._slider.value != last:
             self._slider.set_value(last)
         self._label.set_text(f"event {shown} of {last}")

@@ -49,7 +49,7 @@ class WatchedRun:
         number = self.snapshots[-1].number + 1
         if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
             sample = event.sample
-            # Without its frame (the stream drops one where a reader is slow) there is no image, and nothing else is lost.
+            # A stream drops frames where its reader is slow: then there is no image, and nothing else is lost.
             if isinstance(sample.frame, ChannelFrame):
                 self.pictures[number] = picture_of(sample, self._imaging)
         # The snapshot last: whoever sees it finds its picture.

@@ -112,11 +112,17 @@ export default {
         if (share < 0.02) continue;
         const low = i ? (v.angles[i - 1] + v.angles[i]) / 2 : v.angles[i];
         const high = i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i];
-        // At least a third of a degree wide: a sharp posterior must stay visible.
-        const room = Math.max(0, 0.33 - (high - low)) / 2;
         c.fillStyle = `rgba(${r},${green},${b},${0.85 * share})`;
-        wedge(Math.max(low - room, v.low), Math.min(high + room, v.high), g.near, g.near + (g.far - g.near) * share);
+        wedge(Math.max(low, v.low), Math.min(high, v.high), g.near, g.near + (g.far - g.near) * share);
         c.fill();
+        // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
+        if (share > 0.97) {
+          for (const room of [2.2, 1.3, 0.6]) {
+            c.fillStyle = `rgba(${r},${green},${b},0.16)`;
+            wedge(Math.max(low - room, v.low), Math.min(high + room, v.high), g.near, g.far);
+            c.fill();
+          }
+        }
       }
     },
     scale(c, g, colour, ray) {
