@@ -39,7 +39,7 @@ def command(
     """
     import webbrowser
 
-    from markerseek.bridges.page import Address, Desk, Launcher, Rig, serve
+    from markerseek.bridges.page import Address, Desk, Launcher, PageRig, serve
     from markerseek.cli.terminal import quoted, stdout
     from markerseek.core import ConfigError
     from markerseek.drivers import BenchSettings
@@ -58,7 +58,7 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    desk = Desk(Launcher(), Rig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
+    desk = Desk(Launcher(), PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
 
     def ready(link: str) -> None:
         stdout.print(f"open {link}", markup=False)

@@ -37,8 +37,16 @@ class Launcher:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rig:
-    """The rig that the page was started for: its file, None for the usual simulated rig, and whether it is simulated."""
+class PageRig:
+    """Rig that the page was started for.
+
+    Attributes
+    ----------
+    file
+        Its rig file; None for the simulated rig with its defaults.
+    simulated
+        Whether no hardware is involved.
+    """
 
     file: Path | None = None
     simulated: bool = True
@@ -58,7 +66,7 @@ class Desk:
         data folder.
     """
 
-    def __init__(self, launch: Launcher, rig: Rig, named: Sequence[Path] = ()) -> None:
+    def __init__(self, launch: Launcher, rig: PageRig, named: Sequence[Path] = ()) -> None:
         self.rig = rig
         self.search: LiveRun | None = None
         self.race: tuple[LiveRun, ...] = ()

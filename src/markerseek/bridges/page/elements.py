@@ -1,12 +1,10 @@
-"""The page's own elements: fan, image, and the beat that shows whether the page is alive. Their JavaScript is beside."""
+"""The page's own elements: fan, image, and the beat that shows whether the program is alive."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from nicegui import ui
-
-# Paths of the components are relative to this file.
 
 
 class Fan(ui.element, component="static/fan.js"):

@@ -96,10 +96,8 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
     pooled = _pooled(image.envelope)
     relative = pooled / max(brightest, float(np.finfo(np.float32).tiny))
     decibels = 20 * np.log10(np.maximum(relative, 10 ** (-RANGE_DB / 20)))
-    levels: UInt8[np.ndarray, "rows columns"] = np.rint(255 * (1 + np.minimum(decibels, 0.0) / RANGE_DB)).astype(
-        np.uint8
-    )
-    return levels
+    share = 1 + np.minimum(decibels, 0.0) / RANGE_DB
+    return np.asarray(np.rint(255 * share), dtype=np.uint8)
 
 
 def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndarray, "rows laterals"]:
@@ -108,8 +106,7 @@ def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndar
     missing = rows * together - envelope.shape[0]
     # The last row holds fewer depths: zeros are never the largest envelope.
     padded = np.pad(envelope, ((0, missing), (0, 0)))
-    pooled: Float32[np.ndarray, "rows laterals"] = padded.reshape(rows, together, -1).max(axis=1)
-    return pooled
+    return np.asarray(padded.reshape(rows, together, -1).max(axis=1))
 
 
 @lru_cache(maxsize=4)

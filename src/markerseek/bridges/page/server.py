@@ -57,8 +57,8 @@ class Address:
             raise ConfigError("TLS needs both a certificate and its key; name both, or neither")
         if self.host != LOOPBACK and self.certificate is None:
             raise ConfigError(
-                f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate and --tls-key, "
-                f"or leave the host out for {LOOPBACK}"
+                f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
+                f"and --tls-key, or leave the host out for {LOOPBACK}"
             )
         if self.certificate is not None and self.key is not None:
             try:

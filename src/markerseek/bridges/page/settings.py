@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 
 import msgspec
 
-from markerseek.core import PAPER_RANGE, ConfigError, SearchPlan, is_whole
-from markerseek.search import policy_for
+from markerseek.core import ConfigError, is_whole
+from markerseek.search import build, check_acquisitions, method_named
 from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
 
 SONIXDAQ_READOUT_S, REAL_TIME_READOUT_S = 10.0, 0.1
@@ -55,9 +55,12 @@ class PageSettings:
     pace: float = USUAL_PACE
 
     def __post_init__(self) -> None:
-        plan = SearchPlan(method=self.method, acquisitions=self.acquisitions, as_published=self.as_published)
-        # The method itself says how many acquisitions it needs, and whether it was published.
-        policy_for(plan, limits=PAPER_RANGE)
+        chosen = method_named(self.method)
+        if self.acquisitions is not None:
+            check_acquisitions(self.acquisitions, least=chosen.least, method=chosen.name)
+        if self.as_published:
+            # The method itself says whether it was published.
+            build(self.method, as_published=True)
         if self.tissue is not None:
             tissue_named(self.tissue)
         if self.peak_snr_db is not None:
