@@ -7,7 +7,6 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,7 +54,7 @@ def open_rig(
     from markerseek import rigs
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import read_rig_file
-    from markerseek.sim import SimulatedSettings
+    from markerseek.sim import SimulatedSettings, changed_settings
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
@@ -66,12 +65,7 @@ def open_rig(
         with bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    if tissue is not None:
-        settings = replace(settings, tissue=tissue)
-    if peak_snr_db is not None:
-        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=peak_snr_db))
-    if readout_s is not None:
-        settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+    settings = changed_settings(settings, tissue=tissue, peak_snr_db=peak_snr_db, readout_s=readout_s)
     yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
 
 

@@ -11,9 +11,12 @@ from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
 
 from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.race_page import build_race_page
+from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.turn_page import build_turn_page
 from markerseek.core import ConfigError
 
 WATCH_S = 0.5
@@ -51,6 +54,18 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
         build_search_page(desk, settings)
         if problem is not None:
             ui.notify(problem, type="negative", multi_line=True)
+
+    @ui.page("/race")
+    def race() -> None:
+        build_race_page(desk)
+
+    @ui.page("/turn")
+    def turn() -> None:
+        build_turn_page(desk)
+
+    @ui.page("/replay")
+    def replay() -> None:
+        ReplayPage(desk)
 
     ui.run_with(
         application,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from nicegui import ui
@@ -20,6 +20,13 @@ READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ (10 s)", REAL_TIME_READOUT_S: "real-ti
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
 
+METHOD_FIELDS = ("method", "acquisitions", "as_published")
+"""Settings of any search."""
+
+RIG_FIELDS = ("tissue", "peak_snr_db", "seed", "readout_s", "pace")
+"""Settings of a simulated rig."""
+
+
 class SettingsRow:
     """Fields for the settings of one search.
 
@@ -27,54 +34,50 @@ class SettingsRow:
     ----------
     settings
         The settings at first.
-    simulated
-        Whether the rig is simulated; else only the method can be chosen.
+    names
+        Which of them can be chosen.
     on_change
         Called with the settings after each change that can be used.
     """
 
     def __init__(
-        self, settings: PageSettings, *, simulated: bool, on_change: Callable[[PageSettings], None] | None = None
+        self,
+        settings: PageSettings,
+        names: Iterable[str],
+        *,
+        on_change: Callable[[PageSettings], None] | None = None,
     ) -> None:
         self.settings = settings
         self._on_change = on_change
-        self._select("method", {each.name: each.name for each in METHODS}, "method").style("width: 150px")
-        self._number("acquisitions", "acquisitions").style("width: 92px")
-        ui.checkbox(
-            "as published",
-            value=settings.as_published,
-            on_change=lambda event: self._set("as_published", event.value),
-        ).props("dense").tooltip("the paper's form of the method, which always answers")
-        if simulated:
-            self._select("tissue", {None: "as the rig"} | {name: name for name in TISSUES}, "tissue").style(
-                "width: 128px"
-            )
-            self._number("peak_snr_db", "SNR [dB]").style("width: 84px")
-            self._number("seed", "seed").style("width: 66px")
-            self._select("readout_s", {None: "as the rig"} | READOUTS, "receiver").style("width: 134px")
-            self._select("pace", PACES, "speed").style("width: 116px")
+        made: dict[str, Callable[[], object]] = {
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
+            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
+            "as_published": self._as_published,
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 128),
+            "peak_snr_db": lambda: self._number("peak_snr_db", "SNR [dB]", 84),
+            "seed": lambda: self._number("seed", "seed", 66),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
+            "pace": lambda: self._select("pace", PACES, "speed", 116),
+        }
+        for name in names:
+            made[name]()
 
-    def _select(self, name: str, options: dict[Any, str], label: str) -> ui.select:
+    def _as_published(self) -> None:
+        box = ui.checkbox("as published", value=self.settings.as_published)
+        box.on_value_change(lambda event: self._set("as_published", event.value))
+        box.props("dense").tooltip("the paper's form of the method, which always answers")
+
+    def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
         value = getattr(self.settings, name)
         # A link may hold a value that is not in the list.
-        known = options if value in options else {**options, value: f"{value:g}"}
-        return (
-            ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
-            .props("dense outlined options-dense")
-            .mark(f"setting-{name}")
-        )
+        known = dict(options) if value in options else {**options, value: f"{value:g}"}
+        field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
+        field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
-    def _number(self, name: str, label: str) -> ui.number:
-        whole = name != "peak_snr_db"
-
-        def change(value: float | None) -> None:
-            self._set(name, None if value is None else int(value) if whole and value == int(value) else value)
-
-        return (
-            ui.number(label, value=getattr(self.settings, name), on_change=lambda event: change(event.value))
-            .props('dense outlined debounce=300 placeholder="usual" stack-label')
-            .mark(f"setting-{name}")
-        )
+    def _number(self, name: str, label: str, width_px: int) -> None:
+        field = ui.number(label, value=getattr(self.settings, name))
+        field.on_value_change(lambda event: self._set(name, _number(name, event.value)))
+        field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
 
     def _set(self, name: str, value: object) -> None:
         try:
@@ -100,7 +103,8 @@ class SearchControls:
     def __init__(self, frame: Frame, settings: PageSettings) -> None:
         self._desk = frame.desk
         with ui.element("div").classes("ms-controls"):
-            self._row = SettingsRow(settings, simulated=self._desk.rig.simulated, on_change=_hold_in_link)
+            names = METHOD_FIELDS + (RIG_FIELDS if self._desk.rig.simulated else ())
+            self._row = SettingsRow(settings, names, on_change=_hold_in_link)
             self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
         frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
@@ -128,3 +132,12 @@ class SearchControls:
 def _hold_in_link(settings: PageSettings) -> None:
     query = settings.query()
     ui.navigate.history.replace(f"/?{query}" if query else "/")
+
+
+def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
+    return {None: "as the rig", **options}
+
+
+def _number(name: str, value: float | None) -> float | int | None:
+    """The number of a field; a whole one where the setting is a count."""
+    return int(value) if value is not None and name != "peak_snr_db" and value == int(value) else value

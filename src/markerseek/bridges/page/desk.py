@@ -70,6 +70,7 @@ class Desk:
         self.rig = rig
         self.search: LiveRun | None = None
         self.race: tuple[LiveRun, ...] = ()
+        self.bank: LiveRun | None = None
         self._launch = launch
         self._named = tuple(named)
         self._lock = threading.Lock()
@@ -80,7 +81,7 @@ class Desk:
         return any(run.status != "ended" for run in self._runs())
 
     def _runs(self) -> tuple[LiveRun, ...]:
-        return (*self.race, *([] if self.search is None else [self.search]))
+        return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
 
     def start(self, settings: PageSettings) -> None:
         """Start a search.
@@ -143,6 +144,29 @@ class Desk:
                 )
                 for each in (one, other)
             )
+
+    def replay(self, name: str, settings: PageSettings) -> LiveRun:
+        """Search a recorded bank with a method; no device and no journal is involved.
+
+        Parameters
+        ----------
+        name
+            One of `recordings`.
+        settings
+            The method.
+
+        Raises
+        ------
+        SearchError
+            If something runs, or there is no such recording.
+        """
+        with self._lock:
+            self._require_idle()
+            path = self.recordings().get(name)
+            if path is None:
+                raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
+            self.bank = LiveRun(self._launch, ["replay", str(path), *settings.arguments(simulated=False)])
+            return self.bank
 
     def stop(self) -> None:
         """Stop whatever runs; allowed at any time, by any thread."""

@@ -17,7 +17,7 @@ REPORT_S = 120.0
 
 
 def make_report(journal: Path) -> dict[str, bytes]:
-    """Report of a finished search by the ordinary command: file names and contents.
+    """Pictures of a finished search by the ordinary command, as file names and contents; none without Matplotlib.
 
     Parameters
     ----------
@@ -32,15 +32,14 @@ def make_report(journal: Path) -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         command = ["resume", str(journal), "--plot", "--out", folder, "--json"]
         # -P: a file in the current folder must not replace a module.
-        done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps or was started with
+        subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps or was started with
             [sys.executable, "-P", "-m", "markerseek", *command],
             capture_output=True,
             timeout=REPORT_S,
             check=False,
             stdin=subprocess.DEVNULL,
         )
-        files = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
-    return {"search.json": msgspec.json.format(done.stdout.strip() or b"{}", indent=2), **files}
+        return {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
 
 
 class ResultRow:
@@ -69,7 +68,11 @@ class ResultRow:
             self._text.set_text(f"{answer['answer']} at {answer['angle_deg']:.3f}°")
 
     async def _give(self, name: str) -> None:
-        if self._live is None or self._live.journal is None:
+        answer = None if self._live is None else _answer(self._live)
+        if self._live is None or self._live.journal is None or answer is None:
+            return
+        if name == "search.json":
+            ui.download.content(msgspec.json.format(msgspec.json.encode(answer), indent=2), name)
             return
         journal = self._live.journal
         if journal not in self._reports:

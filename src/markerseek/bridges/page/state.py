@@ -100,11 +100,13 @@ class RunState:
     ----------
     configuration
         Plan of the search and facts of the rig.
+    believes
+        Whether a policy decides; a person who turns the probe keeps the belief to himself.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
-        self._configuration = configuration
-        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=configuration.facts.search)
+    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
+        limits = configuration.facts.search
+        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if believes else None
         self._pulses = 0
         self._started_s = 0.0
         self.snapshot = Snapshot(rig=configuration.facts.kind)

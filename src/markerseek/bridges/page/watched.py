@@ -21,11 +21,13 @@ class WatchedRun:
     ----------
     configuration
         Plan and rig of the run.
+    believes
+        As in `RunState`.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
         self.configuration = configuration
-        self._state = RunState(configuration)
+        self._state = RunState(configuration, believes=believes)
         # Only ever appended to, so that another thread may read it at any time.
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}
