@@ -17,6 +17,7 @@ from markerseek.bridges.page.search_page import build_search_page
 from markerseek.bridges.page.security import App
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn_page import build_turn_page
+from markerseek.bridges.page.watched import warm_up
 from markerseek.core import ConfigError
 
 WATCH_S = 0.5
@@ -36,9 +37,13 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        watching = asyncio.create_task(_stop_unwatched(desk, unwatched_s))
+        tasks = [
+            asyncio.create_task(_stop_unwatched(desk, unwatched_s)),
+            asyncio.create_task(asyncio.to_thread(warm_up)),
+        ]
         yield
-        watching.cancel()
+        for task in tasks:
+            task.cancel()
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
 

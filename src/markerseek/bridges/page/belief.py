@@ -90,6 +90,12 @@ class PolicyMirror:
             if self._bracket is not None:
                 self._bracket.tell(sample)
 
+    def confirm(self, sample: Sample) -> None:
+        """Take the acquisition at the angle found, where the policy weighs it."""
+        confirm = getattr(self._policy, "confirm", None)
+        if confirm is not None:
+            confirm(sample)
+
     def belief(self) -> Belief | None:
         """What follows from the samples so far; None before the first with light."""
         if not self._intensities:

@@ -12,7 +12,7 @@ from nicegui.events import GenericEventArguments
 
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.elements import Beat
-from markerseek.core import MarkerseekError
+from markerseek.core import MarkerseekError, RigKind
 
 TICK_S = 0.1
 """Time between two updates of one viewer, in seconds."""
@@ -22,6 +22,12 @@ BEAT_TICKS = 4
 
 SILENT_S = 1.0
 """Age of the news on a page beyond which its commands are refused, in seconds."""
+
+_BANNERS: dict[RigKind, str] = {
+    "simulated": "SIMULATED: no hardware is involved",
+    "replayed": "REPLAYED: recorded data; nothing moves and nothing is fired",
+    "bench": "A RIG OF DEVICES: it is armed in the terminal where the page was started, never here",
+}
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
@@ -60,13 +66,16 @@ class Frame:
             ui.element("button").classes("ms-stop").props('type="button" title="stops everything (Escape)"').on(
                 "click", js_handler="() => window.markerseekStop()"
             ).mark("stop").props('innerHTML="STOP"')
-        simulated = desk.rig.simulated
-        text = (
-            "SIMULATED: no hardware is involved"
-            if simulated
-            else "A RIG OF DEVICES: it is armed in the terminal where the page was started, never here"
-        )
-        ui.label(text).classes("ms-banner" + ("" if simulated else " ms-banner-bench")).mark("banner")
+        self._banner = ui.label("").mark("banner")
+        self._shown_kind: RigKind | None = None
+        self.show_kind("simulated" if desk.rig.simulated else "bench")
+
+    def show_kind(self, kind: RigKind) -> None:
+        """Say in the banner what kind of rig is shown."""
+        if kind != self._shown_kind:
+            self._shown_kind = kind
+            self._banner.set_text(_BANNERS[kind])
+            self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
 
     def run(self, update: Callable[[], None]) -> None:
         """Call a function at each tick; it must send only what has changed."""

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.watched import WatchedRun
-from markerseek.core import MarkerseekError
+from markerseek.core import MarkerseekError, Measured
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
+
+
+MOST_WAITING = 16
+"""Events that may wait with their frames, of half a megabyte each; more wait without, and have no image."""
 
 
 class Child(Protocol):
@@ -60,6 +66,7 @@ class LiveRun:
         self._child: Child | None = None
         self._stop_wanted = threading.Event()
         self._failure: str | None = None
+        self._arrived: queue.SimpleQueue[StreamItem | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._follow, name="follow a child", daemon=True)
         self._thread.start()
 
@@ -97,17 +104,45 @@ class LiveRun:
             # STOP may have been pressed while the child was being started.
             if self._stop_wanted.is_set():
                 child.stop()
+            showing = threading.Thread(target=self._show, name="show a child", daemon=True)
+            showing.start()
             try:
+                # Only handed on here: a stream that is not read at once loses frames, and then events.
                 for item in child.items():
-                    self._take(item)
+                    self._arrived.put(self._within_memory(item))
             except BaseException:
                 # A stream that cannot be read must not leave a search running that nobody sees.
                 child.stop()
                 raise
             finally:
+                self._arrived.put(None)
+                showing.join()
                 self.outcome = child.outcome()
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
+
+    def _show(self) -> None:
+        shown = False
+        try:
+            while (item := self._arrived.get()) is not None:
+                self._take(item)
+            shown = True
+        except MarkerseekError as problem:
+            self._failure = str(problem)
+        finally:
+            if not shown:
+                # Whatever went wrong: a search that the page cannot show must not go on.
+                self._failure = self._failure or "the page cannot show this search; it was stopped"
+                self.stop()
+
+    def _within_memory(self, item: StreamItem) -> StreamItem:
+        """The item, without its frame where too many wait for their images."""
+        if not isinstance(item, StreamEvent) or not isinstance(item.event, Measured):
+            return item
+        sample = item.event.sample
+        if not sample.dark and self._arrived.qsize() < MOST_WAITING:
+            return item
+        return replace(item, event=replace(item.event, sample=replace(sample, frame=None)))
 
     def _take(self, item: StreamItem) -> None:
         if isinstance(item, StreamHead):

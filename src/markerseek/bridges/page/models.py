@@ -8,8 +8,8 @@ from markerseek.bridges.page.picture import RANGE_DB, Picture
 from markerseek.bridges.page.state import Point, Snapshot
 from markerseek.core import Interval, RigFacts
 
-BLUE, SKY, ORANGE, GREEN, GREY = "#0072b2", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
-"""Colours that the colour-blind can tell apart (Okabe and Ito): samples, density, answer, truth, the rest."""
+BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
+"""Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
 FACE_SHARE = 0.28
 """Radius of the probe over that of the fan, as drawn."""
@@ -182,7 +182,11 @@ def _line(angle_deg: float, text: str, colour: str, kind: str, position: str) ->
 def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
     floor = snapshot.belief.estimate.floor if snapshot.belief else None
     level = None if floor is None else floor.level
-    data = [] if level is None else [{"yAxis": level, "label": {"formatter": "floor", "color": GREY}}]
+    data = (
+        []
+        if level is None
+        else [{"yAxis": level, "label": {"formatter": "floor", "color": GREY, "position": "insideEndTop"}}]
+    )
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
 
 
@@ -240,7 +244,7 @@ def angle_text(snapshot: Snapshot) -> str:
 def answer_text(snapshot: Snapshot) -> str:
     """What is claimed: an angle counts as found only once the search is over and says so."""
     if snapshot.belief is None:
-        return "nothing measured yet"
+        return "" if snapshot.points else "nothing measured yet"
     reason = getattr(snapshot.belief.estimate, "reason", None)
     text = snapshot.belief.answer + (f": {reason}" if reason else "")
     return text if snapshot.phase == "finished" else f"so far {text}"

@@ -91,11 +91,11 @@ class Panels:
         self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
 
     def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
-        key = (run, snapshot.image_of)
+        picture = run.picture(snapshot)
+        key = (run, picture)
         if key == self._image_key:
             return
         self._image_key = key
-        picture = run.picture(snapshot)
         simulated = snapshot.rig == "simulated" and picture is not None
         background: dict[str, Any] = {}
         if simulated and picture is not None:

@@ -21,7 +21,8 @@ MOST_ROWS = 200
 """Rows of an image that is sent: a screen shows no more."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+# eq=False: two images are compared often, and never equal unless they are the same.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
     """An image as it is sent.
 

@@ -73,6 +73,7 @@ class ReplayPage:
             self._message = self._live.message or self._live.status
         self._frame.status.set_text(self._message)
         if self._run is not None:
+            self._frame.show_kind(self._run.configuration.facts.kind)
             self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
 
 

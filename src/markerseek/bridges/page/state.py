@@ -55,8 +55,6 @@ class Snapshot:
         Acquisitions with light, in order.
     belief
         What the search believes; None before the first acquisition with light.
-    image_of
-        Number of the newest acquisition's event; None before the first with light.
     travel_deg, elapsed_s
         Rotation in degrees, and time on the rig's clock in seconds, since the start.
     snr_db
@@ -74,7 +72,6 @@ class Snapshot:
     target_deg: float | None = None
     points: tuple[Point, ...] = ()
     belief: Belief | None = None
-    image_of: int | None = None
     travel_deg: float = 0.0
     elapsed_s: float = 0.0
     snr_db: float | None = None
@@ -170,8 +167,9 @@ class RunState:
     def _measured(self, event: Measured, now: Snapshot) -> Snapshot:
         sample = event.sample
         line = f"{_ROLES[event.role]} {event.index}: {sample.angle_deg:.2f}°, {sample.reading.intensity:.4g}"
-        if event.role != "confirmation" and self._mirror is not None:
-            self._mirror.tell(sample)
+        if self._mirror is not None:
+            tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
+            tell(sample)
         now = replace(now, phase="measured", target_deg=None, probe_deg=sample.angle_deg, line=line)
         if sample.dark:
             return now
@@ -182,8 +180,7 @@ class RunState:
         return replace(
             now,
             points=(*now.points, point),
-            belief=self._mirror.belief() if event.role != "confirmation" and self._mirror is not None else now.belief,
-            image_of=now.number,
+            belief=None if self._mirror is None else self._mirror.belief(),
             travel_deg=now.travel_deg + moved_deg,
             snr_db=_larger(now.snr_db, _snr_db(sample)),
         )

@@ -46,7 +46,8 @@ class Timeline:
         shown = last if self._following else min(self._chosen, last)
         if last != self._last:
             self._last = last
-            self._slider.props(f"max={max(last, 1)}")
+            self._slider.props["max"] = max(last, 1)
+            self._slider.update()
         if self._following and self._slider.value != last:
             self._slider.set_value(last)
         self._label.set_text(f"event {shown} of {last}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nicegui import run, ui
+from nicegui.events import KeyEventArguments
 
 from markerseek.bridges.page.controls import SettingsRow
 from markerseek.bridges.page.desk import Desk
@@ -42,10 +43,10 @@ class TurnPage:
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it).props("dense outline")
             self._show = ui.button("See the posterior do it", on_click=self._let_search).props("dense outline")
         with ui.element("div").classes("ms-foot"):
-            ui.label("turn to").classes("ms-note")
+            self._target = ui.label("").classes("ms-note").style("min-width: 92px")
             self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
-            self._slider.props('label-always switch-label-side aria-label="angle of the probe in degrees"')
-            self._slider.on("keydown.enter", self._fire)
+            self._slider.props('aria-label="angle of the probe in degrees"')
+        ui.keyboard(on_key=self._key)
         self._panels = Panels()
         self._help = ui.label(HELP).classes("ms-help")
         self._desk = desk
@@ -72,6 +73,18 @@ class TurnPage:
         finally:
             self._working = False
 
+    async def _key(self, event: KeyEventArguments) -> None:
+        """Arrow keys turn by a degree, with Shift by five; Enter measures."""
+        if not event.action.keydown:
+            return
+        if event.key.enter:
+            await self._fire()
+        step_deg = 5.0 if event.modifiers.shift else 1.0
+        turn_deg = {"ArrowLeft": -step_deg, "ArrowRight": step_deg}.get(event.key.name, 0.0)
+        limits = self._base.limits.search
+        if turn_deg and (wanted_deg := self._slider.value + turn_deg) in limits:
+            self._slider.set_value(round(wanted_deg, 1))
+
     def _name_it(self) -> None:
         if self._turn is None:
             ui.notify("measure first", type="warning")
@@ -91,6 +104,7 @@ class TurnPage:
         ui.navigate.to("/?" + chosen.query())
 
     def _update(self) -> None:
+        self._target.set_text(f"turn to {self._slider.value:+.1f}°")
         self._name.set_enabled(self._turn is not None and self._score is None)
         self._measure.set_enabled(not self._working and self._score is None)
         self._show.set_enabled(self._score is not None and not self._desk.busy)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from functools import lru_cache
 
 import msgspec
+import numpy as np
 
+from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
 from markerseek.bridges.page.state import RunState, Snapshot
-from markerseek.core import ChannelFrame, Measured
+from markerseek.core import PAPER_RANGE, ChannelFrame, FrameHeader, Measured, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
-from markerseek.signals import ImageReader, ProbePreset
+from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
 from markerseek.sim import StageMotion
 
 
@@ -58,8 +60,9 @@ class WatchedRun:
         self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
 
     def picture(self, snapshot: Snapshot) -> Picture | None:
-        """The newest image at a snapshot."""
-        return None if snapshot.image_of is None else self.pictures.get(snapshot.image_of)
+        """The newest image at a snapshot; it says at which angle it was taken."""
+        newest = max((number for number in tuple(self.pictures) if number <= snapshot.number), default=None)
+        return None if newest is None else self.pictures[newest]
 
     def move_s(self, snapshot: Snapshot) -> float:
         """Real time that the present move is expected to take, in seconds; 0 where nothing moves."""
@@ -78,6 +81,15 @@ class WatchedRun:
     def known_name(self) -> str:
         """Name of the angle that is known otherwise: the truth of a simulation, or a reference."""
         return "reference" if self.configuration.facts.truth_deg is None else "truth"
+
+
+def warm_up() -> None:
+    """Load the compiled kernels of posterior and images, which takes a second, before the first search needs them."""
+    PolicyMirror(SearchPlan(method="posterior"), limits=PAPER_RANGE)
+    preset = probe_preset(PRESET_NAMES[0])
+    header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
+    ImageReader(preset).picture(ChannelFrame(header=header, samples=samples, sampling_hz=preset.sampling_hz))
 
 
 def watched_journal(held: RecordedRun) -> WatchedRun:

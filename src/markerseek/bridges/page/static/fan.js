@@ -107,19 +107,22 @@ export default {
       const most = Math.max(...v.density, 0);
       if (!(most > 0)) return;
       const [r, green, b] = colour.glow;
+      const inside = (deg) => Math.min(Math.max(deg, v.low), v.high);
       for (let i = 0; i < v.angles.length; i++) {
         const share = Math.sqrt(v.density[i] / most);
         if (share < 0.02) continue;
-        const low = i ? (v.angles[i - 1] + v.angles[i]) / 2 : v.angles[i];
-        const high = i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i];
+        const low = inside(i ? (v.angles[i - 1] + v.angles[i]) / 2 : v.angles[i]);
+        const high = inside(i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i]);
+        // The posterior reaches beyond the limits; the fan does not.
+        if (!(high > low)) continue;
         c.fillStyle = `rgba(${r},${green},${b},${0.85 * share})`;
-        wedge(Math.max(low, v.low), Math.min(high, v.high), g.near, g.near + (g.far - g.near) * share);
+        wedge(low, high, g.near, g.near + (g.far - g.near) * share);
         c.fill();
         // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
         if (share > 0.97) {
           for (const room of [2.2, 1.3, 0.6]) {
             c.fillStyle = `rgba(${r},${green},${b},0.16)`;
-            wedge(Math.max(low - room, v.low), Math.min(high + room, v.high), g.near, g.far);
+            wedge(inside(low - room), inside(high + room), g.near, g.far);
             c.fill();
           }
         }
@@ -153,7 +156,8 @@ export default {
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        if (v.points.length <= 40) c.fillText(point.role === "confirmation" ? "✓" : String(point.number), x, y - 7);
+        // The newest acquisitions are numbered: where a search narrows down, all numbers would cover each other.
+        if (v.points.length - i <= 9) c.fillText(point.role === "confirmation" ? "✓" : String(point.number), x, y - 7);
       });
     },
     span(c, wedge, ends, near, away, fill) {
