@@ -8,7 +8,7 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench faults failures kills mutants peers docs figures lock clean
+.PHONY: help demo page test check bench faults failures kills mutants peers docs figures lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -17,6 +17,9 @@ demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
 	@echo "next, once in each terminal: source $(BIN)/activate"
 	@echo "then: markerseek --help"
+
+page: .venv/run  ## open the live page: searches on the simulated rig in the browser
+	$(BIN)/markerseek page
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5

@@ -7,7 +7,6 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +27,13 @@ NOT_ARMED = 4
 
 @contextmanager
 def open_rig(
-    path: Path | None, *, seed: int | None = None, tissue: str | None = None, pace: float = 0.0
+    path: Path | None,
+    *,
+    seed: int | None = None,
+    tissue: str | None = None,
+    pace: float = 0.0,
+    peak_snr_db: float | None = None,
+    readout_s: float | None = None,
 ) -> Iterator[tuple[Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
@@ -36,8 +41,8 @@ def open_rig(
     ----------
     path
         Rig file; None for the simulated rig with its defaults.
-    seed, tissue, pace
-        Options of a simulated rig (default seed 1); an error for a rig of devices.
+    seed, tissue, pace, peak_snr_db, readout_s
+        Options of a simulated rig (default seed 1), in place of its settings; an error for a rig of devices.
 
     Raises
     ------
@@ -49,18 +54,18 @@ def open_rig(
     from markerseek import rigs
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import read_rig_file
-    from markerseek.sim import SimulatedSettings
+    from markerseek.sim import SimulatedSettings, changed_settings
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
-        _require_none(path, {"--seed": seed, "--tissue": tissue, "--pace": pace or None})
+        simulated_only: dict[str, object] = {"--seed": seed, "--tissue": tissue, "--pace": pace or None}
+        _require_none(path, simulated_only | {"--peak-snr-db": peak_snr_db, "--readout-s": readout_s})
         from markerseek.rigs import bench
 
         with bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    if tissue is not None:
-        settings = replace(settings, tissue=tissue)
+    settings = changed_settings(settings, tissue=tissue, peak_snr_db=peak_snr_db, readout_s=readout_s)
     yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
 
 

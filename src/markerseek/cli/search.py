@@ -36,6 +36,15 @@ def command(
         str | None,
         typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all."),
     ] = None,
+    peak_snr_db: Annotated[
+        float | None, typer.Option(help="Peak SNR in dB of a simulated rig, instead of the rig's.", show_default="40")
+    ] = None,
+    readout_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds to read one acquisition of a simulated rig, instead of the rig's.", show_default="10"
+        ),
+    ] = None,
     arm: Annotated[
         bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
     ] = False,
@@ -74,7 +83,8 @@ def command(
     stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     # An unknown method is an error before devices are opened.
     method_named(method)
-    with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
+    opened = open_rig(rig, seed=seed, tissue=tissue, pace=pace, peak_snr_db=peak_snr_db, readout_s=readout_s)
+    with opened as (assembled, start_deg):
         plan = plan_on(
             assembled,
             method=method,

@@ -11,7 +11,14 @@ from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
-from markerseek.sim.settings import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+from markerseek.sim.settings import (
+    LaserSettings,
+    MarkerSettings,
+    NoiseSettings,
+    ReceiverSettings,
+    SimulatedSettings,
+    changed_settings,
+)
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
@@ -45,6 +52,7 @@ __all__ = [
     "TwoHumps",
     "VirtualClock",
     "World",
+    "changed_settings",
     "flash_of",
     "largest_noise",
     "tissue_named",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval
@@ -173,3 +173,37 @@ class SimulatedSettings:
         angle_deg = self.marker.angle_deg
         if angle_deg is not None and not -90 <= angle_deg <= 90:
             raise ConfigError(f"marker: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
+
+
+def changed_settings(
+    settings: SimulatedSettings,
+    *,
+    tissue: str | None = None,
+    peak_snr_db: float | None = None,
+    readout_s: float | None = None,
+) -> SimulatedSettings:
+    """Settings of which some have another value; None leaves one as it is.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    tissue
+        Name of the material.
+    peak_snr_db
+        As in `NoiseSettings`.
+    readout_s
+        As in `ReceiverSettings`.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used.
+    """
+    if tissue is not None:
+        settings = replace(settings, tissue=tissue)
+    if peak_snr_db is not None:
+        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=peak_snr_db))
+    if readout_s is not None:
+        settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+    return settings

@@ -1,0 +1,6 @@
+from .desk import Desk, Launcher, PageRig
+from .security import Access, SecurityLayer
+from .server import Address, serve
+from .settings import PageSettings
+
+__all__ = ["Access", "Address", "Desk", "Launcher", "PageRig", "PageSettings", "SecurityLayer", "serve"]

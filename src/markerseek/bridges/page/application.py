@@ -1,0 +1,105 @@
+"""The pages as an ASGI application, without its security layer."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI, Request, Response
+from nicegui import Client, ui
+
+from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.race_page import build_race_page
+from markerseek.bridges.page.replay_page import ReplayPage
+from markerseek.bridges.page.search_page import build_search_page
+from markerseek.bridges.page.security import App
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.turn_page import build_turn_page
+from markerseek.bridges.page.watched import warm_up
+from markerseek.core import ConfigError
+
+WATCH_S = 0.5
+"""Time between two looks whether anybody watches, in seconds."""
+
+
+def page_application(desk: Desk, *, unwatched_s: float) -> App:
+    """The application with all pages.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    unwatched_s
+        Time without any viewer after which a search is stopped, in seconds.
+    """
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        tasks = [
+            asyncio.create_task(_stop_unwatched(desk, unwatched_s)),
+            asyncio.create_task(asyncio.to_thread(warm_up)),
+        ]
+        yield
+        for task in tasks:
+            task.cancel()
+
+    application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
+
+    @application.post("/stop")
+    def stop() -> Response:
+        """STOP, by a plain request: it needs no connection of NiceGUI."""
+        desk.stop()
+        return Response(status_code=204)
+
+    @ui.page("/")
+    def search(request: Request) -> None:
+        settings, problem = _settings(request)
+        build_search_page(desk, settings)
+        if problem is not None:
+            ui.notify(problem, type="negative", multi_line=True)
+
+    @ui.page("/race")
+    def race() -> None:
+        build_race_page(desk)
+
+    @ui.page("/turn")
+    def turn() -> None:
+        build_turn_page(desk)
+
+    @ui.page("/replay")
+    def replay() -> None:
+        ReplayPage(desk)
+
+    ui.run_with(
+        application,
+        title="markerseek",
+        dark=None,
+        tailwind=False,
+        # One beat in 0.4 s, and no bindings: nothing else has to be looked after.
+        binding_refresh_interval=None,
+        message_history_length=200,
+        reconnect_timeout=3.0,
+        show_welcome_message=False,
+    )
+    return application
+
+
+def _settings(request: Request) -> tuple[PageSettings, str | None]:
+    """Settings of the link, or the usual ones and what is wrong with the link."""
+    try:
+        return PageSettings.of_query(request.query_params), None
+    except ConfigError as problem:
+        return PageSettings(), str(problem)
+
+
+async def _stop_unwatched(desk: Desk, unwatched_s: float) -> None:
+    """Stop searches that nobody watches."""
+    watched_s = time.monotonic()
+    while True:
+        await asyncio.sleep(WATCH_S)
+        if any(client.has_socket_connection for client in Client.instances.values()) or not desk.busy:
+            watched_s = time.monotonic()
+        elif time.monotonic() - watched_s > unwatched_s:
+            desk.stop()

@@ -1,0 +1,143 @@
+"""The controls of a search: its settings, start, pause, go on, and the link that holds the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from nicegui import ui
+
+from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.settings import REAL_TIME_READOUT_S, SONIXDAQ_READOUT_S, PageSettings
+from markerseek.core import ConfigError
+from markerseek.search import METHODS
+from markerseek.sim import TISSUES
+
+PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
+"""Speeds that can be chosen for a simulated rig, by their pace."""
+
+READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ (10 s)", REAL_TIME_READOUT_S: "real-time receiver"}
+"""Receivers that can be chosen, by the time in seconds to read one acquisition."""
+
+
+METHOD_FIELDS = ("method", "acquisitions", "as_published")
+"""Settings of any search."""
+
+RIG_FIELDS = ("tissue", "peak_snr_db", "seed", "readout_s", "pace")
+"""Settings of a simulated rig."""
+
+
+class SettingsRow:
+    """Fields for the settings of one search.
+
+    Parameters
+    ----------
+    settings
+        The settings at first.
+    names
+        Which of them can be chosen.
+    on_change
+        Called with the settings after each change that can be used.
+    """
+
+    def __init__(
+        self,
+        settings: PageSettings,
+        names: Iterable[str],
+        *,
+        on_change: Callable[[PageSettings], None] | None = None,
+    ) -> None:
+        self.settings = settings
+        self._on_change = on_change
+        made: dict[str, Callable[[], object]] = {
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
+            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
+            "as_published": self._as_published,
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 128),
+            "peak_snr_db": lambda: self._number("peak_snr_db", "SNR [dB]", 84),
+            "seed": lambda: self._number("seed", "seed", 66),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
+            "pace": lambda: self._select("pace", PACES, "speed", 116),
+        }
+        for name in names:
+            made[name]()
+
+    def _as_published(self) -> None:
+        box = ui.checkbox("as published", value=self.settings.as_published)
+        box.on_value_change(lambda event: self._set("as_published", event.value))
+        box.props("dense").tooltip("the paper's form of the method, which always answers")
+
+    def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
+        value = getattr(self.settings, name)
+        # A link may hold a value that is not in the list.
+        known = dict(options) if value in options else {**options, value: f"{value:g}"}
+        field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
+        field.props("dense outlined options-dense").style(f"width: {width_px}px")
+
+    def _number(self, name: str, label: str, width_px: int) -> None:
+        field = ui.number(label, value=getattr(self.settings, name))
+        field.on_value_change(lambda event: self._set(name, _number(name, event.value)))
+        field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
+
+    def _set(self, name: str, value: object) -> None:
+        try:
+            self.settings = self.settings.changed(name, value)
+        except (ConfigError, TypeError) as problem:
+            ui.notify(str(problem), type="negative", multi_line=True)
+            return
+        if self._on_change is not None:
+            self._on_change(self.settings)
+
+
+class SearchControls:
+    """Settings and commands of the search page.
+
+    Parameters
+    ----------
+    frame
+        The page.
+    settings
+        The settings at first, from the link.
+    """
+
+    def __init__(self, frame: Frame, settings: PageSettings) -> None:
+        self._desk = frame.desk
+        with ui.element("div").classes("ms-controls"):
+            names = METHOD_FIELDS + (RIG_FIELDS if self._desk.rig.simulated else ())
+            self._row = SettingsRow(settings, names, on_change=_hold_in_link)
+            self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
+            self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
+        frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
+        frame.on_click(self._pause, self._pause_or_go_on)
+
+    @property
+    def settings(self) -> PageSettings:
+        """The settings now."""
+        return self._row.settings
+
+    def update(self) -> None:
+        """Show what can be pressed now."""
+        busy = self._desk.busy
+        self._start.set_enabled(not busy)
+        self._pause.set_enabled(busy or self._desk.paused)
+        self._pause.set_text("Pause" if busy else "Go on")
+
+    def _pause_or_go_on(self) -> None:
+        if self._desk.busy:
+            self._desk.stop()
+        else:
+            self._desk.go_on()
+
+
+def _hold_in_link(settings: PageSettings) -> None:
+    query = settings.query()
+    ui.navigate.history.replace(f"/?{query}" if query else "/")
+
+
+def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
+    return {None: "as the rig", **options}
+
+
+def _number(name: str, value: float | None) -> float | int | None:
+    """The number of a field; a whole one where the setting is a count."""
+    return int(value) if value is not None and name != "peak_snr_db" and value == int(value) else value

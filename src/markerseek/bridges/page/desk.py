@@ -1,0 +1,194 @@
+"""What all viewers of the page share: the search that runs, what may be done now, and the recordings to replay."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from markerseek.bridges.child import ChildRun
+from markerseek.bridges.page.live import Child, LiveRun
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.core import SearchError
+from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
+
+NICENESS = 10
+"""Niceness of the page, so that it never takes processor time from a search."""
+
+
+class Launcher:
+    """Starts children at the niceness of the terminal, whatever that of the page is.
+
+    On Linux niceness belongs to a thread, and a child inherits that of the thread which starts it. The one thread here
+    begins before the page lowers its own priority.
+    """
+
+    def __init__(self) -> None:
+        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="launcher")
+        # The thread is made now, not at the first child.
+        self._starter.submit(os.getpid).result()
+
+    def __call__(self, arguments: Sequence[str]) -> Child:
+        """Start a command with its frames on the stream."""
+        return self._starter.submit(ChildRun, arguments, frames=True).result()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageRig:
+    """Rig that the page was started for.
+
+    Attributes
+    ----------
+    file
+        Its rig file; None for the simulated rig with its defaults.
+    simulated
+        Whether no hardware is involved.
+    """
+
+    file: Path | None = None
+    simulated: bool = True
+
+
+class Desk:
+    """The searches of one page.
+
+    Parameters
+    ----------
+    launch
+        Starts a command.
+    rig
+        The rig.
+    named
+        Journals and banks named when the page was started; the browser can choose no other file but journals of the
+        data folder.
+    """
+
+    def __init__(self, launch: Launcher, rig: PageRig, named: Sequence[Path] = ()) -> None:
+        self.rig = rig
+        self.search: LiveRun | None = None
+        self.race: tuple[LiveRun, ...] = ()
+        self.bank: LiveRun | None = None
+        self._launch = launch
+        self._named = tuple(named)
+        self._lock = threading.Lock()
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything runs."""
+        return any(run.status != "ended" for run in self._runs())
+
+    def _runs(self) -> tuple[LiveRun, ...]:
+        return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
+
+    def start(self, settings: PageSettings) -> None:
+        """Start a search.
+
+        Raises
+        ------
+        SearchError
+            If one runs.
+        OSError
+            If the folder of journals cannot be made.
+        """
+        with self._lock:
+            self._require_idle()
+            journal = default_journal(method=settings.method)
+            make_folder(journal.parent)
+            arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
+            self.search = LiveRun(self._launch, [*arguments, "--journal", str(journal)], journal=journal)
+
+    def go_on(self) -> None:
+        """Continue the search that was stopped.
+
+        Raises
+        ------
+        SearchError
+            If one runs, or there is none to continue.
+        """
+        with self._lock:
+            self._require_idle()
+            before = self.search
+            if before is None or before.journal is None or not self.paused:
+                raise SearchError("there is no search to go on with; start one")
+            arguments = ["resume", str(before.journal)]
+            # A simulated rig emits no light. A rig of devices is armed in the terminal, never from here.
+            arguments += ["--arm"] if self.rig.simulated else self._rig_arguments()
+            self.search = LiveRun(self._launch, arguments, journal=before.journal, before=before.run)
+
+    @property
+    def paused(self) -> bool:
+        """Whether the last search was stopped before its end and can go on."""
+        last = self.search
+        if last is None or last.status != "ended" or last.run is None or last.journal is None:
+            return False
+        return last.run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
+
+    def start_race(self, one: PageSettings, other: PageSettings) -> None:
+        """Start two searches on the same simulated rig, side by side; they keep no journal.
+
+        Raises
+        ------
+        SearchError
+            If one runs, or the rig is of devices.
+        """
+        with self._lock:
+            self._require_idle()
+            if not self.rig.simulated:
+                raise SearchError("a race needs two rigs: it is for simulated ones only")
+            self.race = tuple(
+                LiveRun(
+                    self._launch, ["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"]
+                )
+                for each in (one, other)
+            )
+
+    def replay(self, name: str, settings: PageSettings) -> LiveRun:
+        """Search a recorded bank with a method; no device and no journal is involved.
+
+        Parameters
+        ----------
+        name
+            One of `recordings`.
+        settings
+            The method.
+
+        Raises
+        ------
+        SearchError
+            If something runs, or there is no such recording.
+        """
+        with self._lock:
+            self._require_idle()
+            path = self.recordings().get(name)
+            if path is None:
+                raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
+            self.bank = LiveRun(self._launch, ["replay", str(path), *settings.arguments(simulated=False)])
+            return self.bank
+
+    def stop(self) -> None:
+        """Stop whatever runs; allowed at any time, by any thread."""
+        for run in self._runs():
+            if run.status != "ended":
+                run.stop()
+
+    def close(self, *, timeout_s: float = 10.0) -> None:
+        """Stop whatever runs and wait for its end."""
+        self.stop()
+        for run in self._runs():
+            run.join(timeout_s)
+
+    def recordings(self) -> dict[str, Path]:
+        """Recordings that may be replayed, by name: those named at the start, then the newest journals."""
+        folder = journals_folder()
+        found = journals_in(folder) if folder.is_dir() else []
+        return {path.name: path for path in (*self._named, *reversed(found[-50:]))}
+
+    def _rig_arguments(self) -> list[str]:
+        return [] if self.rig.file is None else ["--rig", str(self.rig.file)]
+
+    def _require_idle(self) -> None:
+        if self.busy:
+            raise SearchError("a search runs; stop it, or wait for its end")

@@ -1,0 +1,123 @@
+"""What every page has: navigation, the banner that says what is simulated, STOP, and the beat."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.elements import Beat
+from markerseek.core import MarkerseekError, RigKind
+
+TICK_S = 0.1
+"""Time between two updates of one viewer, in seconds."""
+
+BEAT_TICKS = 4
+"""Updates between two beats."""
+
+SILENT_S = 1.0
+"""Age of the news on a page beyond which its commands are refused, in seconds."""
+
+_BANNERS: dict[RigKind, str] = {
+    "simulated": "SIMULATED: no hardware is involved",
+    "replayed": "REPLAYED: recorded data; nothing moves and nothing is fired",
+    "bench": "A RIG OF DEVICES: it is armed in the terminal where the page was started, never here",
+}
+
+_STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
+
+_PAGES = {"/": "search", "/race": "race", "/turn": "your turn", "/replay": "replay"}
+
+
+class Frame:
+    """Top of a page, and its one timer.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    path
+        Path of this page.
+    """
+
+    def __init__(self, desk: Desk, path: str) -> None:
+        self.desk = desk
+        self._count = 0
+        self._beats: deque[tuple[int, float]] = deque([(0, time.monotonic())], maxlen=64)
+        self._update: Callable[[], None] = lambda: None
+        ui.page_title(f"markerseek: {_PAGES[path]}")
+        ui.add_css(_STYLE)
+        self._dark = ui.dark_mode(value=None)
+        self._beat = Beat(0)
+        with ui.element("header").classes("ms-head"):
+            ui.label("markerseek").classes("ms-name")
+            with ui.element("nav").props('aria-label="pages"'):
+                for target, name in _PAGES.items():
+                    ui.link(name, target).props('aria-current="page"' if target == path else "")
+            ui.element("span").classes("ms-grow")
+            self.status = ui.label("").classes("ms-status").props('role="status"').mark("status")
+            ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')
+            # Plain HTML and a plain request: it works while the connection of the page is busy or broken.
+            ui.element("button").classes("ms-stop").props('type="button" title="stops everything (Escape)"').on(
+                "click", js_handler="() => window.markerseekStop()"
+            ).mark("stop").props('innerHTML="STOP"')
+        self._banner = ui.label("").mark("banner")
+        self._shown_kind: RigKind | None = None
+        self.show_kind("simulated" if desk.rig.simulated else "bench")
+
+    def show_kind(self, kind: RigKind) -> None:
+        """Say in the banner what kind of rig is shown."""
+        if kind != self._shown_kind:
+            self._shown_kind = kind
+            self._banner.set_text(_BANNERS[kind])
+            self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
+
+    def run(self, update: Callable[[], None]) -> None:
+        """Call a function at each tick; it must send only what has changed."""
+        self._update = update
+        ui.timer(TICK_S, self._tick)
+
+    def _tick(self) -> None:
+        if self._count % BEAT_TICKS == 0:
+            # The first at once: a page that has just connected may be used.
+            beat = self._count // BEAT_TICKS + 1
+            self._beats.append((beat, time.monotonic()))
+            self._beat.strike(beat)
+        self._count += 1
+        self._update()
+
+    def on_click(self, element: ui.element, handler: Callable[[], None]) -> None:
+        """Run a command at a click, unless the page that was clicked on shows old things.
+
+        Parameters
+        ----------
+        element
+            The button.
+        handler
+            The command; its errors are shown.
+        """
+
+        def checked(event: GenericEventArguments) -> None:
+            if not self.is_fresh(event.args):
+                ui.notify("this page had no news for a second: look again, then press", type="warning")
+                return
+            try:
+                handler()
+            except (MarkerseekError, OSError) as problem:
+                ui.notify(str(problem), type="negative", multi_line=True)
+
+        element.classes("ms-command")
+        element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")
+
+    def is_fresh(self, beat: object) -> bool:
+        """Whether the beat that a browser saw last is less than `SILENT_S` old."""
+        sent_s = next((at_s for number, at_s in self._beats if number == beat), None)
+        return sent_s is not None and time.monotonic() - sent_s <= SILENT_S
+
+    def _toggle_dark(self) -> None:
+        self._dark.value = not self._dark.value

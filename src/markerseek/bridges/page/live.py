@@ -1,0 +1,157 @@
+"""A command that runs as a child and is watched: its events become a `WatchedRun`, its end an outcome."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, Protocol, TypeAlias
+
+from markerseek.bridges.child import Outcome
+from markerseek.bridges.page.watched import WatchedRun
+from markerseek.core import MarkerseekError, Measured
+from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+
+Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
+
+
+MOST_WAITING = 16
+"""Events that may wait with their frames, of half a megabyte each; more wait without, and have no image."""
+
+
+class Child(Protocol):
+    """What is used of `markerseek.bridges.ChildRun`."""
+
+    def items(self) -> Iterator[StreamItem]:
+        """Head, events and end, each as it arrives."""
+
+    def stop(self) -> None:
+        """SIGINT, after 2 s SIGTERM."""
+
+    def outcome(self) -> Outcome:
+        """How it ended."""
+
+
+Launch: TypeAlias = Callable[[Sequence[str]], Child]
+"""Starts a command."""
+
+
+class LiveRun:
+    """One child, followed by a thread of its own until it ends.
+
+    Parameters
+    ----------
+    launch
+        Starts the command.
+    arguments
+        Its arguments.
+    journal
+        The journal that it keeps, for `resume`; None where it keeps none.
+    before
+        The run that it continues, whose images are kept.
+    """
+
+    def __init__(
+        self, launch: Launch, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
+    ) -> None:
+        self.arguments = tuple(arguments)
+        self.journal = journal
+        self.run: WatchedRun | None = None
+        self.outcome: Outcome | None = None
+        self.lost = 0
+        self._before = before
+        self._launch = launch
+        self._child: Child | None = None
+        self._stop_wanted = threading.Event()
+        self._failure: str | None = None
+        self._arrived: queue.SimpleQueue[StreamItem | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._follow, name="follow a child", daemon=True)
+        self._thread.start()
+
+    @property
+    def status(self) -> Status:
+        """Where it is."""
+        if not self._thread.is_alive():
+            return "ended"
+        if self._stop_wanted.is_set():
+            return "stopping"
+        return "running" if self.run is not None else "starting"
+
+    @property
+    def message(self) -> str:
+        """One sentence on how it ended; empty before."""
+        if self._failure is not None:
+            return self._failure
+        return "" if self.outcome is None else self.outcome.message
+
+    def stop(self) -> None:
+        """Stop it; allowed at any time, also twice."""
+        self._stop_wanted.set()
+        child = self._child
+        if child is not None:
+            child.stop()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait until it has ended; returns whether it has."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _follow(self) -> None:
+        try:
+            child = self._child = self._launch(self.arguments)
+            # STOP may have been pressed while the child was being started.
+            if self._stop_wanted.is_set():
+                child.stop()
+            showing = threading.Thread(target=self._show, name="show a child", daemon=True)
+            showing.start()
+            try:
+                # Only handed on here: a stream that is not read at once loses frames, and then events.
+                for item in child.items():
+                    self._arrived.put(self._within_memory(item))
+            except BaseException:
+                # A stream that cannot be read must not leave a search running that nobody sees.
+                child.stop()
+                raise
+            finally:
+                self._arrived.put(None)
+                showing.join()
+                self.outcome = child.outcome()
+        except (MarkerseekError, OSError) as problem:
+            self._failure = str(problem)
+
+    def _show(self) -> None:
+        shown = False
+        try:
+            while (item := self._arrived.get()) is not None:
+                self._take(item)
+            shown = True
+        except MarkerseekError as problem:
+            self._failure = str(problem)
+        finally:
+            if not shown:
+                # Whatever went wrong: a search that the page cannot show must not go on.
+                self._failure = self._failure or "the page cannot show this search; it was stopped"
+                self.stop()
+
+    def _within_memory(self, item: StreamItem) -> StreamItem:
+        """The item, without its frame where too many wait for their images."""
+        if not isinstance(item, StreamEvent) or not isinstance(item.event, Measured):
+            return item
+        sample = item.event.sample
+        if not sample.dark and self._arrived.qsize() < MOST_WAITING:
+            return item
+        return replace(item, event=replace(item.event, sample=replace(sample, frame=None)))
+
+    def _take(self, item: StreamItem) -> None:
+        if isinstance(item, StreamHead):
+            run = WatchedRun(item.configuration)
+            if self._before is not None:
+                # A run that is continued repeats its events without their frames.
+                run.pictures.update(self._before.pictures)
+            self.run = run
+        elif isinstance(item, StreamEvent) and self.run is not None:
+            self.lost += item.lost_lines
+            pulses = 0 if item.header is None else item.header.pulses
+            self.run.add(item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines)

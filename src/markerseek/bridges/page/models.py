@@ -1,0 +1,258 @@
+"""What the browser is sent of a snapshot: plain values for the fan, the curve and the numbers. Pure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from markerseek.bridges.page.picture import RANGE_DB, Picture
+from markerseek.bridges.page.state import Point, Snapshot
+from markerseek.core import Interval, RigFacts
+
+BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
+"""Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
+
+FACE_SHARE = 0.28
+"""Radius of the probe over that of the fan, as drawn."""
+
+
+def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_deg: float | None) -> dict[str, Any]:
+    """The fan: limits, density, acquisitions, needle, answer.
+
+    Parameters
+    ----------
+    snapshot
+        The state to show.
+    facts
+        The rig, for its limits.
+    duration_s
+        Real time that the present move is expected to take, in seconds.
+    known_deg
+        True or reference angle in degrees where it may be shown; None hides it.
+    """
+    belief = snapshot.belief
+    return {
+        "low": facts.search.low_deg,
+        "high": facts.search.high_deg,
+        "face": FACE_SHARE,
+        "probe": snapshot.probe_deg,
+        "target": snapshot.target_deg,
+        # A new number begins a new movement of the needle.
+        "move": snapshot.number,
+        "duration": round(duration_s, 3),
+        "angles": _rounded(belief.angles_deg, 3) if belief else [],
+        "density": _rounded(belief.density_per_deg, 5) if belief else [],
+        "points": _fan_points(snapshot.points),
+        "mean": belief.estimate.mean_deg if belief else None,
+        "interval": belief.interval95_deg if belief else None,
+        "bracket": belief.bracket_deg if belief else None,
+        "truth": known_deg,
+        "choice_deg": _rounded(belief.choice_deg, 3) if belief else [],
+        "choice_sigma": _rounded(belief.choice_sigma_deg, 4) if belief else [],
+    }
+
+
+def _fan_points(points: tuple[Point, ...]) -> list[dict[str, Any]]:
+    most = max((point.intensity for point in points), default=0.0)
+    return [
+        {
+            "deg": round(point.angle_deg, 3),
+            "share": round(point.intensity / most, 4) if most > 0 else 0.0,
+            "number": point.number,
+            "role": point.role,
+        }
+        for point in points
+    ]
+
+
+def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, float] | None) -> dict[str, Any]:
+    """Options of the chart: intensity and probability density over the angle.
+
+    Parameters
+    ----------
+    snapshot
+        The state to show.
+    limits
+        Range of the search.
+    known
+        Name and angle in degrees of the true or reference angle; None hides it.
+    """
+    belief = snapshot.belief
+    return {
+        "animation": False,
+        "grid": {"left": 52, "right": 44, "top": 30, "bottom": 38},
+        "tooltip": {"trigger": "item"},
+        "textStyle": {"fontFamily": "system-ui, sans-serif"},
+        "xAxis": {
+            "type": "value",
+            "name": "probe angle [deg]",
+            "nameLocation": "middle",
+            "nameGap": 24,
+            "nameTextStyle": {"color": GREY},
+            "min": limits.low_deg,
+            "max": limits.high_deg,
+            "axisLabel": {"color": GREY, "showMinLabel": False, "showMaxLabel": False},
+            "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
+            "splitLine": {"show": False},
+        },
+        "yAxis": [_axis("intensity"), _axis("probability per deg") | {"splitLine": {"show": False}}],
+        "series": [
+            {
+                "name": "probability",
+                "type": "line",
+                "yAxisIndex": 1,
+                "symbol": "none",
+                "silent": True,
+                "lineStyle": {"color": SKY, "width": 1},
+                "areaStyle": {"color": SKY, "opacity": 0.35},
+                "data": _pairs(belief.angles_deg, belief.density_per_deg) if belief else [],
+                "markArea": _areas(snapshot),
+                "markLine": _lines(snapshot, known),
+            },
+            {
+                "name": "acquisitions",
+                "type": "scatter",
+                "symbolSize": 9,
+                "itemStyle": {"color": BLUE},
+                "label": {"show": True, "position": "top", "color": GREY, "fontSize": 10, "formatter": "{@[2]}"},
+                "labelLayout": {"hideOverlap": True},
+                "data": [_dot(point, snapshot) for point in snapshot.points],
+                "markLine": _floor_line(snapshot),
+            },
+        ],
+    }
+
+
+def _axis(name: str) -> dict[str, Any]:
+    return {
+        "type": "value",
+        "name": name,
+        "nameTextStyle": {"color": GREY},
+        "min": 0,
+        "axisLabel": {"color": GREY, "hideOverlap": True},
+        "axisLine": {"show": False, "onZero": False},
+        "splitLine": {"lineStyle": {"color": "rgba(128,128,128,0.2)"}},
+    }
+
+
+def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
+    """One acquisition; in a weighted average its size is its weight."""
+    confirms = point.role == "confirmation"
+    weights = snapshot.belief.weights if snapshot.belief else ()
+    number = point.number
+    size = 4 + 10 * weights[number - 1] if weights and not confirms else 13 if confirms else 9
+    return {
+        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), "✓" if confirms else number],
+        "symbol": "rect" if confirms else "circle",
+        "symbolSize": size,
+    }
+
+
+def _areas(snapshot: Snapshot) -> dict[str, Any]:
+    belief = snapshot.belief
+    interval, bracket = (belief.interval95_deg, belief.bracket_deg) if belief else (None, None)
+    spans = [(interval, ORANGE, 0.18), (bracket, GREY, 0.15)]
+    return {
+        "silent": True,
+        "data": [
+            [{"xAxis": ends[0], "itemStyle": {"color": colour, "opacity": opacity}}, {"xAxis": ends[1]}]
+            for ends, colour, opacity in spans
+            if ends is not None
+        ],
+    }
+
+
+def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any]:
+    lines = []
+    if snapshot.belief is not None:
+        mean_deg = snapshot.belief.estimate.mean_deg
+        lines.append(_line(mean_deg, f"{mean_deg:.2f}°", ORANGE, "solid", "end"))
+    if known is not None:
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", "insideMiddleBottom"))
+    return {"silent": True, "symbol": "none", "data": lines}
+
+
+def _line(angle_deg: float, text: str, colour: str, kind: str, position: str) -> dict[str, Any]:
+    return {
+        "xAxis": angle_deg,
+        "lineStyle": {"color": colour, "type": kind, "width": 2},
+        "label": {"formatter": text, "color": colour, "position": position},
+    }
+
+
+def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
+    floor = snapshot.belief.estimate.floor if snapshot.belief else None
+    level = None if floor is None else floor.level
+    data = (
+        []
+        if level is None
+        else [{"yAxis": level, "label": {"formatter": "floor", "color": GREY, "position": "insideEndTop"}}]
+    )
+    return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
+
+
+def image_model(picture: Picture | None) -> dict[str, Any]:
+    """The image, or why there is none."""
+    if picture is None:
+        return {"pixels": "", "why": "no image yet"}
+    return {
+        "pixels": picture.pixels,
+        "rows": picture.rows,
+        "columns": picture.columns,
+        "deg": picture.angle_deg,
+        "lateral": picture.lateral_mm,
+        "depth": picture.depth_mm,
+        "peak": picture.peak_mm,
+        "range": RANGE_DB,
+    }
+
+
+def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str, str]]:
+    """Names and formatted values, besides the angle.
+
+    Parameters
+    ----------
+    snapshot
+        The state to show.
+    pulse_j
+        Energy of one pulse in joules where the rig file names it; None elsewhere.
+    """
+    belief = snapshot.belief
+    floor = belief.estimate.floor if belief else None
+    virtual = " (virtual)" if snapshot.rig == "simulated" else ""
+    rows = [
+        ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
+        ("rotation", f"{snapshot.travel_deg:.1f}°"),
+        ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
+        ("peak SNR", "–" if snapshot.snr_db is None else f"{snapshot.snr_db:.1f} dB"),
+        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g}"),
+        ("pulses", str(snapshot.pulses)),
+    ]
+    if pulse_j is not None:
+        rows.append(("light", f"{snapshot.pulses * pulse_j * 1e3:.3g} mJ"))
+    return rows
+
+
+def angle_text(snapshot: Snapshot) -> str:
+    """The angle with its standard deviation, as far as it is known."""
+    belief = snapshot.belief
+    if belief is None:
+        return "–"
+    sigma = "" if belief.sigma_deg is None else f" ± {belief.sigma_deg:.3f}°"
+    return f"{belief.estimate.mean_deg:.3f}°{sigma}"
+
+
+def answer_text(snapshot: Snapshot) -> str:
+    """What is claimed: an angle counts as found only once the search is over and says so."""
+    if snapshot.belief is None:
+        return "" if snapshot.points else "nothing measured yet"
+    reason = getattr(snapshot.belief.estimate, "reason", None)
+    text = snapshot.belief.answer + (f": {reason}" if reason else "")
+    return text if snapshot.phase == "finished" else f"so far {text}"
+
+
+def _pairs(x: Any, y: Any) -> list[list[float]]:
+    return [list(pair) for pair in zip(_rounded(x, 3), _rounded(y, 5), strict=True)]
+
+
+def _rounded(values: Any, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]

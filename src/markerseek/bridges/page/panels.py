@@ -1,0 +1,121 @@
+"""The panels of a run: fan, curve, image, numbers and log. Each is sent again only where it has changed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from markerseek.bridges.page.elements import Fan, Image
+from markerseek.bridges.page.models import angle_text, answer_text, curve_options, fan_model, image_model, number_rows
+from markerseek.bridges.page.picture import drawn_background
+from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.watched import WatchedRun
+from markerseek.core import PAPER_RANGE, RigFacts
+
+LOG_LINES = 10
+"""Lines of the log that are shown."""
+
+_NO_FACTS = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
+
+
+class FanPanel:
+    """The fan alone, with the angle below it."""
+
+    def __init__(self) -> None:
+        empty = Snapshot(rig="simulated")
+        self.fan = Fan(fan_model(empty, _NO_FACTS, duration_s=0.0, known_deg=None)).classes("ms-fan")
+        self._shown: tuple[object, ...] = ()
+
+    def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
+        """Show a snapshot; the true angle only where it is to be revealed."""
+        key = (run, snapshot.number, reveal)
+        if key == self._shown:
+            return
+        self._shown = key
+        facts = run.configuration.facts
+        self.fan.show(
+            fan_model(
+                snapshot,
+                facts,
+                duration_s=run.move_s(snapshot),
+                known_deg=facts.known_deg if reveal else None,
+            )
+        )
+
+
+class Panels:
+    """All panels of one run, in a grid."""
+
+    def __init__(self) -> None:
+        self._shown: tuple[object, ...] = ()
+        self._image_key: tuple[object, ...] = ()
+        self._curve_key: tuple[object, ...] = ()
+        with ui.element("div").classes("ms-panels"):
+            with _panel("probe, from its end", "fan"):
+                self._fan = FanPanel()
+            with _panel("intensity and probability over the angle", "curve"):
+                empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
+                self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
+            with _panel("photoacoustic image", "image") as self._image_panel:
+                self._image = Image(image_model(None)).classes("ms-image")
+                self._image_note = ui.label("").classes("ms-note")
+            with _panel("what is known", "numbers"):
+                self._angle = ui.label("–").classes("ms-angle").mark("angle")
+                self._answer = ui.label("").classes("ms-answer").mark("answer")
+                self._rows: dict[str, ui.label] = {}
+                self._table = ui.element("dl").classes("ms-rows")
+            with _panel("log", "log"):
+                self._log = ui.label("").classes("ms-log").mark("log")
+
+    def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
+        """Show a snapshot; the true angle only where it is to be revealed."""
+        self._fan.show(run, snapshot, reveal=reveal)
+        key = (run, snapshot.number, reveal)
+        if key == self._shown:
+            return
+        self._shown = key
+        facts = run.configuration.facts
+        known = None if facts.known_deg is None or not reveal else (run.known_name, facts.known_deg)
+        # While the probe moves, only the needle changes.
+        curve_key = (run, len(snapshot.points), snapshot.belief, reveal)
+        if curve_key != self._curve_key:
+            self._curve_key = curve_key
+            self._curve.options.clear()
+            self._curve.options.update(curve_options(snapshot, facts.search, known=known))
+            self._curve.update()
+        self._show_image(run, snapshot)
+        self._angle.set_text(angle_text(snapshot))
+        self._answer.set_text(answer_text(snapshot))
+        self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
+        self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
+
+    def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
+        picture = run.picture(snapshot)
+        key = (run, picture)
+        if key == self._image_key:
+            return
+        self._image_key = key
+        simulated = snapshot.rig == "simulated" and picture is not None
+        background: dict[str, Any] = {}
+        if simulated and picture is not None:
+            background = {"pixels": drawn_background(picture.rows, picture.columns)}
+        self._image.show(image_model(picture), background)
+        self._image_note.set_text("grey background: drawn, not simulated" if simulated else "")
+
+    def _show_rows(self, rows: list[tuple[str, str]]) -> None:
+        for name, value in rows:
+            if name not in self._rows:
+                with self._table:
+                    with ui.element("dt"):
+                        ui.label(name)
+                    with ui.element("dd"):
+                        self._rows[name] = ui.label(value).mark(name)
+            self._rows[name].set_text(value)
+
+
+def _panel(title: str, name: str) -> ui.element:
+    panel = ui.element("section").classes(f"ms-panel ms-panel-{name}").props(f'aria-label="{title}"')
+    with panel:
+        ui.label(title).classes("ms-title")
+    return panel

@@ -1,0 +1,100 @@
+"""The race: two methods search the same simulated scene side by side, on the same clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from nicegui import ui
+
+from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow
+from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.live import LiveRun
+from markerseek.bridges.page.models import angle_text, answer_text
+from markerseek.bridges.page.panels import FanPanel
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.state import Snapshot
+
+RACERS = ("posterior", "ternary")
+"""Methods that race where none are chosen: ours, and one of the paper's."""
+
+
+class Lane:
+    """One racer: its settings, fan and counters."""
+
+    def __init__(self, method: str) -> None:
+        with ui.element("section").classes("ms-panel"):
+            with ui.element("div").classes("ms-controls"):
+                self._row = SettingsRow(PageSettings(method=method), METHOD_FIELDS)
+            self._fan = FanPanel()
+            self._counts = ui.label("").classes("ms-counts")
+            self._angle = ui.label("–").classes("ms-angle")
+            self._answer = ui.label("").classes("ms-answer")
+
+    def settings(self, shared: PageSettings) -> PageSettings:
+        """Settings of this racer, with those that both share."""
+        own = self._row.settings
+        return replace(shared, method=own.method, acquisitions=own.acquisitions, as_published=own.as_published)
+
+    def show(self, live: LiveRun, *, reveal: bool) -> None:
+        """Show where the racer is."""
+        if live.run is None:
+            self._counts.set_text(live.message or live.status)
+            return
+        snapshot = live.run.snapshots[-1]
+        self._fan.show(live.run, snapshot, reveal=reveal)
+        self._counts.set_text(counts_text(snapshot))
+        self._angle.set_text(angle_text(snapshot))
+        self._answer.set_text(answer_text(snapshot))
+
+
+def counts_text(snapshot: Snapshot) -> str:
+    """What counts in a race."""
+    return (
+        f"{snapshot.acquisitions} acquisitions, {snapshot.travel_deg:.0f}° of rotation, "
+        f"{snapshot.elapsed_s:.0f} s (virtual)"
+    )
+
+
+def verdict(runs: tuple[LiveRun, ...]) -> str:
+    """Who is through first, by the rigs' own clocks; empty until all are over."""
+    if not runs or any(each.status != "ended" for each in runs):
+        return ""
+    found = [each for each in runs if each.run is not None and each.outcome is not None and each.outcome.exit_code == 0]
+    claimed = [(each.run.snapshots[-1].elapsed_s, each.run) for each in found if each.run is not None]
+    if not claimed:
+        return "nobody found it"
+    fastest_s, winner = min(claimed, key=lambda each: each[0])
+    return f"{winner.configuration.plan.method} is first, after {fastest_s:.0f} s"
+
+
+def build_race_page(desk: Desk) -> None:
+    """Build the page for one viewer.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    """
+    frame = Frame(desk, "/race")
+    if not desk.rig.simulated:
+        ui.label("A race needs two rigs: start markerseek page without --rig.").classes("ms-help")
+        frame.run(lambda: None)
+        return
+    with ui.element("div").classes("ms-controls"):
+        shared = SettingsRow(PageSettings(), RIG_FIELDS)
+        start = ui.button("Start the race", icon="play_arrow").props("dense padding='6px 14px'")
+        verdict_label = ui.label("").classes("ms-answer")
+    with ui.element("div").classes("ms-lanes"):
+        lanes = [Lane(method) for method in RACERS]
+    frame.on_click(start, lambda: desk.start_race(*(lane.settings(shared.settings) for lane in lanes)))
+
+    def update() -> None:
+        start.set_enabled(not desk.busy)
+        over = all(each.status == "ended" for each in desk.race)
+        for lane, live in zip(lanes, desk.race, strict=False):
+            lane.show(live, reveal=over)
+        verdict_label.set_text(verdict(desk.race))
+        frame.status.set_text("ready" if not desk.race else "over" if over else "running")
+
+    frame.run(update)

@@ -1,0 +1,81 @@
+"""The page that replays recordings: a finished journal event by event, or a search on a recorded bank."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import run, ui
+
+from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
+from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.live import LiveRun
+from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.timeline import Timeline
+from markerseek.bridges.page.watched import WatchedRun, watched_journal
+from markerseek.core import MarkerseekError
+from markerseek.records.journal import is_journal, read_journal
+
+
+class ReplayPage:
+    """The replay of one viewer.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._run: WatchedRun | None = None
+        self._live: LiveRun | None = None
+        self._message = "choose a recording"
+        self._frame = Frame(desk, "/replay")
+        # Names only: the browser never sends a path.
+        self._recordings = desk.recordings()
+        with ui.element("div").classes("ms-controls"):
+            self._chosen = ui.select(
+                list(self._recordings), label="recording", with_input=True, on_change=self._choose
+            ).props("dense outlined options-dense")
+            self._chosen.style("width: 430px")
+            with ui.element("div").classes("ms-controls") as self._methods:
+                self._row = SettingsRow(PageSettings(), METHOD_FIELDS)
+                search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
+        self._methods.visible = False
+        self._frame.on_click(search, self._search_bank)
+        self._panels = Panels()
+        self._timeline = Timeline(playable=True)
+        self._frame.run(self._update)
+
+    async def _choose(self) -> None:
+        path = self._recordings[self._chosen.value]
+        is_run = is_journal(path)
+        self._methods.visible = not is_run
+        self._run = self._live = None
+        self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
+        if not is_run:
+            return
+        try:
+            # In a thread: images of all acquisitions are formed.
+            self._run = await run.io_bound(_read, path)
+            self._message = "" if self._run is None else self._run.configuration.facts.description
+        except MarkerseekError as problem:
+            self._message = str(problem)
+
+    def _search_bank(self) -> None:
+        self._live = self._desk.replay(self._chosen.value, self._row.settings)
+
+    def _update(self) -> None:
+        if self._live is not None:
+            self._run = self._live.run
+            self._message = self._live.message or self._live.status
+        self._frame.status.set_text(self._message)
+        if self._run is not None:
+            self._frame.show_kind(self._run.configuration.facts.kind)
+            self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
+
+
+def _read(path: Path) -> WatchedRun:
+    return watched_journal(read_journal(path))

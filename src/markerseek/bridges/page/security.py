@@ -1,0 +1,223 @@
+"""The security layer of the page: plain ASGI, in front of everything, for HTTP and WebSocket alike.
+
+It checks the Host and Origin headers and the token, limits the size of a body and the rate of messages, and adds the
+headers that forbid a browser to load anything from elsewhere. It knows nothing of NiceGUI.
+"""
+
+from __future__ import annotations
+
+import hmac
+import time
+from collections.abc import Awaitable, Callable, MutableMapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+from urllib.parse import parse_qsl, urlencode
+
+from markerseek.core import ConfigError
+
+Scope: TypeAlias = MutableMapping[str, Any]
+Message: TypeAlias = MutableMapping[str, Any]
+Receive: TypeAlias = Callable[[], Awaitable[Message]]
+Send: TypeAlias = Callable[[Message], Awaitable[None]]
+App: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+BODY_BYTES = 64 * 1024
+"""Largest body of a request, and largest message of a WebSocket, in bytes."""
+
+MESSAGES, PER_S = 400, 10.0
+"""Most messages that one WebSocket may send within that many seconds."""
+
+TOKEN_PARAMETER = "token"  # noqa: S105  the name of the parameter, not a token
+"""Name of the query parameter of the first link that holds the token."""
+
+_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+_HEADERS = (
+    # NiceGUI compiles its templates in the browser, hence the two "unsafe" words; nothing comes from elsewhere.
+    (
+        b"content-security-policy",
+        (
+            b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+            b"img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; "
+            b"form-action 'none'; base-uri 'none'; object-src 'none'"
+        ),
+    ),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Access:
+    """Who may open the page.
+
+    Attributes
+    ----------
+    token
+        Secret of this page, at least 16 characters.
+    hosts
+        Values of the Host header that are accepted, with the port: ``127.0.0.1:8765``.
+    scheme
+        ``http``, or ``https`` where the page has a certificate.
+    cookie
+        Name of the cookie that holds the token; cookies are shared by all ports of a host, so it names the port.
+    """
+
+    token: str
+    hosts: frozenset[str]
+    scheme: str
+    cookie: str
+
+    def __post_init__(self) -> None:
+        if len(self.token) < 16:
+            raise ConfigError(f"token: it has {len(self.token)} characters, at least 16 are needed")
+        if self.scheme not in {"http", "https"}:
+            raise ConfigError(f"scheme is {self.scheme!r}, it must be http or https")
+
+    @property
+    def origins(self) -> frozenset[str]:
+        """Values of the Origin header that are accepted."""
+        return frozenset(f"{self.scheme}://{host}" for host in self.hosts)
+
+
+class SecurityLayer:
+    """An ASGI application that lets a request through to another one, or refuses it.
+
+    Parameters
+    ----------
+    app
+        The application behind it.
+    access
+        Who may open the page.
+    now_s
+        Monotonic clock in seconds, for the rate of messages.
+    """
+
+    def __init__(self, app: App, access: Access, *, now_s: Callable[[], float] = time.monotonic) -> None:
+        # Public: NiceGUI finds its server by following this attribute.
+        self.app = app
+        self._access = access
+        self._now_s = now_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request, one WebSocket, or the start and end of the server."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        headers = _headers(scope)
+        refusal = self._foreign(scope, headers)
+        if refusal is None and not self._holds_token(headers):
+            given = dict(parse_qsl(scope["query_string"].decode("latin-1"))).get(TOKEN_PARAMETER, "")
+            if scope["type"] == "http" and scope["method"] == "GET" and self._is_token(given):
+                await self._set_cookie(scope, send)
+                return
+            refusal = "open the link that markerseek page printed in the terminal"
+        if refusal is not None:
+            await _refuse(scope, send, 403, refusal)
+        elif scope["type"] == "websocket":
+            await self.app(scope, _Limited(receive, send, self._now_s).receive, send)
+        elif _too_large(headers):
+            await _refuse(scope, send, 413, f"the body has more than {BODY_BYTES} bytes")
+        else:
+            await self.app(scope, _capped(receive), _with_headers(send))
+
+    def _foreign(self, scope: Scope, headers: dict[bytes, list[bytes]]) -> str | None:
+        """Why a request does not come from a page of ours; None if it does."""
+        hosts, origins = headers.get(b"host", []), headers.get(b"origin", [])
+        if len(hosts) != 1 or hosts[0].decode("latin-1") not in self._access.hosts:
+            return "the Host header is not the address of this page"
+        if any(origin.decode("latin-1") not in self._access.origins for origin in origins):
+            return "the Origin header is not the address of this page"
+        needs_origin = scope["type"] == "websocket" or scope["method"] not in _SAFE_METHODS
+        return "the Origin header is missing" if needs_origin and not origins else None
+
+    def _holds_token(self, headers: dict[bytes, list[bytes]]) -> bool:
+        pairs = (
+            pair.strip().partition("=")
+            for line in headers.get(b"cookie", [])
+            for pair in line.decode("latin-1").split(";")
+        )
+        return any(name == self._access.cookie and self._is_token(value) for name, _, value in pairs)
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._access.token.encode())
+
+    async def _set_cookie(self, scope: Scope, send: Send) -> None:
+        """Answer the first link: the token goes from the address into a cookie that scripts cannot read."""
+        rest = [pair for pair in parse_qsl(scope["query_string"].decode("latin-1")) if pair[0] != TOKEN_PARAMETER]
+        # The path as one of this host: "//elsewhere" would be another host.
+        location = "/" + scope["path"].lstrip("/") + (f"?{urlencode(rest)}" if rest else "")
+        secure = "; Secure" if self._access.scheme == "https" else ""
+        cookie = f"{self._access.cookie}={self._access.token}; HttpOnly; SameSite=Strict; Path=/{secure}"
+        sent = [(b"location", location.encode("ascii", "replace")), (b"set-cookie", cookie.encode())]
+        await _answer(send, 303, "", [*sent, (b"cache-control", b"no-store")])
+
+
+class _Limited:
+    """The messages that a WebSocket receives, closed where they come too fast."""
+
+    def __init__(self, receive: Receive, send: Send, now_s: Callable[[], float]) -> None:
+        self._receive, self._send, self._now_s = receive, send, now_s
+        self._since_s, self._count = now_s(), 0
+
+    async def receive(self) -> Message:
+        message = await self._receive()
+        if message["type"] != "websocket.receive":
+            return message
+        if self._now_s() - self._since_s > PER_S:
+            self._since_s, self._count = self._now_s(), 0
+        self._count += 1
+        if self._count > MESSAGES:
+            await self._send({"type": "websocket.close", "code": 1008, "reason": "too many messages"})
+            return {"type": "websocket.disconnect", "code": 1008}
+        return message
+
+
+def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
+    found: dict[bytes, list[bytes]] = {}
+    for name, value in scope["headers"]:
+        found.setdefault(name.lower(), []).append(value)
+    return found
+
+
+def _too_large(headers: dict[bytes, list[bytes]]) -> bool:
+    lengths = headers.get(b"content-length", [])
+    return any(not length.isdigit() or int(length) > BODY_BYTES for length in lengths)
+
+
+def _capped(receive: Receive) -> Receive:
+    """The body of a request, cut off where it is longer than it said or is allowed."""
+    received = 0
+
+    async def capped() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        return {"type": "http.disconnect"} if received > BODY_BYTES else message
+
+    return capped
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", []), *_HEADERS]}
+        await send(message)
+
+    return sending
+
+
+async def _refuse(scope: Scope, send: Send, status: int, reason: str) -> None:
+    if scope["type"] == "websocket":
+        # Before the handshake is accepted, the server answers with status 403.
+        await send({"type": "websocket.close", "code": 1008, "reason": reason})
+    else:
+        await _answer(send, status, f"markerseek: {reason}\n", [])
+
+
+async def _answer(send: Send, status: int, text: str, headers: list[tuple[bytes, bytes]]) -> None:
+    body = text.encode()
+    sent = [*headers, (b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": status, "headers": [*sent, *_HEADERS]})
+    await send({"type": "http.response.body", "body": body})

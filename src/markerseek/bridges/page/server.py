@@ -1,0 +1,158 @@
+"""Serves the page: address, token, certificate, and the end of all searches with the program."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import socket
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markerseek.bridges.page.desk import NICENESS, Desk
+from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
+from markerseek.core import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LOOPBACK = "127.0.0.1"
+"""Address that only programs on this computer reach."""
+
+USUAL_PORT = 8765
+"""Port where none is named."""
+
+UNWATCHED_S = 5.0
+"""Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Address:
+    """Where the page is served.
+
+    Attributes
+    ----------
+    host, port
+        Address and port of this computer; port 0 takes any that is free.
+    certificate, key
+        PEM files for TLS; needed for any other address than `LOOPBACK`.
+
+    Raises
+    ------
+    ConfigError
+        If the port is out of range, or an address that others reach has no certificate.
+    """
+
+    host: str = LOOPBACK
+    port: int = USUAL_PORT
+    certificate: Path | None = None
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise ConfigError(f"port is {self.port}, it must lie between 0 and 65535; {USUAL_PORT} is usual")
+        if (self.certificate is None) != (self.key is None):
+            raise ConfigError("TLS needs both a certificate and its key; name both, or neither")
+        if self.host != LOOPBACK and self.certificate is None:
+            raise ConfigError(
+                f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
+                f"and --tls-key, or leave the host out for {LOOPBACK}"
+            )
+        if self.certificate is not None and self.key is not None:
+            try:
+                ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key)
+            except (OSError, ssl.SSLError) as problem:
+                raise ConfigError(
+                    f"{self.certificate}, {self.key}: no certificate with its key: {problem}"
+                ) from problem
+
+    @property
+    def scheme(self) -> str:
+        """``https`` with a certificate, else ``http``."""
+        return "http" if self.certificate is None else "https"
+
+    def listening(self) -> socket.socket:
+        """A socket that listens there.
+
+        Raises
+        ------
+        ConfigError
+            If the port is taken, or the address is not one of this computer.
+        """
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        # A page that was just closed leaves its port for a minute otherwise.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((self.host, self.port))
+            listener.listen(64)
+        except OSError as problem:
+            listener.close()
+            raise ConfigError(
+                f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; name another --port"
+            ) from problem
+        return listener
+
+
+def serve(
+    desk: Desk, address: Address, *, on_ready: Callable[[str], None], token: str | None = None, query: str = ""
+) -> None:
+    """Serve the page until SIGINT or SIGTERM; searches that run then are stopped.
+
+    Parameters
+    ----------
+    desk
+        The searches of the page.
+    address
+        Where.
+    on_ready
+        Called with the link once the port is open.
+    token
+        Secret of the link; None makes a new one.
+    query
+        Settings in the link.
+
+    Raises
+    ------
+    MissingExtraError
+        If NiceGUI is not installed.
+    ConfigError
+        If the page cannot be served there.
+    """
+    try:
+        import nicegui  # noqa: F401  tested before a port is opened
+        import uvicorn
+    except ImportError as problem:
+        raise MissingExtraError(package="nicegui", extra="page", purpose="the live page") from problem
+    from markerseek.bridges.page.application import page_application
+
+    token = secrets.token_urlsafe(32) if token is None else token
+    with address.listening() as listener:
+        port = listener.getsockname()[1]
+        names = {address.host, "localhost"} if address.host == LOOPBACK else {address.host}
+        access = Access(
+            token=token,
+            hosts=frozenset(f"{name}:{port}" for name in names),
+            scheme=address.scheme,
+            cookie=f"markerseek_{port}",
+        )
+        application = SecurityLayer(page_application(desk, unwatched_s=UNWATCHED_S), access)
+        config = uvicorn.Config(
+            application,
+            log_level="warning",
+            access_log=False,
+            ws_max_size=BODY_BYTES,
+            ssl_certfile=address.certificate,
+            ssl_keyfile=address.key,
+            timeout_graceful_shutdown=2,
+            server_header=False,
+        )
+        settings = "" if not query else f"&{query}"
+        on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
+        # Of this thread, and so of all that it makes; that of the launcher stays as it was.
+        os.nice(NICENESS)
+        try:
+            asyncio.run(uvicorn.Server(config).serve(sockets=[listener]))
+        finally:
+            desk.close()

@@ -1,0 +1,138 @@
+"""The settings that a person chooses on the page: checked, as a link, and as arguments of the ordinary command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+from urllib.parse import urlencode
+
+import msgspec
+
+from markerseek.core import ConfigError, is_whole
+from markerseek.search import build, check_acquisitions, method_named
+from markerseek.sim import NoiseSettings, ReceiverSettings, VirtualClock, tissue_named
+
+SONIXDAQ_READOUT_S, REAL_TIME_READOUT_S = 10.0, 0.1
+"""Time to read one acquisition in seconds: from the files of a SonixDAQ, and with a receiver that streams."""
+
+USUAL_PACE = 0.05
+"""Real seconds for a virtual second: a search of two minutes is shown in six seconds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageSettings:
+    """Settings of one search.
+
+    Attributes
+    ----------
+    method, acquisitions, as_published
+        As in `SearchPlan`.
+    tissue
+        Simulated material; None: that of the rig.
+    peak_snr_db
+        Noise of a simulated rig, as in `NoiseSettings`; None: that of the rig.
+    readout_s
+        Time to read one acquisition of a simulated rig, in seconds; None: that of the rig.
+    seed
+        Seed of a simulated rig.
+    pace
+        Real seconds for a virtual second of a simulated rig.
+
+    Raises
+    ------
+    ConfigError
+        If a search with them would be refused.
+    """
+
+    method: str = "posterior"
+    acquisitions: int | None = None
+    as_published: bool = False
+    tissue: str | None = None
+    peak_snr_db: float | None = None
+    readout_s: float | None = None
+    seed: int = 1
+    pace: float = USUAL_PACE
+
+    def __post_init__(self) -> None:
+        chosen = method_named(self.method)
+        if self.acquisitions is not None:
+            check_acquisitions(self.acquisitions, least=chosen.least, method=chosen.name)
+        if self.as_published:
+            # The method itself says whether it was published.
+            build(self.method, as_published=True)
+        if self.tissue is not None:
+            tissue_named(self.tissue)
+        if self.peak_snr_db is not None:
+            NoiseSettings(peak_snr_db=self.peak_snr_db)
+        if self.readout_s is not None:
+            ReceiverSettings(readout_s=self.readout_s)
+        if not (is_whole(self.seed) and 0 <= self.seed < 2**63):
+            raise ConfigError(f"seed is {self.seed}, it must be a whole number from 0 to 2**63 - 1")
+        VirtualClock(pace=self.pace)
+
+    def arguments(self, *, simulated: bool) -> list[str]:
+        """Arguments of ``markerseek search``; of a rig of devices only those of the method."""
+        given: list[str] = ["--method", self.method]
+        if self.acquisitions is not None:
+            given += ["--acquisitions", str(self.acquisitions)]
+        if self.as_published:
+            given.append("--as-published")
+        if not simulated:
+            return given
+        given += ["--seed", str(self.seed), "--pace", f"{self.pace:g}"]
+        for name in ("tissue", "peak_snr_db", "readout_s"):
+            value = getattr(self, name)
+            if value is not None:
+                given += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else f"{value:g}"]
+        return given
+
+    def query(self) -> str:
+        """The settings that differ from the usual ones, as the query of a link."""
+        usual = PageSettings()
+        return urlencode(
+            {
+                each.name: _as_text(getattr(self, each.name))
+                for each in fields(self)
+                if getattr(self, each.name) != getattr(usual, each.name)
+            }
+        )
+
+    @classmethod
+    def of_query(cls, query: Mapping[str, str]) -> PageSettings:
+        """Settings of the query of a link.
+
+        Parameters
+        ----------
+        query
+            Names and texts.
+
+        Raises
+        ------
+        ConfigError
+            If a name is unknown, a text cannot be read, or a search with them would be refused.
+        """
+        known = [each.name for each in fields(cls)]
+        unknown = [name for name in query if name not in known]
+        if unknown:
+            raise ConfigError(f"link: {unknown[0][:40]!r} is no setting; settings are {', '.join(known)}")
+        try:
+            # Not strict: every value of a link is text.
+            return msgspec.convert(dict(query), cls, strict=False)
+        except msgspec.ValidationError as problem:
+            raise ConfigError(f"link: {problem}") from problem
+
+    def changed(self, name: str, value: object) -> PageSettings:
+        """The settings with one of another value, checked.
+
+        Raises
+        ------
+        ConfigError
+            If a search with them would be refused.
+        """
+        changes: dict[str, Any] = {name: value}
+        return replace(self, **changes)
+
+
+def _as_text(value: object) -> str:
+    return str(int(value)) if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,205 @@
+"""What the page shows, made from the events of a run: pure, one frozen `Snapshot` after each event."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from markerseek.bridges.page.belief import Belief, PolicyMirror
+from markerseek.core import (
+    Asked,
+    Failed,
+    Finished,
+    Measured,
+    Refused,
+    RigKind,
+    Role,
+    Sample,
+    Started,
+)
+from markerseek.records import answer_name
+from markerseek.records.journal import Checked, Configuration, Interrupted, JournalEvent, Resuming
+
+Phase: TypeAlias = Literal["ready", "moving", "measured", "refused", "checking", "stopped", "finished", "fault"]
+"""What the rig does, as far as its events say."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """One acquisition with light: its role, number within that role, angle reached in degrees, and intensity."""
+
+    role: Role
+    number: int
+    angle_deg: float
+    intensity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Snapshot:
+    """The state of a run after one event.
+
+    Attributes
+    ----------
+    number
+        Number of the event, counted from 1; 0 before the first.
+    rig
+        Kind of the rig: whatever is simulated is called so.
+    phase
+        What the rig does.
+    probe_deg
+        Last angle of the probe that was read back, in degrees; None before the first.
+    target_deg
+        Angle to which the stage was sent and which is not read back yet, in degrees; None when nothing moves.
+    points
+        Acquisitions with light, in order.
+    belief
+        What the search believes; None before the first acquisition with light.
+    travel_deg, elapsed_s
+        Rotation in degrees, and time on the rig's clock in seconds, since the start.
+    snr_db
+        Largest intensity over the noise, in dB; None where the noise is not known.
+    pulses, refused
+        Laser pulses that were fired for the frames so far, and acquisitions that were refused.
+    line
+        One line of the log on this event.
+    """
+
+    number: int = 0
+    rig: RigKind
+    phase: Phase = "ready"
+    probe_deg: float | None = None
+    target_deg: float | None = None
+    points: tuple[Point, ...] = ()
+    belief: Belief | None = None
+    travel_deg: float = 0.0
+    elapsed_s: float = 0.0
+    snr_db: float | None = None
+    pulses: int = 0
+    refused: int = 0
+    line: str = ""
+
+    @property
+    def acquisitions(self) -> int:
+        """Acquisitions that the search asked for; the confirmation does not count."""
+        return sum(point.role == "search" for point in self.points)
+
+    @property
+    def over(self) -> bool:
+        """Whether the run has ended in any way."""
+        return self.phase in {"finished", "fault", "stopped"}
+
+
+class RunState:
+    """Follows one run.
+
+    Parameters
+    ----------
+    configuration
+        Plan of the search and facts of the rig.
+    believes
+        Whether a policy decides; a person who turns the probe keeps the belief to himself.
+    """
+
+    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
+        limits = configuration.facts.search
+        self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if believes else None
+        self._pulses = 0
+        self._started_s = 0.0
+        self.snapshot = Snapshot(rig=configuration.facts.kind)
+
+    def add(self, event: JournalEvent, *, clock_s: float, pulses: int | None = None, lost: int = 0) -> Snapshot:
+        """State after one more event.
+
+        Parameters
+        ----------
+        event
+            The event.
+        clock_s
+            The rig's clock when it was committed, in seconds.
+        pulses
+            Pulses of its frame where the frame itself is missing; None: those of the frame.
+        lost
+            Events that were lost just before. From then on nothing is said of what the search believes, because a
+            policy that was told less would believe something else.
+        """
+        if isinstance(event, Started):
+            self._started_s = clock_s
+        if lost:
+            self._mirror = None
+        self._pulses += _pulses(event) if pulses is None else pulses
+        now = replace(
+            self.snapshot,
+            number=self.snapshot.number + 1,
+            elapsed_s=clock_s - self._started_s,
+            pulses=self._pulses,
+            belief=None if self._mirror is None else self.snapshot.belief,
+        )
+        self.snapshot = self._after(event, now)
+        return self.snapshot
+
+    def _after(self, event: JournalEvent, now: Snapshot) -> Snapshot:
+        match event:
+            case Started(start_deg=start_deg, limits=limits):
+                return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
+            case Asked(role=role, index=index, angle_deg=angle_deg):
+                where = "" if role == "dark" else f" at {angle_deg:.2f}°"
+                return replace(now, phase="moving", target_deg=angle_deg, line=f"{_ROLES[role]} {index}{where}")
+            case Measured():
+                return self._measured(event, now)
+            case Refused(angle_deg=angle_deg, reason=reason):
+                return replace(
+                    now, phase="refused", refused=now.refused + 1, line=f"refused at {angle_deg:.2f}°: {reason}"
+                )
+            case Finished(estimate=estimate):
+                line = f"{answer_name(estimate)}: {estimate.mean_deg:.3f}°"
+                belief = None if now.belief is None else replace(now.belief, estimate=estimate)
+                return replace(now, phase="finished", target_deg=None, belief=belief, line=line)
+            case Failed(error=error):
+                return replace(now, phase="fault", target_deg=None, line=f"fault: {error}")
+            case Interrupted(reason=reason):
+                return replace(now, phase="stopped", target_deg=None, line=f"stopped by {reason}")
+            case Resuming(by=by):
+                return replace(now, phase="checking", line=f"armed by {by}; measures the strongest angle again")
+            case Checked(difference=difference):
+                return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
+
+    def _measured(self, event: Measured, now: Snapshot) -> Snapshot:
+        sample = event.sample
+        line = f"{_ROLES[event.role]} {event.index}: {sample.angle_deg:.2f}°, {sample.reading.intensity:.4g}"
+        if self._mirror is not None:
+            tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
+            tell(sample)
+        now = replace(now, phase="measured", target_deg=None, probe_deg=sample.angle_deg, line=line)
+        if sample.dark:
+            return now
+        point = Point(
+            role=event.role, number=event.index, angle_deg=sample.angle_deg, intensity=sample.reading.intensity
+        )
+        moved_deg = abs(sample.angle_deg - (self.snapshot.probe_deg or 0.0))
+        return replace(
+            now,
+            points=(*now.points, point),
+            belief=None if self._mirror is None else self._mirror.belief(),
+            travel_deg=now.travel_deg + moved_deg,
+            snr_db=_larger(now.snr_db, _snr_db(sample)),
+        )
+
+
+_ROLES: dict[Role, str] = {"dark": "dark frame", "search": "acquisition", "confirmation": "confirmation"}
+
+
+def _pulses(event: JournalEvent) -> int:
+    """Laser pulses of the frame of an event."""
+    frame = event.sample.frame if isinstance(event, Measured) else getattr(event, "frame", None)
+    return 0 if frame is None else frame.header.pulses
+
+
+def _snr_db(sample: Sample) -> float | None:
+    sigma, intensity = sample.reading.noise_sigma, sample.reading.intensity
+    return 20 * math.log10(intensity / sigma) if sigma and intensity > 0 else None
+
+
+def _larger(one: float | None, other: float | None) -> float | None:
+    known = [value for value in (one, other) if value is not None]
+    return max(known, default=None)

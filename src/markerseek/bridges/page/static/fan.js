@@ -1,0 +1,200 @@
+// The probe seen from its end: limits, where the marker probably is, where the probe was, is, and goes.
+// Between two readbacks the needle is drawn dashed, where a stage of that speed would be: expected, not measured.
+
+const COLOUR = {
+  light: { ink: "#22272e", quiet: "#8a8f98", fan: "#eef1f4", glow: [0, 114, 178], answer: "#b34700", truth: "#00735a" },
+  dark: { ink: "#e8ebef", quiet: "#8a919c", fan: "#20262e", glow: [86, 180, 233], answer: "#ff9a4d", truth: "#2fc39b" },
+};
+
+export default {
+  template: `<canvas class="ms-canvas" role="img" :aria-label="said" tabindex="-1"></canvas>`,
+  props: { view: Object },
+  computed: {
+    said() {
+      const v = this.view;
+      if (v.probe === null) return "probe from its end: nothing is known yet";
+      const goes = v.target === null ? "" : `, on its way to ${v.target.toFixed(1)} degrees`;
+      const mean = v.mean === null ? "" : `; marker expected at ${v.mean.toFixed(2)} degrees`;
+      return `probe from its end: at ${v.probe.toFixed(2)} degrees${goes}${mean}`;
+    },
+  },
+  watch: {
+    view(now, before) {
+      if (now.move !== before.move) this.began = performance.now();
+      this.request();
+    },
+  },
+  mounted() {
+    this.began = performance.now();
+    this.seen = new ResizeObserver(() => this.request());
+    this.seen.observe(this.$el);
+    this.theme = new MutationObserver(() => this.request());
+    this.theme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
+  },
+  unmounted() {
+    this.seen.disconnect();
+    this.theme.disconnect();
+    cancelAnimationFrame(this.frame);
+  },
+  methods: {
+    request() {
+      cancelAnimationFrame(this.frame);
+      this.frame = requestAnimationFrame(() => this.draw());
+    },
+    // Angle of the needle, and whether it was read back.
+    needle() {
+      const v = this.view;
+      if (v.target === null || v.probe === null) return [v.probe, true];
+      const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+      const share = v.duration > 0 && !still ? (performance.now() - this.began) / 1000 / v.duration : 1;
+      if (share < 1) this.request();
+      const t = Math.min(Math.max(share, 0), 1);
+      // Smooth at both ends, as a stage that speeds up and brakes.
+      return [v.probe + (v.target - v.probe) * t * t * (3 - 2 * t), false];
+    },
+    draw() {
+      const canvas = this.$el;
+      const scale = window.devicePixelRatio || 1;
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+      if (!width || !height) return;
+      if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
+      if (canvas.height !== Math.round(height * scale)) canvas.height = Math.round(height * scale);
+      const c = canvas.getContext("2d");
+      c.setTransform(scale, 0, 0, scale, 0, 0);
+      c.clearRect(0, 0, width, height);
+      c.font = "12px system-ui, sans-serif";
+      c.textAlign = "center";
+      const colour = document.body.classList.contains("body--dark") ? COLOUR.dark : COLOUR.light;
+      const v = this.view;
+      const half = (Math.max(Math.abs(v.low), Math.abs(v.high), 10) * Math.PI) / 180;
+      const far = Math.min(height - 62, (width / 2 - 34) / Math.sin(Math.min(half, Math.PI / 2)));
+      const g = { x: width / 2, y: height - 30, near: far * v.face, far };
+      const wedge = (from, to, near, away) => {
+        c.beginPath();
+        c.arc(g.x, g.y, away, turn(from), turn(to));
+        c.arc(g.x, g.y, near, turn(to), turn(from), true);
+        c.closePath();
+      };
+      const ray = (deg, near, away) => {
+        c.beginPath();
+        c.moveTo(g.x + near * Math.sin(rad(deg)), g.y - near * Math.cos(rad(deg)));
+        c.lineTo(g.x + away * Math.sin(rad(deg)), g.y - away * Math.cos(rad(deg)));
+        c.stroke();
+      };
+      wedge(v.low, v.high, g.near, g.far);
+      c.fillStyle = colour.fan;
+      c.fill();
+      this.glow(c, wedge, g, colour);
+      this.scale(c, g, colour, ray);
+      this.points(c, g, colour);
+      if (v.bracket) this.span(c, wedge, v.bracket, g.far + 3, g.far + 7, colour.answer);
+      if (v.interval) this.span(c, wedge, v.interval, g.far + 9, g.far + 13, colour.answer);
+      c.lineWidth = 2;
+      if (v.mean !== null) {
+        c.strokeStyle = colour.answer;
+        ray(v.mean, g.near, g.far + 14);
+      }
+      if (v.truth !== null) {
+        c.strokeStyle = colour.truth;
+        c.setLineDash([2, 4]);
+        ray(v.truth, g.near, g.far + 14);
+        c.setLineDash([]);
+      }
+      this.probe(c, g, colour, ray);
+    },
+    glow(c, wedge, g, colour) {
+      const v = this.view;
+      const most = Math.max(...v.density, 0);
+      if (!(most > 0)) return;
+      const [r, green, b] = colour.glow;
+      const inside = (deg) => Math.min(Math.max(deg, v.low), v.high);
+      for (let i = 0; i < v.angles.length; i++) {
+        const share = Math.sqrt(v.density[i] / most);
+        if (share < 0.02) continue;
+        const low = inside(i ? (v.angles[i - 1] + v.angles[i]) / 2 : v.angles[i]);
+        const high = inside(i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i]);
+        // The posterior reaches beyond the limits; the fan does not.
+        if (!(high > low)) continue;
+        c.fillStyle = `rgba(${r},${green},${b},${0.85 * share})`;
+        wedge(low, high, g.near, g.near + (g.far - g.near) * share);
+        c.fill();
+        // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
+        if (share > 0.97) {
+          for (const room of [2.2, 1.3, 0.6]) {
+            c.fillStyle = `rgba(${r},${green},${b},0.16)`;
+            wedge(inside(low - room), inside(high + room), g.near, g.far);
+            c.fill();
+          }
+        }
+      }
+    },
+    scale(c, g, colour, ray) {
+      const v = this.view;
+      c.strokeStyle = colour.quiet;
+      c.fillStyle = colour.quiet;
+      c.lineWidth = 1;
+      for (let deg = Math.ceil(v.low / 5) * 5; deg <= v.high; deg += 5) {
+        ray(deg, g.far, g.far + (deg % 10 ? 3 : 6));
+        if (deg % 10 === 0) label(c, g, deg, g.far + 20, `${deg}°`);
+      }
+      c.lineWidth = 2;
+      ray(v.low, g.near, g.far + 6);
+      ray(v.high, g.near, g.far + 6);
+      // Where a next acquisition was weighed up: the longer the tick, the smaller the expected uncertainty.
+      const least = Math.min(...v.choice_sigma);
+      c.lineWidth = 1.5;
+      v.choice_deg.forEach((deg, i) => ray(deg, g.far - 14 * (least / v.choice_sigma[i]), g.far));
+    },
+    points(c, g, colour) {
+      const v = this.view;
+      v.points.forEach((point, i) => {
+        const newest = i === v.points.length - 1;
+        const away = g.near + (g.far - g.near) * (0.12 + 0.8 * point.share);
+        const [x, y] = [g.x + away * Math.sin(rad(point.deg)), g.y - away * Math.cos(rad(point.deg))];
+        c.beginPath();
+        if (point.role === "confirmation") c.rect(x - 4, y - 4, 8, 8);
+        else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
+        c.fillStyle = colour.ink;
+        c.fill();
+        // The newest acquisitions are numbered: where a search narrows down, all numbers would cover each other.
+        if (v.points.length - i <= 9) c.fillText(point.role === "confirmation" ? "✓" : String(point.number), x, y - 7);
+      });
+    },
+    span(c, wedge, ends, near, away, fill) {
+      const v = this.view;
+      // At least a quarter of a degree wide, so that a narrow interval is seen.
+      const room = Math.max(0, 0.25 - (ends[1] - ends[0])) / 2;
+      wedge(Math.max(ends[0] - room, v.low - 1), Math.min(ends[1] + room, v.high + 1), near, away);
+      c.fillStyle = fill;
+      c.fill();
+    },
+    probe(c, g, colour, ray) {
+      const [deg, measured] = this.needle();
+      c.beginPath();
+      c.arc(g.x, g.y, g.near * 0.96, 0, 2 * Math.PI);
+      c.fillStyle = colour.fan;
+      c.fill();
+      c.strokeStyle = colour.quiet;
+      c.lineWidth = 1.5;
+      c.stroke();
+      if (deg === null) return;
+      c.strokeStyle = colour.ink;
+      c.lineWidth = 5;
+      // The array's face: a chord of the probe, square to the needle.
+      c.beginPath();
+      c.arc(g.x, g.y, g.near * 0.96, turn(deg - 24), turn(deg + 24));
+      c.stroke();
+      c.lineWidth = 2;
+      if (!measured) c.setLineDash([6, 5]);
+      ray(deg, g.near, g.far);
+      c.setLineDash([]);
+      c.fillStyle = colour.ink;
+      c.fillText(measured ? `read back: ${deg.toFixed(2)}°` : `expected, on its way to ${this.view.target.toFixed(2)}°`, g.x, g.y + 22);
+    },
+  },
+};
+
+const rad = (deg) => (deg * Math.PI) / 180;
+const turn = (deg) => rad(deg) - Math.PI / 2;
+const label = (c, g, deg, away, text) =>
+  c.fillText(text, g.x + away * Math.sin(rad(deg)), g.y - away * Math.cos(rad(deg)) + 4);

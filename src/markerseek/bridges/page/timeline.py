@@ -1,0 +1,76 @@
+"""The slider over the events of a run: at its end it follows a run that goes on."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.watched import WatchedRun
+
+PLAY_TICKS = 4
+"""Updates of the page for which each event is shown while a run is played."""
+
+
+class Timeline:
+    """A slider over the events of a run.
+
+    Parameters
+    ----------
+    playable
+        Whether a button plays the run from the event shown, or from its beginning.
+    """
+
+    def __init__(self, *, playable: bool = False) -> None:
+        self._playing = False
+        self._ticks = 0
+        self._run: WatchedRun | None = None
+        self._following = True
+        self._chosen = self._last = 0
+        with ui.element("div").classes("ms-foot"):
+            if playable:
+                self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
+            self._label = ui.label("event 0 of 0").classes("ms-note").style("min-width: 128px")
+            self._slider = (
+                ui.slider(min=0, max=1, step=1, value=0).props('aria-label="event shown" label').mark("timeline")
+            )
+            self._slider.on("update:model-value", lambda event: self._choose(int(event.args)), throttle=0.1)
+            self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
+
+    def snapshot(self, run: WatchedRun) -> Snapshot:
+        """The snapshot to be shown: the newest, or the one that was chosen."""
+        if run is not self._run:
+            self._run, self._following = run, True
+        last = len(run.snapshots) - 1
+        if self._playing:
+            self._advance(last)
+        shown = last if self._following else min(self._chosen, last)
+        if last != self._last:
+            self._last = last
+            self._slider.props["max"] = max(last, 1)
+            self._slider.update()
+        if self._following and self._slider.value != last:
+            self._slider.set_value(last)
+        self._label.set_text(f"event {shown} of {last}")
+        self._follow.set_enabled(not self._following)
+        return run.snapshots[shown]
+
+    def _advance(self, last: int) -> None:
+        self._ticks += 1
+        if self._ticks % PLAY_TICKS == 0:
+            self._chosen = min(self._chosen + 1, last)
+            self._slider.set_value(self._chosen)
+            if self._chosen == last:
+                self._toggle()
+
+    def _toggle(self) -> None:
+        self._playing = not self._playing
+        self._play.props(f"icon={'pause' if self._playing else 'play_arrow'}")
+        if self._playing and self._following:
+            self._chosen, self._following = 0, False
+
+    def _choose(self, number: int) -> None:
+        last = 0 if self._run is None else len(self._run.snapshots) - 1
+        self._chosen, self._following = number, number >= last
+
+    def _to_newest(self) -> None:
+        self._following = True

@@ -1,0 +1,143 @@
+"""The page on which a person turns the probe, names the angle, and then sees the posterior do it."""
+
+from __future__ import annotations
+
+from nicegui import run, ui
+from nicegui.events import KeyEventArguments
+
+from markerseek.bridges.page.controls import SettingsRow
+from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.turn import Score, Turn
+from markerseek.core import LimitError, MarkerseekError
+from markerseek.rigs import read_rig_file
+from markerseek.sim import SimulatedSettings
+
+HELP = "Turn the probe with the slider or the arrow keys, press Measure (Enter), and find where the marker is loudest."
+
+
+class TurnPage:
+    """The search by hand of one viewer.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    base
+        Settings of the simulated rig.
+    """
+
+    def __init__(self, desk: Desk, base: SimulatedSettings) -> None:
+        self._base = base
+        self._turn: Turn | None = None
+        self._score: Score | None = None
+        self._working = False
+        self._frame = Frame(desk, "/turn")
+        limits = base.limits.search
+        with ui.element("div").classes("ms-controls"):
+            self._row = SettingsRow(PageSettings(seed=2), ("tissue", "peak_snr_db", "seed", "readout_s"))
+            ui.button("New scene", on_click=self._begin).props("dense outline padding='6px 10px'")
+            self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
+            self._name = ui.button("It is here", icon="flag", on_click=self._name_it).props("dense outline")
+            self._show = ui.button("See the posterior do it", on_click=self._let_search).props("dense outline")
+        with ui.element("div").classes("ms-foot"):
+            self._target = ui.label("").classes("ms-note").style("min-width: 92px")
+            self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
+            self._slider.props('aria-label="angle of the probe in degrees"')
+        ui.keyboard(on_key=self._key)
+        self._panels = Panels()
+        self._help = ui.label(HELP).classes("ms-help")
+        self._desk = desk
+        self._frame.run(self._update)
+
+    async def _begin(self) -> Turn | None:
+        self._score = None
+        try:
+            self._turn = await run.io_bound(Turn, self._base, self._row.settings)
+        except MarkerseekError as problem:
+            ui.notify(str(problem), type="negative", multi_line=True)
+        return self._turn
+
+    async def _fire(self) -> None:
+        if self._working or self._score is not None:
+            return
+        self._working = True
+        try:
+            turn = self._turn or await self._begin()
+            if turn is not None:
+                await run.io_bound(turn.measure, float(self._slider.value))
+        except LimitError as problem:
+            ui.notify(str(problem), type="negative")
+        finally:
+            self._working = False
+
+    async def _key(self, event: KeyEventArguments) -> None:
+        """Arrow keys turn by a degree, with Shift by five; Enter measures."""
+        if not event.action.keydown:
+            return
+        if event.key.enter:
+            await self._fire()
+        step_deg = 5.0 if event.modifiers.shift else 1.0
+        turn_deg = {"ArrowLeft": -step_deg, "ArrowRight": step_deg}.get(event.key.name, 0.0)
+        limits = self._base.limits.search
+        if turn_deg and (wanted_deg := self._slider.value + turn_deg) in limits:
+            self._slider.set_value(round(wanted_deg, 1))
+
+    def _name_it(self) -> None:
+        if self._turn is None:
+            ui.notify("measure first", type="warning")
+            return
+        try:
+            self._score = self._turn.name(float(self._slider.value))
+        except MarkerseekError as problem:
+            ui.notify(str(problem), type="warning")
+
+    def _let_search(self) -> None:
+        chosen = self._row.settings if self._turn is None else self._turn.chosen
+        try:
+            self._desk.start(chosen.changed("method", "posterior"))
+        except (MarkerseekError, OSError) as problem:
+            ui.notify(str(problem), type="negative")
+            return
+        ui.navigate.to("/?" + chosen.query())
+
+    def _update(self) -> None:
+        self._target.set_text(f"turn to {self._slider.value:+.1f}°")
+        self._name.set_enabled(self._turn is not None and self._score is None)
+        self._measure.set_enabled(not self._working and self._score is None)
+        self._show.set_enabled(self._score is not None and not self._desk.busy)
+        self._help.set_text(HELP if self._score is None else score_text(self._score))
+        if self._turn is None:
+            self._frame.status.set_text("a scene of its own: nothing is sent to a rig")
+            return
+        watched = self._turn.run
+        snapshot = watched.snapshots[-1]
+        self._frame.status.set_text(snapshot.phase)
+        self._panels.show(watched, snapshot, reveal=self._score is not None)
+
+
+def build_turn_page(desk: Desk) -> None:
+    """Build the page for one viewer.
+
+    Parameters
+    ----------
+    desk
+        What all viewers share.
+    """
+    base = SimulatedSettings() if desk.rig.file is None else read_rig_file(desk.rig.file)
+    if isinstance(base, SimulatedSettings):
+        TurnPage(desk, base)
+        return
+    frame = Frame(desk, "/turn")
+    ui.label("Turning by hand is for simulated rigs only: start markerseek page without --rig.").classes("ms-help")
+    frame.run(lambda: None)
+
+
+def score_text(score: Score) -> str:
+    """How a person did, in one sentence."""
+    return (
+        f"You named {score.named_deg:.1f}°, the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off, after "
+        f"{score.acquisitions} acquisitions, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)."
+    )

@@ -1,0 +1,117 @@
+"""One run as all viewers see it: its snapshots so far and its images."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+
+from markerseek.bridges.page.belief import PolicyMirror
+from markerseek.bridges.page.picture import Picture, picture_of
+from markerseek.bridges.page.state import RunState, Snapshot
+from markerseek.core import PAPER_RANGE, ChannelFrame, FrameHeader, Measured, SearchPlan
+from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
+from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
+from markerseek.sim import StageMotion
+
+
+class WatchedRun:
+    """A run that is watched; one thread adds events, others read.
+
+    Parameters
+    ----------
+    configuration
+        Plan and rig of the run.
+    believes
+        As in `RunState`.
+    """
+
+    def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
+        self.configuration = configuration
+        self._state = RunState(configuration, believes=believes)
+        # Only ever appended to, so that another thread may read it at any time.
+        self.snapshots: list[Snapshot] = [self._state.snapshot]
+        self.pictures: dict[int, Picture] = {}
+        self._imaging = _imaging(bytes(configuration.imaging))
+        self._motion, self._pace, self.pulse_j = _rig_settings(configuration)
+
+    def add(self, event: JournalEvent, *, clock_s: float, pulses: int | None = None, lost: int = 0) -> None:
+        """Take one more event.
+
+        Parameters
+        ----------
+        event
+            The event.
+        clock_s
+            The rig's clock in seconds.
+        pulses
+            Pulses of its frame where the frame itself was not sent; None: those of the frame.
+        lost
+            Events that were lost just before.
+        """
+        number = self.snapshots[-1].number + 1
+        if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
+            sample = event.sample
+            # A stream drops frames where its reader is slow: then there is no image, and nothing else is lost.
+            if isinstance(sample.frame, ChannelFrame):
+                self.pictures[number] = picture_of(sample, self._imaging)
+        # The snapshot last: whoever sees it finds its picture.
+        self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
+
+    def picture(self, snapshot: Snapshot) -> Picture | None:
+        """The newest image at a snapshot; it says at which angle it was taken."""
+        newest = max((number for number in tuple(self.pictures) if number <= snapshot.number), default=None)
+        return None if newest is None else self.pictures[newest]
+
+    def move_s(self, snapshot: Snapshot) -> float:
+        """Real time that the present move is expected to take, in seconds; 0 where nothing moves."""
+        if snapshot.target_deg is None or snapshot.probe_deg is None:
+            return 0.0
+        return self._motion.duration_s(snapshot.target_deg - snapshot.probe_deg) * self._pace
+
+    def lines(self, snapshot: Snapshot, *, most: int) -> list[str]:
+        """The last lines of the log up to a snapshot, the newest first."""
+        newest = snapshot.number + 1
+        # A move is a line until its acquisition replaces it.
+        known = [each for each in self.snapshots[1:newest] if each.phase != "moving" or each is snapshot]
+        return [f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
+
+    @property
+    def known_name(self) -> str:
+        """Name of the angle that is known otherwise: the truth of a simulation, or a reference."""
+        return "reference" if self.configuration.facts.truth_deg is None else "truth"
+
+
+def warm_up() -> None:
+    """Load the compiled kernels of posterior and images, which takes a second, before the first search needs them."""
+    PolicyMirror(SearchPlan(method="posterior"), limits=PAPER_RANGE)
+    preset = probe_preset(PRESET_NAMES[0])
+    header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
+    ImageReader(preset).picture(ChannelFrame(header=header, samples=samples, sampling_hz=preset.sampling_hz))
+
+
+def watched_journal(held: RecordedRun) -> WatchedRun:
+    """A recorded run from its beginning to its end."""
+    run = WatchedRun(held.configuration)
+    for entry in held.entries:
+        run.add(entry.event, clock_s=entry.clock_s)
+    return run
+
+
+@lru_cache(maxsize=2)
+def _imaging(preset: bytes) -> ImageReader | None:
+    """Imaging chain of a preset in JSON; cached, because its tables take a quarter of a second."""
+    known = msgspec.json.decode(preset, type=ProbePreset | None)
+    return None if known is None else ImageReader(known)
+
+
+def _rig_settings(configuration: Configuration) -> tuple[StageMotion, float, float | None]:
+    """Speed of the stage, pace, and energy of a pulse in joules, as far as the recipe of the rig says."""
+    recipe = msgspec.json.decode(configuration.recipe) or {}
+    settings = recipe.get("settings", {})
+    stage = {name: settings.get("stage", {}).get(name) for name in ("speed_deg_s", "acceleration_deg_s2")}
+    motion = StageMotion(**{name: value for name, value in stage.items() if value is not None})
+    pace = recipe.get("pace", 0.0 if configuration.facts.kind == "replayed" else 1.0)
+    return motion, pace, settings.get("laser", {}).get("pulse_energy_j")

@@ -1,0 +1,69 @@
+"""``markerseek page``: serves the live page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+NAME = "page"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek page\n\n"
+    "  markerseek page --rig examples/rigs/bench.toml\n\n"
+    "  markerseek page run.journal scan.hdf5"
+)
+
+
+def command(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Journals and banks that can be replayed on the page.")
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
+    host: Annotated[
+        str, typer.Option(help="Address of this computer; any other than 127.0.0.1 needs a certificate.")
+    ] = "127.0.0.1",
+    tls_certificate: Annotated[Path | None, typer.Option(help="Certificate for TLS (PEM).")] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Key of the certificate (PEM).")] = None,
+    open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser of this computer.")] = False,
+) -> None:
+    """Show a search live in the browser, and start, stop and replay searches there.
+
+    The link holds a token: who has it can start searches. The page holds no device. It starts `markerseek search` as a
+    child, so that its results are those of the command. A rig of devices is armed here in the terminal, never in the
+    browser. When this program ends, or nobody has the page open for 5 seconds, a search that runs is stopped.
+    """
+    import webbrowser
+
+    from markerseek.bridges.page import Address, Desk, Launcher, PageRig, serve
+    from markerseek.cli.terminal import quoted, stdout
+    from markerseek.core import ConfigError
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import read_rig_file
+
+    address = Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
+    settings = None if rig is None else read_rig_file(rig)
+    for path in recordings or []:
+        if not path.exists():
+            raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")
+    browser = None
+    if open_browser:
+        try:
+            browser = webbrowser.get()
+        except webbrowser.Error as problem:
+            raise ConfigError(
+                "--open: no browser was found on this computer; leave it out and open the printed link"
+            ) from problem
+    desk = Desk(Launcher(), PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
+
+    def ready(link: str) -> None:
+        stdout.print(f"open {link}", markup=False)
+        stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
+        if browser is not None:
+            browser.open(link)
+
+    serve(desk, address, on_ready=ready)

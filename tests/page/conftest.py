@@ -1,0 +1,43 @@
+"""A served page and a headless browser for the tests of the live page; their helpers are in `page_browser`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from page_browser import browsing
+
+    with browsing() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    from page_browser import served
+
+    with served(tmp_path_factory.mktemp("data")) as found:
+        yield found
+
+
+@pytest.fixture
+def opened(browser, page):
+    """A function that opens a tab; nothing may go wrong in any of them."""
+    from page_browser import open_tab
+
+    tabs = []
+
+    def open_one(path="/", query="", **options):
+        tabs.append(open_tab(browser, page, path, query, **options))
+        return tabs[-1]
+
+    yield open_one
+    for each in tabs:
+        each.tab.context.close()
+    assert [problem for each in tabs for problem in each.problems] == []

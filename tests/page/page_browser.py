@@ -1,0 +1,139 @@
+"""A page that is served by the ordinary command, and a headless browser that opens it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+pytest.importorskip("nicegui", reason="NiceGUI is not installed")
+
+CHROMIUM = os.environ.get("MARKERSEEK_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+WAIT_MS = 60_000
+"""Longest wait for anything: a busy machine is no fault."""
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+
+
+@dataclass
+class Served:
+    """A page that is served."""
+
+    process: subprocess.Popen
+    link: str
+    data: Path
+
+    @property
+    def address(self) -> str:
+        return self.link.split("/?")[0]
+
+    @property
+    def token(self) -> str:
+        return self.link.split("token=")[1]
+
+    def children(self) -> list[int]:
+        """Process numbers of its children."""
+        listed = Path(f"/proc/{self.process.pid}/task").glob("*/children")
+        return [int(number) for file in listed for number in file.read_text().split()]
+
+    def journals(self) -> list[Path]:
+        return sorted((self.data / "markerseek" / "journals").glob("*.journal"))
+
+
+@contextmanager
+def served(folder: Path, *arguments: str) -> Iterator[Served]:
+    """A page on a free port, with a data folder of its own; ended as by Ctrl-C."""
+    errors = (folder / "page.stderr").open("w")
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "markerseek", "page", "--port", "0", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        text=True,
+        env=os.environ | {"XDG_DATA_HOME": str(folder), "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        first = process.stdout.readline()
+        found = re.search(r"open (\S+)", first)
+        assert found, first + (folder / "page.stderr").read_text()
+        yield Served(process=process, link=found[1], data=folder)
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(20)
+        finally:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+            errors.close()
+
+
+@dataclass
+class Watched:
+    """A tab, and everything that went wrong in it."""
+
+    tab: sync_api.Page
+    problems: list[str] = field(default_factory=list)
+
+    def text(self, css: str) -> str:
+        return self.tab.locator(css).inner_text()
+
+    def wait_for(self, css: str, pattern: str, timeout_ms: float = WAIT_MS) -> None:
+        sync_api.expect(self.tab.locator(css)).to_have_text(re.compile(pattern), timeout=timeout_ms)
+
+    def search(self) -> None:
+        """Start a search and wait until it is over."""
+        self.press("Start")
+        start = self.tab.get_by_role("button", name="Start", exact=True)
+        sync_api.expect(start).to_be_disabled(timeout=WAIT_MS)
+        sync_api.expect(start).to_be_enabled(timeout=WAIT_MS)
+
+    def press(self, name: str) -> None:
+        self.tab.get_by_role("button", name=name, exact=True).click(timeout=WAIT_MS)
+
+
+@contextmanager
+def browsing() -> Iterator[sync_api.Browser]:
+    """A headless Chromium."""
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def open_tab(browser: sync_api.Browser, page: Served, path: str = "/", query: str = "", **options) -> Watched:
+    """A tab with the page, whose requests and messages are watched."""
+    options.setdefault("viewport", {"width": 1280, "height": 800})
+    tab = browser.new_context(**options).new_page()
+    tab.set_default_timeout(WAIT_MS)
+    watched = Watched(tab)
+
+    own = (page.address + "/", page.address.replace("http", "ws", 1) + "/", "data:", "blob:")
+
+    def note_request(request) -> None:
+        if not request.url.startswith(own):
+            watched.problems.append(f"external request: {request.url}")
+
+    tab.on("request", note_request)
+    tab.on("websocket", note_request)
+    tab.on("pageerror", lambda error: watched.problems.append(f"page error: {error}"))
+
+    def note_line(line) -> None:
+        if line.type == "error":
+            watched.problems.append(f"console: {line.text}")
+
+    tab.on("console", note_line)
+    tab.goto(f"{page.address}{path}?token={page.token}{query}")
+    # The first beat: the page is connected.
+    tab.wait_for_function("window.markerseekBeat > 0")
+    return watched

@@ -1,0 +1,143 @@
+"""The live page from the browser to the search and back, in a headless Chromium."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from page_browser import needs_browser
+
+from markerseek.records.journal import Interrupted, read_journal
+
+pytestmark = [pytest.mark.real_time, needs_browser]
+
+STATUS, ANGLE, LOG, RESULT = ".ms-status", ".ms-angle", ".ms-log", ".ms-foot >> text=/ at /"
+
+
+def command_result(*arguments):
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "search", *arguments, "--no-journal", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    return json.loads(done.stdout)
+
+
+def downloaded(watched, name):
+    with watched.tab.expect_download() as waiting:
+        watched.press(name)
+    with open(waiting.value.path(), "rb") as file:  # noqa: PTH123
+        return file.read()
+
+
+def drawn_colours(tab, css):
+    """How many different colours a canvas has: an empty one has few, without any error."""
+    script = """canvas => { const c = canvas.getContext('2d');
+        const d = c.getImageData(0, 0, canvas.width, canvas.height).data; const seen = new Set();
+        for (let i = 0; i < d.length; i += 4) seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]);
+        return seen.size; }"""
+    return tab.locator(css).first.evaluate(script)
+
+
+def test_search_gives_the_result_of_the_command(opened):
+    watched = opened(query="&seed=3&pace=0")
+    assert watched.text(".ms-banner").startswith("SIMULATED")
+    assert "token" not in watched.tab.url
+    fan, curve = ".ms-panel-fan canvas", ".ms-panel-curve canvas"
+    before = drawn_colours(watched.tab, fan), drawn_colours(watched.tab, curve)
+    watched.search()
+    watched.wait_for(STATUS, "^found at ")
+    expected = command_result("--seed", "3")
+    assert json.loads(downloaded(watched, "report JSON")) == expected
+    assert watched.text(ANGLE) == f"{expected['angle_deg']:.3f}° ± {expected['sigma_deg']:.3f}°"
+    # Charts can stay empty without any error.
+    assert drawn_colours(watched.tab, fan) > before[0]
+    assert drawn_colours(watched.tab, curve) > before[1] + 10
+    assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
+
+
+def test_everything_is_on_the_first_screen(opened):
+    watched = opened(query="&pace=0")
+    watched.search()
+    watched.wait_for(STATUS, "^found at ")
+    watched.tab.wait_for_selector("text=copy the angle")
+    assert watched.tab.evaluate("document.documentElement.scrollHeight") <= 800
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 1280
+
+
+def test_stop_in_mid_move(opened, page):
+    watched = opened(query="&seed=5&pace=1&readout_s=0.1")
+    watched.press("Start")
+    watched.wait_for(LOG, "acquisition 1 at")
+    watched.tab.locator(".ms-stop").click()
+    watched.wait_for(STATUS, "^stopped by SIGINT", timeout_ms=5000)
+    assert page.children() == []
+    held = read_journal(page.journals()[-1])
+    assert isinstance(held.entries[-1].event, Interrupted)
+
+
+def test_pause_and_go_on_gives_the_same_result(opened):
+    watched = opened(query="&seed=4&pace=0.02")
+    watched.press("Start")
+    watched.wait_for(LOG, "acquisition 3:")
+    watched.press("Pause")
+    watched.wait_for(STATUS, "^stopped by SIGINT")
+    watched.press("Go on")
+    watched.wait_for(STATUS, "^found at ")
+    assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "4")
+    # Images of acquisitions before the pause are still there.
+    assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
+
+
+def test_killed_child_is_said_and_can_go_on(opened, page):
+    watched = opened(query="&seed=6&pace=0.02")
+    watched.press("Start")
+    watched.wait_for(LOG, "acquisition 2:")
+    for child in page.children():
+        os.kill(child, signal.SIGKILL)
+    watched.wait_for(STATUS, "exit code 137")
+    watched.press("Go on")
+    watched.wait_for(STATUS, "^found at ")
+    assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "6")
+
+
+def test_link_holds_the_settings(opened):
+    watched = opened(query="&method=ternary&seed=7&peak_snr_db=30&pace=0&tissue=liver")
+    watched.tab.get_by_label("seed").fill("8")
+    watched.tab.wait_for_url("**/?method=ternary&tissue=liver&peak_snr_db=30&seed=8&pace=0")
+    watched.search()
+    watched.wait_for(STATUS, r"(found|unsure|not found|ambiguous|at bound) at ")
+    options = ("--method", "ternary", "--tissue", "liver", "--peak-snr-db", "30", "--seed", "8")
+    assert json.loads(downloaded(watched, "report JSON")) == command_result(*options)
+
+
+def test_slider_goes_back_and_forth(opened):
+    watched = opened(query="&seed=3&pace=0")
+    watched.search()
+    watched.wait_for(STATUS, "^found at ")
+    watched.tab.locator(".ms-foot .q-slider").first.focus()
+    for _ in range(3):
+        watched.tab.keyboard.press("PageDown")
+    watched.wait_for(ANGLE, "^–$")
+    watched.press("newest")
+    watched.wait_for(ANGLE, "±")
+
+
+def test_three_viewers_see_the_same(opened):
+    one, two, three = (opened(query="&seed=9&pace=0") for _ in range(3))
+    one.search()
+    for each in (one, two, three):
+        each.wait_for(STATUS, "^found at ")
+    assert len({each.text(ANGLE) for each in (one, two, three)}) == 1
+
+
+def test_report_is_drawn(opened):
+    watched = opened(query="&seed=3&pace=0")
+    watched.search()
+    watched.wait_for(STATUS, "^found at ")
+    assert downloaded(watched, "report PNG").startswith(b"\x89PNG")
+    assert b"<html" in downloaded(watched, "report HTML")

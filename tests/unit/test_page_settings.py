@@ -1,0 +1,73 @@
+"""Settings of the page: a link holds them all, and what a search would refuse is refused at once."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.core import ConfigError
+from markerseek.search import METHODS
+from markerseek.sim import TISSUES
+
+settings = st.builds(
+    PageSettings,
+    method=st.sampled_from([each.name for each in METHODS]),
+    acquisitions=st.none() | st.integers(20, 200),
+    tissue=st.none() | st.sampled_from(list(TISSUES)),
+    peak_snr_db=st.none() | st.integers(-20, 100).map(float),
+    readout_s=st.none() | st.sampled_from([0.0, 0.1, 10.0]),
+    seed=st.integers(0, 2**63 - 1),
+    pace=st.sampled_from([0.0, 0.01, 0.05, 1.0]),
+)
+
+
+@given(settings)
+def test_link_holds_all_settings(chosen):
+    assert PageSettings.of_query(dict(parse_qsl(chosen.query()))) == chosen
+
+
+def test_usual_settings_need_no_query():
+    assert PageSettings().query() == ""
+    assert PageSettings.of_query({}) == PageSettings()
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ({"method": "magic"}, "'magic' is unknown"),
+        ({"seed": "-1"}, "seed is -1"),
+        ({"seed": "one"}, "seed"),
+        ({"acquisitions": "1"}, "at least 2"),
+        ({"acquisitions": "1e9"}, "acquisitions"),
+        ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
+        ({"peak_snr_db": "nan"}, "peak_snr_db is nan"),
+        ({"peak_snr_db": "101"}, "peak_snr_db is 101"),
+        ({"readout_s": "inf"}, "readout_s is inf"),
+        ({"pace": "nan"}, "pace is nan"),
+        ({"pace": "101"}, "pace is 101"),
+        ({"as_published": "1"}, "was not published"),
+        ({"rig": "/etc/passwd"}, "'rig' is no setting"),
+        ({"journal": "x"}, "'journal' is no setting"),
+    ],
+)
+def test_link_that_cannot_be_used_is_refused(query, message):
+    with pytest.raises(ConfigError, match=message):
+        PageSettings.of_query(query)
+
+
+def test_arguments_are_those_of_the_command():
+    chosen = PageSettings(method="ternary", acquisitions=16, as_published=True, tissue="liver", seed=3, pace=0.0)
+    method = ["--method", "ternary", "--acquisitions", "16", "--as-published"]
+    assert chosen.arguments(simulated=True) == [*method, "--seed", "3", "--pace", "0", "--tissue", "liver"]
+    # A rig of devices has no seed, tissue or pace.
+    assert chosen.arguments(simulated=False) == method
+
+
+def test_change_is_checked():
+    assert PageSettings().changed("seed", 5).seed == 5
+    with pytest.raises(ConfigError, match="seed is"):
+        PageSettings().changed("seed", 0.5)
