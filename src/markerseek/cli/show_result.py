@@ -32,7 +32,10 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
     else:
         rows.append(("the rule points at", f"{result.angle_deg:.3f}°, which is not claimed"))
     if result.marker_trus_m is not None:
-        rows.append(("marker in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
+        rows.append(("marker in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(result.marker_trus_m))))
+    if result.marker_sigma_m is not None:
+        sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
+        rows.append(("its standard deviations", sigmas.format(*_mm(result.marker_sigma_m))))
     rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
     rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
