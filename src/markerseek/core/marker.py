@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from markerseek.core.estimate import Found
 from markerseek.core.facts import RigFacts
 from markerseek.core.reading import Sample
+from markerseek.core.shapes import CHECKED, Float64
+
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
 
 STRONG_SHARE = 0.5
 """Least intensity over the strongest one's, from which a frame counts for the position."""
@@ -16,13 +21,14 @@ STRONG_SHARE = 0.5
 SAME_SOURCE_M = 3e-3
 """Largest distance, along the array and in depth, of its peak from the strongest one's: the widest stained spot."""
 
-SCATTER_FACTOR = 2.0
-"""Standard deviation of a position over its scatter from frame to frame. Frames of one search share most of the error:
-a stained spot is uneven, and they all see its brightest part. On four simulated materials at 40 dB this ratio was 0.8
-(phantom) to 2.2."""
+LATERAL_M, DEPTH_M = 1.0e-3, 0.6e-3
+"""Standard deviations of lateral position and depth over the share of the channels' energy that is out of phase, in
+metres. A stained spot is uneven, all frames show its brightest part, and so their scatter says little; but its grains
+are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/explanation/registration.md).
+"""
 
-USUAL_SCATTER_M = 0.03e-3
-"""Scatter that is assumed beside the one seen, with the weight of one frame: two frames may agree by chance."""
+UNKNOWN_COHERENCE = 0.6
+"""Coherence that is assumed where a frame gives none: that of a wide stained spot."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +46,23 @@ class MarkerPosition:
 
     position_m: tuple[float, float, float]
     sigma_m: tuple[float, float, float]
+
+    @property
+    def axes(self) -> Float64[np.ndarray, "3 3"]:
+        """Unit vectors along the turn, along the axis and away from it, row by row."""
+        # Imported here: NumPy takes a tenth of a second to import, and ``markerseek --help`` needs none of it.
+        import numpy as np
+
+        angle = math.atan2(self.position_m[0], self.position_m[2])
+        return np.array([[math.cos(angle), 0, -math.sin(angle)], [0, 1, 0], [math.sin(angle), 0, math.cos(angle)]])
+
+    @property
+    def covariance_m2(self) -> Float64[np.ndarray, "3 3"]:
+        """Covariance of the position in the TRUS frame, in m²."""
+        import numpy as np
+
+        axes = self.axes
+        return np.asarray(axes.T @ np.diag(np.square(self.sigma_m)) @ axes)
 
 
 def marker_position(found: Found, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
@@ -64,13 +87,13 @@ def marker_position(found: Found, samples: Sequence[Sample], facts: RigFacts) ->
     strongest = max(places, key=lambda place: place.intensity)
     strong = [place for place in places if _same_source(place, strongest)]
     weights = [place.intensity**2 for place in strong]
-    lateral_m, along_m = _mean_and_sigma([place.lateral_m for place in strong], weights)
     radii_m = [_radius_m(place.depth_m, face_m, math.radians(place.angle_deg - found.mean_deg)) for place in strong]
-    radius_m, deep_m = _mean_and_sigma(radii_m, weights)
+    incoherent = 1 - _mean([place.coherence for place in strong], weights)
+    lateral_m, radius_m = _mean([place.lateral_m for place in strong], weights), _mean(radii_m, weights)
     angle = math.radians(found.mean_deg)
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
-        sigma_m=(radius_m * math.radians(found.sigma_deg), along_m, deep_m),
+        sigma_m=(radius_m * math.radians(found.sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
     )
 
 
@@ -82,6 +105,7 @@ class _Place:
     intensity: float
     lateral_m: float
     depth_m: float
+    coherence: float
 
 
 def _place(sample: Sample, sound_speed_m_s: float | None) -> _Place | None:
@@ -94,7 +118,14 @@ def _place(sample: Sample, sound_speed_m_s: float | None) -> _Place | None:
         # Both count from the trigger, so that its offset cancels.
         later_s = reading.centroid_s - reading.arrival_s
     depth_m = reading.depth_m + (sound_speed_m_s or 0.0) * later_s
-    return _Place(angle_deg=sample.angle_deg, intensity=reading.intensity, lateral_m=reading.lateral_m, depth_m=depth_m)
+    return _Place(
+        angle_deg=sample.angle_deg,
+        intensity=reading.intensity,
+        lateral_m=reading.lateral_m,
+        depth_m=depth_m,
+        # Never quite 1, so that no marker is taken for exact.
+        coherence=min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
+    )
 
 
 def _same_source(place: _Place, strongest: _Place) -> bool:
@@ -112,10 +143,5 @@ def _radius_m(slant_m: float, face_m: float, off_plane: float) -> float:
     return face_m * math.cos(off_plane) + math.sqrt(max(slant_m**2 - across_m**2, 0.0))
 
 
-def _mean_and_sigma(values_m: Sequence[float], weights: Sequence[float]) -> tuple[float, float]:
-    """Weighted mean, and its standard deviation from the scatter of the values."""
-    total = sum(weights)
-    mean_m = sum(weight * value for weight, value in zip(weights, values_m, strict=True)) / total
-    scatter = sum(weight * (value - mean_m) ** 2 for weight, value in zip(weights, values_m, strict=True)) / total
-    count = len(values_m)
-    return mean_m, SCATTER_FACTOR * math.sqrt((count * scatter + USUAL_SCATTER_M**2) / (count + 1))
+def _mean(values: Sequence[float], weights: Sequence[float]) -> float:
+    return sum(weight * value for weight, value in zip(weights, values, strict=True)) / sum(weights)
