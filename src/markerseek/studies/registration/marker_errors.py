@@ -22,6 +22,14 @@ from markerseek.sim import SimulatedSettings, tissue_named
 KEPT = "marker_errors.csv"
 """Table of the searches that were made; ``python -m markerseek.studies.registration --searches`` makes it."""
 
+SEARCHES = {
+    "plastisol-phantom": range(1, 301),
+    "liver": range(1, 81),
+    "muscle-icg": range(1, 51),
+    "chicken-breast": range(1, 51),
+}
+"""Materials and seeds of these searches."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerError:

@@ -15,8 +15,8 @@ from markerseek.runs import GRID_STEP_M, MARKER_PLACES, UNDER_M
 from markerseek.sim import endoscope, facing
 from markerseek.studies.registration.marker_errors import MarkerError
 
-DISTANCE_FROM_AXIS_M = 60e-3
-"""Distance of the grid of markers from the axis of the probe."""
+DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3
+"""Distances of the grid of markers, and of the array's face, from the axis of the probe."""
 
 MOST_TILT_DEG = 15.0
 """The camera's line of sight is off the normal of the grid by at most this angle, in degrees."""
@@ -52,8 +52,12 @@ class Conditions:
         Distance between the two cameras in metres.
     focal_px
         Focal length in pixels.
+    focal_error
+        Relative error of the focal length that the calibration gives.
     angle_factor
         Factor of the errors of the angle.
+    sound_speed_error
+        Relative error of the sound speed with which the markers are imaged; it is common to all, and in no sigma.
     sources
         The sources of error that act; the assumed sigmas stay those of all.
     refined
@@ -69,7 +73,9 @@ class Conditions:
     common_calibration: bool = False
     base_m: float = 5e-3
     focal_px: float = 1100.0
+    focal_error: float = 0.0
     angle_factor: float = 1.0
+    sound_speed_error: float = 0.0
     sources: tuple[Source, ...] = SOURCES
     refined: bool = True
 
@@ -83,7 +89,9 @@ class Conditions:
             ("relief_m", 0.0, 0.02, "m"),
             ("base_m", 1e-3, 0.1, "m"),
             ("focal_px", 100.0, 1e4, "px"),
+            ("focal_error", -0.1, 0.1, ""),
             ("angle_factor", 0.0, 100.0, ""),
+            ("sound_speed_error", -0.1, 0.1, ""),
         ):
             require_range(name, getattr(self, name), low=low, high=high, unit=unit)
 
@@ -148,7 +156,8 @@ def _register(
         for exact in cameras.project(true.inverse().apply(points_m))
     )
     sigma_px = max(math.hypot(mean_sigma_px, conditions.calibration_sigma_px), LEAST_SIGMA_PX)
-    seen = triangulate(left, right, cameras, sigma_px=sigma_px)
+    assumed = endoscope(focal_px=conditions.focal_px * (1 + conditions.focal_error), base_m=conditions.base_m)
+    seen = triangulate(left, right, assumed, sigma_px=sigma_px)
     return register_points(
         seen.points_m,
         np.array([found for found, _ in markers]),
@@ -167,6 +176,7 @@ def _marker(
     said = MarkerPosition(position_m=(point_m[0], point_m[1], point_m[2]), sigma_m=sigma_m)
     angle_m = factor * error.angle_m if "angle" in conditions.sources else 0.0
     along_m, deep_m = (error.lateral_m, error.depth_m) if "lateral and depth" in conditions.sources else (0.0, 0.0)
+    deep_m += conditions.sound_speed_error * (math.hypot(point_m[0], point_m[2]) - FACE_RADIUS_M)
     return point_m + np.array([angle_m, along_m, deep_m]) @ said.axes, said.covariance_m2
 
 
