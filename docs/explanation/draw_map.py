@@ -33,8 +33,14 @@ SHORT = {
     "signals": "frame to reading",
     "acoustics": "angle to sound",
     "calibration": "scan to constants",
+    "geometry": "registration, stereo",
+    "vision": "camera and B-mode images",
     "core": "values, protocols, events, errors",
 }
+
+
+PURE = {"core", "search", "signals", "acoustics", "calibration", "geometry", "vision", "adapters", "guard", "wire"}
+"""Packages that know no clock, file, socket or thread."""
 
 
 def layers() -> list[list[str]]:
@@ -61,7 +67,7 @@ def main() -> None:
     for row, packages in enumerate(rows):
         width = 12 / len(packages)
         for place, package in enumerate(packages):
-            pure = package in {"core", "search", "signals", "acoustics", "calibration", "adapters", "guard", "wire"}
+            pure = package in PURE
             box = FancyBboxPatch(
                 (place * width + 0.06, -row - 0.86),
                 width - 0.12,

@@ -44,7 +44,9 @@ def test_a_search_finds_the_simulated_marker_and_answers_programs_with_one_objec
     assert result["floor"]["source"] == "dark frames"
     x, _y, z = result["marker_trus_m"]
     assert np.degrees(np.arctan2(x, z)) == pytest.approx(result["angle_deg"])
-    assert np.hypot(x, z) == pytest.approx(0.060, abs=1e-3)
+    # The higher of the two peaks that the 500 ns pulse makes is off by 0.39 mm; the centroid of both is not.
+    assert np.hypot(x, z) == pytest.approx(0.060, abs=0.05e-3)
+    assert all(0 < sigma_m < 0.3e-3 for sigma_m in result["marker_sigma_m"])
 
 
 def test_the_same_seed_gives_the_same_search_and_another_seed_another(shell: Shell) -> None:

@@ -17,6 +17,7 @@ from markerseek.cli import (
     frame,
     journal,
     page,
+    register,
     replay,
     reproduce,
     resume,
@@ -44,7 +45,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (search, page, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
+for command in (search, page, replay, resume, frame, calibrate, register, reproduce, study, emulate, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
 app.add_typer(bank.app)
 app.add_typer(ros2.app)

@@ -30,7 +30,10 @@ def facts(result: SearchResult) -> list[tuple[str, str]]:
     if result.surveyed is not None:
         rows.append(("surveyed", f"{100 * result.surveyed:.1f} % of the range, for a source as loud"))
     if result.marker_trus_m is not None:
-        rows.append(("in the TRUS frame", "x {:.1f}, y {:.1f}, z {:.1f} mm".format(*_mm(result.marker_trus_m))))
+        rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(result.marker_trus_m))))
+    if result.marker_sigma_m is not None:
+        sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
+        rows.append(("its standard deviations", sigmas.format(*_mm(result.marker_sigma_m))))
     rows.append(("acquisitions", str(result.acquisitions) + (f", {result.refused} refused" if result.refused else "")))
     rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:

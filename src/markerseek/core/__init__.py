@@ -35,6 +35,7 @@ from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
+from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
@@ -88,6 +89,7 @@ __all__ = [
     "LimitError",
     "LinearArray",
     "LocalMaxima",
+    "MarkerPosition",
     "MarkerseekError",
     "Measured",
     "MissingExtraError",
@@ -119,5 +121,6 @@ __all__ = [
     "as_interval",
     "is_finite",
     "is_whole",
+    "marker_position",
     "require_range",
 ]

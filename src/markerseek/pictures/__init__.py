@@ -5,6 +5,7 @@ from markerseek.pictures.files import png_data_uri, require_room_for_pictures, s
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
 from markerseek.pictures.page import write_from_template, write_page
+from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
 
@@ -17,6 +18,7 @@ __all__ = [
     "panel_grid",
     "png_data_uri",
     "put_heading",
+    "registration_figure",
     "require_room_for_pictures",
     "rf_figure",
     "save_png",

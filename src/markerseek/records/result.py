@@ -18,6 +18,7 @@ from markerseek.core import (
     Found,
     Interval,
     IntervalKind,
+    MarkerPosition,
     Measured,
     NotFound,
     OtherSource,
@@ -29,6 +30,7 @@ from markerseek.core import (
     SearchPlan,
     Started,
     Unsure,
+    marker_position,
 )
 
 
@@ -65,9 +67,10 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
     (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
     test it; its standard deviation and interval are None too, because it answers where there is no marker as well. A
-    confirmation after which the search went on is one of the ``samples``. ``others`` are further sources, and
-    ``surveyed`` is the share of the range in which a source as loud would have been detected. ``configuration`` is the
-    rig's fingerprint, the same for equal rigs.
+    confirmation after which the search went on is one of the ``samples``. ``marker_trus_m`` is the marker in the TRUS
+    frame and ``marker_sigma_m`` its standard deviations along the turn, along the axis and in depth
+    (`markerseek.core.MarkerPosition`). ``others`` are further sources, and ``surveyed`` is the share of the range in
+    which a source as loud would have been detected. ``configuration`` is the fingerprint of the rig.
     """
 
     found: bool
@@ -82,6 +85,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     interval95_deg: tuple[float, float] | None
     interval_kind: IntervalKind | None
     marker_trus_m: tuple[float, float, float] | None
+    marker_sigma_m: tuple[float, float, float] | None
     acquisitions: int
     refused: int
     travel_deg: float
@@ -150,6 +154,7 @@ class Recorder:
         finished = self.finished
         estimate = finished.estimate
         known = estimate if isinstance(estimate, Found | Unsure) and not plan.as_published else None
+        marker = self._marker(estimate, facts) if isinstance(estimate, Found) else None
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
@@ -162,7 +167,8 @@ class Recorder:
             sigma_deg=None if known is None else known.sigma_deg,
             interval95_deg=None if known is None else _ends(known.interval95_deg),
             interval_kind=None if known is None else known.interval_kind,
-            marker_trus_m=self._marker(estimate, facts.face_radius_m) if isinstance(estimate, Found) else None,
+            marker_trus_m=None if marker is None else marker.position_m,
+            marker_sigma_m=None if marker is None else marker.sigma_m,
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
@@ -181,17 +187,10 @@ class Recorder:
             configuration=facts.fingerprint,
         )
 
-    def _marker(self, found: Found, face_radius_m: float | None) -> tuple[float, float, float] | None:
-        """The marker in the TRUS frame: (ρ sin θp, y, ρ cos θp) in metres, from the strongest frame."""
+    def _marker(self, found: Found, facts: RigFacts) -> MarkerPosition | None:
+        """Position of the marker from all frames with light."""
         measured = [*self.samples, *([self.confirmation] if self.confirmation else [])]
-        # The strongest frame has the best peak SNR, and so the smallest error of lateral position and depth.
-        strongest = max(measured, key=lambda sample: sample.reading.intensity).reading
-        if face_radius_m is None or strongest.depth_m is None or strongest.lateral_m is None:
-            return None
-        # Depth counts from the array's face, which rotates at this distance about the probe's axis.
-        radius_m = face_radius_m + strongest.depth_m
-        angle = math.radians(found.mean_deg)
-        return radius_m * math.sin(angle), strongest.lateral_m, radius_m * math.cos(angle)
+        return marker_position(found, measured, facts)
 
 
 def answer_name(

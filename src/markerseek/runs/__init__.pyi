@@ -2,16 +2,33 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
+from .points import read_marker, read_points
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
+from .registration import UNDER_M, PointPair, PointReport, RegistrationReport, register_pairs
 from .resume import require_reset
 from .same_bench import require_same_measurement
 from .session import Session, new_session, plan_on, resumed_session
+from .simulated_registration import (
+    GRID_STEP_M,
+    MARKER_PLACES,
+    SimulatedScene,
+    SimulatedTruth,
+    simulate_registration,
+)
 
 __all__ = [
+    "GRID_STEP_M",
+    "MARKER_PLACES",
+    "UNDER_M",
     "Calibration",
+    "PointPair",
+    "PointReport",
+    "RegistrationReport",
     "Session",
+    "SimulatedScene",
+    "SimulatedTruth",
     "bank_curve",
     "bank_image",
     "bank_images",
@@ -24,10 +41,13 @@ __all__ = [
     "new_session",
     "next_angle",
     "plan_on",
+    "read_marker",
+    "read_points",
     "rebuild_policy",
     "rebuild_reader",
     "rebuild_rig",
     "recorded_bench",
+    "register_pairs",
     "require_reset",
     "require_same_measurement",
     "resumed_session",
@@ -35,4 +55,5 @@ __all__ = [
     "scan_angles",
     "scan_bank",
     "scan_configuration",
+    "simulate_registration",
 ]

@@ -3,6 +3,7 @@
 It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
 """
 
+from markerseek.sim.camera import EndoscopeSettings, endoscope, facing, spot_images
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
@@ -27,6 +28,7 @@ __all__ = [
     "RECEIVER_FAULTS",
     "TISSUES",
     "CurveWorld",
+    "EndoscopeSettings",
     "Fault",
     "FaultKind",
     "FaultyReceiver",
@@ -53,7 +55,10 @@ __all__ = [
     "VirtualClock",
     "World",
     "changed_settings",
+    "endoscope",
+    "facing",
     "flash_of",
     "largest_noise",
+    "spot_images",
     "tissue_named",
 ]

@@ -1,0 +1,179 @@
+"""Points for a registration: a CSV of their coordinates, and the markers of searches."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from markerseek.core import MarkerPosition, RecordError, SearchError
+from markerseek.files import MIB, open_input, read_input
+from markerseek.records import SearchResult
+from markerseek.records.journal import is_journal, read_journal, result_of
+
+TRUS, CAMERA = "trus", "camera"
+"""First words of the columns: in the frame of the probe, and in that of the camera."""
+
+_LARGEST_BYTES = 8 * MIB
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointRow:
+    """One row of a table of points; None where the table lacks those columns.
+
+    Attributes
+    ----------
+    name
+        From the column ``name``, or the number of the row.
+    trus_m, camera_m
+        The point in the two frames, in metres.
+    trus_sigma_m, camera_sigma_m
+        Standard deviations of the coordinates, in metres.
+    """
+
+    name: str
+    trus_m: Triple | None
+    camera_m: Triple | None
+    trus_sigma_m: Triple | None
+    camera_sigma_m: Triple | None
+
+
+def read_points(path: Path) -> list[PointRow]:
+    """Rows of a CSV with the columns ``trus_x_m … trus_z_m, camera_x_m … camera_z_m``, in metres.
+
+    ``trus_sigma_x_m …``, ``camera_sigma_x_m …`` and ``name`` are optional; other columns are ignored.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read, or a number in it cannot be used; the message names the line and the cure.
+    """
+    try:
+        with (
+            open_input(path, most_bytes=_LARGEST_BYTES) as file,
+            # Excel writes a byte order mark, which would become part of the first column's name.
+            io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
+        ):
+            return _rows(path, csv.reader(lines, strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        raise RecordError(
+            f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
+            f"{', '.join(_names(TRUS) + _names(CAMERA))}"
+        ) from problem
+
+
+def _names(frame: str, *, sigma: bool = False) -> list[str]:
+    return [f"{frame}_{'sigma_' if sigma else ''}{axis}_m" for axis in "xyz"]
+
+
+def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
+    heading = [name.strip() for name in next(lines, [])]
+    doubled = next((name for name in heading if heading.count(name) > 1), None)
+    if doubled is not None:
+        raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
+    present = {
+        (frame, sigma): _present(path, heading, _names(frame, sigma=sigma))
+        for frame in (TRUS, CAMERA)
+        for sigma in (False, True)
+    }
+    rows: list[PointRow] = []
+    for line, cells in enumerate(lines, start=2):
+        # Spreadsheets append empty rows.
+        if not any(cell.strip() for cell in cells):
+            continue
+        row = dict(zip(heading, cells, strict=False))
+        where = f"{path}, line {line}"
+        numbers = {
+            key: _triple(where, row, _names(key[0], sigma=key[1]), positive=key[1]) if there else None
+            for key, there in present.items()
+        }
+        rows.append(
+            PointRow(
+                name=row.get("name", "").strip() or str(len(rows) + 1),
+                trus_m=numbers[TRUS, False],
+                camera_m=numbers[CAMERA, False],
+                trus_sigma_m=numbers[TRUS, True],
+                camera_sigma_m=numbers[CAMERA, True],
+            )
+        )
+    return rows
+
+
+def _present(path: Path, heading: Sequence[str], names: list[str]) -> bool:
+    """Whether the columns are there: all three or none."""
+    missing = [name for name in names if name not in heading]
+    if missing and len(missing) < len(names):
+        raise RecordError(
+            f"{path}, line 1: the column {' and '.join(missing)} is missing beside the others of its kind"
+        )
+    return not missing
+
+
+def _triple(where: str, row: dict[str, str], names: list[str], *, positive: bool) -> Triple:
+    values = []
+    for name in names:
+        text = row.get(name, "").strip()
+        try:
+            value = float(text)
+        except ValueError:
+            raise RecordError(f"{where}: {name} is {text!r}, it must be a number of metres") from None
+        if not math.isfinite(value):
+            raise RecordError(f"{where}: {name} is {value}, it must be finite; leave that point out")
+        if positive and not value > 0:
+            raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0 m")
+        values.append(value)
+    return values[0], values[1], values[2]
+
+
+def read_marker(path: Path) -> MarkerPosition:
+    """Position of the marker in the TRUS frame, from a search's result.
+
+    Parameters
+    ----------
+    path
+        Journal of the search, or its result as JSON.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, or its search gave no position; the message says why.
+    """
+    try:
+        result = result_of(read_journal(path, frames=False))[1] if is_journal(path) else _json_result(path)
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror}") from problem
+    except SearchError as problem:
+        raise RecordError(f"{path}: {problem}") from problem
+    if not result.found:
+        raise RecordError(
+            f"{path}: its search found no marker ({result.answer}: {result.reason}); search again, or leave it out"
+        )
+    if result.marker_trus_m is None or result.marker_sigma_m is None:
+        raise RecordError(
+            f"{path}: the marker's position is not known, because the rig's face radius is not, or its data are "
+            "intensities only; calibrate with 'markerseek bank scan point.hdf5 --rig RIG.toml' and 'markerseek "
+            "calibrate point.hdf5', put face_radius_m into [probe] of the rig file, and search again"
+        )
+    return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
+
+
+def _json_result(path: Path) -> SearchResult:
+    try:
+        return msgspec.json.decode(read_input(path, most_bytes=_LARGEST_BYTES), type=SearchResult)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        raise RecordError(
+            f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "
+            "search --json > result.json'"
+        ) from problem

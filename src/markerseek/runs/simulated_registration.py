@@ -1,0 +1,216 @@
+"""A whole registration on simulated devices: searches one after another, camera images, transform, true error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+
+import msgspec
+import numpy as np
+
+from markerseek.core import ConfigError, Float64, MarkerPosition, Measured
+from markerseek.geometry import RigidTransform, StereoCameras, triangulate
+from markerseek.records import SearchResult
+from markerseek.rigs import simulated
+from markerseek.runs.registration import PointPair, RegistrationReport, register_pairs
+from markerseek.runs.session import new_session, plan_on
+from markerseek.sim import EndoscopeSettings, SimulatedSettings, endoscope, facing, spot_images
+from markerseek.vision import Spot, find_spot
+
+GRID_STEP_M, RELIEF_M = 20e-3, 5e-3
+"""Step of the paper's 3 x 3 grid of markers, and the range of the heights of the tissue."""
+
+BY_HAND_S = (120.0, 420.0)
+"""Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
+
+MARKER_PLACES: dict[int, tuple[tuple[int, int], ...]] = {
+    3: ((-1, -1), (0, 1), (1, -1)),
+    4: ((-1, -1), (-1, 1), (1, 1), (1, -1)),
+    6: ((-1, -1), (-1, 1), (0, 1), (0, -1), (1, -1), (1, 1)),
+    9: ((-1, -1), (-1, 0), (-1, 1), (0, 1), (0, 0), (0, -1), (1, -1), (1, 0), (1, 1)),
+}
+"""Places of the markers in steps along x and y of the TRUS frame, in an order with little rotation (x is across)."""
+
+
+class SimulatedSearch(msgspec.Struct, frozen=True, kw_only=True):
+    """Search of one simulated marker; ``error_m`` is the distance from the truth, None if it was not found."""
+
+    name: str
+    answer: str
+    acquisitions: int
+    travel_deg: float
+    elapsed_s: float
+    error_m: float | None
+
+
+class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """What only a simulation knows, and the time of all searches.
+
+    ``target_error_m`` is the true error at the target. ``elapsed_s`` is the time of all searches on the rig's clock and
+    ``without_readout_s`` the same without the time to read each acquisition from the SonixDAQ (10 s as in the paper).
+    ``by_hand_s`` is what the paper gives for a search by hand.
+    """
+
+    simulated: bool
+    seed: int
+    target_error_m: float | None
+    searches: list[SimulatedSearch]
+    elapsed_s: float
+    without_readout_s: float
+    by_hand_s: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedScene:
+    """Settings of a simulated registration.
+
+    Attributes
+    ----------
+    markers
+        Number of markers, one of `MARKER_PLACES`.
+    camera_m
+        Distance of the endoscope from the tissue, in metres.
+    camera
+        Errors of the cameras.
+    rig
+        The simulated rig; its marker is moved from place to place.
+    """
+
+    markers: int = 4
+    camera_m: float = 0.1
+    camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
+    rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+
+    def __post_init__(self) -> None:
+        if self.markers not in MARKER_PLACES:
+            raise ConfigError(f"markers is {self.markers}, it must be one of {', '.join(map(str, MARKER_PLACES))}")
+        if not 0.03 <= self.camera_m <= 0.5:
+            raise ConfigError(f"camera distance is {1e3 * self.camera_m:g} mm, it must lie between 30 and 500 mm")
+
+
+def simulate_registration(
+    scene: SimulatedScene,
+    *,
+    seed: int,
+    target_trus_m: tuple[float, float, float] | None = None,
+    on_search: Callable[[int], object] = lambda _number: None,
+) -> tuple[RegistrationReport, SimulatedTruth]:
+    """Search the markers, see their spots, register, and compare with the truth.
+
+    Parameters
+    ----------
+    scene
+        The settings.
+    seed
+        Seed of everything that is drawn.
+    target_trus_m
+        As in `register_pairs`.
+    on_search
+        Is told the number of searches that are done.
+
+    Raises
+    ------
+    ConfigError
+        If fewer than three markers were found, or a spot is not seen.
+    MissingExtraError
+        If OpenCV is not installed.
+    """
+    rng = np.random.default_rng(seed)
+    places = GRID_STEP_M * np.array(MARKER_PLACES[scene.markers], dtype=float)
+    radius_m = scene.rig.marker.radius_m
+    spots_m = np.column_stack([places, radius_m + RELIEF_M * rng.uniform(-0.5, 0.5, len(places))])
+    true = facing(
+        np.array([0.0, 0.0, radius_m]),
+        distance_m=scene.camera_m,
+        roll_deg=rng.uniform(0, 360),
+        tilt_deg=rng.uniform(-15, 15),
+    )
+    cameras = endoscope()
+    pairs, searches = [], []
+    rig_seeds = rng.integers(2**31, size=len(spots_m)).tolist()
+    angle_deg, readout_s = scene.rig.start_deg, 0.0
+    for number, (spot_m, rig_seed) in enumerate(zip(spots_m, rig_seeds, strict=True), start=1):
+        result, angle_deg, frames = _search(scene.rig, spot_m, seed=rig_seed, start_deg=angle_deg)
+        readout_s += frames * scene.rig.receiver.readout_s
+        searches.append(_searched(str(number), result, spot_m))
+        on_search(number)
+        if result.marker_trus_m is None or result.marker_sigma_m is None:
+            continue
+        marker = MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
+        camera_m, covariance_m2 = _seen(true.inverse().apply(spot_m), cameras, scene.camera, rng)
+        pairs.append(
+            PointPair(
+                name=str(number),
+                trus_m=np.array(marker.position_m),
+                camera_m=camera_m,
+                trus_covariance_m2=marker.covariance_m2,
+                camera_covariance_m2=covariance_m2,
+            )
+        )
+    report = register_pairs(pairs, target_trus_m=target_trus_m)
+    elapsed_s = sum(search.elapsed_s for search in searches)
+    return report, SimulatedTruth(
+        simulated=True,
+        seed=seed,
+        target_error_m=_error_m(report, true),
+        searches=searches,
+        elapsed_s=elapsed_s,
+        without_readout_s=elapsed_s - readout_s,
+        by_hand_s=BY_HAND_S,
+    )
+
+
+def _search(
+    rig: SimulatedSettings, spot_m: Float64[np.ndarray, " 3"], *, seed: int, start_deg: float
+) -> tuple[SearchResult, float, int]:
+    """Result of one search for a spot, the angle at which the probe then stands, and the number of frames."""
+    x, y, z = spot_m.tolist()
+    marker = replace(
+        rig.marker, angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y, present=True
+    )
+    assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg))
+    # The next search will be told what the last one taught, by a prior of the posterior.
+    session = new_session(assembled, plan_on(assembled, method="posterior", start_deg=start_deg))
+    with closing(session.events()) as events:
+        frames = sum(isinstance(event, Measured) for event in events)
+    return session.result(), assembled.stage.angle_deg, frames
+
+
+def _searched(name: str, result: SearchResult, spot_m: Float64[np.ndarray, " 3"]) -> SimulatedSearch:
+    off = None if result.marker_trus_m is None else float(np.linalg.norm(np.array(result.marker_trus_m) - spot_m))
+    return SimulatedSearch(
+        name=name,
+        answer=result.answer,
+        acquisitions=result.acquisitions,
+        travel_deg=result.travel_deg,
+        elapsed_s=result.elapsed_s or 0.0,
+        error_m=off,
+    )
+
+
+def _seen(
+    spot_m: Float64[np.ndarray, " 3"], cameras: StereoCameras, settings: EndoscopeSettings, rng: np.random.Generator
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
+    """Position of a spot and its covariance from simulated images of both cameras."""
+    found = []
+    for camera, exact in zip((cameras.left, cameras.right), cameras.project(spot_m[None]), strict=True):
+        place = exact[0] + settings.calibration_sigma_px * rng.standard_normal(2)
+        answer = find_spot(spot_images(place, size_px=camera.size_px, settings=settings, rng=rng))
+        if not isinstance(answer, Spot):
+            raise ConfigError(f"the simulated camera: {answer.reason}")
+        found.append(answer)
+    left, right = (np.array([[spot.x_px, spot.y_px]]) for spot in found)
+    seen_px = max(spot.sigma_px or settings.spot_sigma_px for spot in found)
+    both = triangulate(left, right, cameras, sigma_px=math.hypot(seen_px, settings.calibration_sigma_px))
+    return both.points_m[0], both.covariances_m2[0]
+
+
+def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
+    """How far the registration puts the target from where it is; None without a registration."""
+    if report.davinci_to_trus is None:
+        return None
+    target_m = np.array(report.target_trus_m)
+    rotation, translation_m = np.split(np.array(report.davinci_to_trus)[:3], [3], axis=1)
+    return float(np.linalg.norm(rotation @ true.inverse().apply(target_m) + translation_m[:, 0] - target_m))

@@ -1,0 +1,149 @@
+"""Simulated stereo endoscope: images of tissue with the laser spot, and the errors of their calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import Float64, UInt8, require_range
+from markerseek.geometry import Camera, RigidTransform, StereoCameras
+
+
+def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCameras:
+    """Parallel cameras like those of a stereo endoscope: 1280 x 1024 pixels, with the distortion of a wide lens.
+
+    Parameters
+    ----------
+    focal_px
+        Focal length in pixels.
+    base_m
+        Distance between the two cameras in metres.
+    """
+    lens = Camera(
+        focal_px=(focal_px, focal_px),
+        centre_px=(639.5, 511.5),
+        size_px=(1280, 1024),
+        distortion=(-0.30, 0.10, 0.0005, -0.0005, 0.0),
+    )
+    return StereoCameras(
+        left=lens,
+        right=lens,
+        left_to_right=RigidTransform(
+            source="Left", target="Right", rotation=np.eye(3), translation_m=np.array([-base_m, 0.0, 0.0])
+        ),
+    )
+
+
+def facing(
+    middle_m: Float64[np.ndarray, " 3"], *, distance_m: float, roll_deg: float, tilt_deg: float = 0.0
+) -> RigidTransform:
+    """Where a camera stands that looks at a point of the TRUS frame from above: the transform ``DaVinciToTrus``.
+
+    Parameters
+    ----------
+    middle_m
+        The point in the TRUS frame, in metres.
+    distance_m
+        Distance of the camera from it, in metres.
+    roll_deg
+        Rotation about the line of sight, in degrees.
+    tilt_deg
+        Angle between the line of sight and the z axis of the TRUS frame, in degrees.
+    """
+    from scipy.spatial.transform import Rotation
+
+    # At 0 the camera's view (its z axis) is against the TRUS z axis, which points from the probe to the tissue.
+    turned = Rotation.from_euler("x", 180 + tilt_deg, degrees=True) * Rotation.from_euler("z", roll_deg, degrees=True)
+    rotation = turned.as_matrix()
+    return RigidTransform(
+        source="DaVinci", target="Trus", rotation=rotation, translation_m=middle_m - distance_m * rotation[:, 2]
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndoscopeSettings:
+    """Errors of the simulated cameras, and the look of their images.
+
+    Attributes
+    ----------
+    spot_sigma_px
+        Standard deviation of the spot's position in one frame, in both directions, in pixels.
+    calibration_sigma_px
+        Standard deviation of the error of the calibration at a point of the image, in both directions, in pixels: it is
+        the same in all frames.
+    frames
+        Frames of each camera.
+    spot_radius_px
+        Standard deviation of the spot's Gaussian profile, in pixels.
+    spot_counts
+        Its height in counts; 255 is full scale.
+    tissue_counts
+        Mean brightness of the tissue in counts.
+    noise_counts
+        Standard deviation of a pixel's noise in counts.
+    """
+
+    spot_sigma_px: float = 0.3
+    calibration_sigma_px: float = 0.2
+    frames: int = 25
+    spot_radius_px: float = 5.0
+    spot_counts: float = 130.0
+    tissue_counts: float = 70.0
+    noise_counts: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in (
+            ("spot_sigma_px", 0, 20, "px"),
+            ("calibration_sigma_px", 0, 20, "px"),
+            ("frames", 1, 1000, ""),
+            ("spot_radius_px", 1, 20, "px"),
+            ("spot_counts", 0, 255, "counts"),
+            ("tissue_counts", 0, 255, "counts"),
+            ("noise_counts", 0, 50, "counts"),
+        ):
+            require_range(f"endoscope: {name}", getattr(self, name), low=low, high=high, unit=unit)
+
+
+def spot_images(
+    place_px: Float64[np.ndarray, " 2"] | None,
+    *,
+    size_px: tuple[int, int],
+    settings: EndoscopeSettings,
+    rng: np.random.Generator,
+) -> list[UInt8[np.ndarray, "rows columns"]]:
+    """Frames of one camera that looks at uneven tissue with a laser spot; simulated.
+
+    Parameters
+    ----------
+    place_px
+        Where the spot is, (x, y) in pixels; None: the laser is off.
+    size_px
+        Width and height of the images.
+    settings
+        Noise, and the look.
+    rng
+        Source of randomness.
+    """
+    width, height = size_px
+    columns, rows = np.arange(width), np.arange(height)
+    # Uneven light and slow texture: some waves of random direction and phase, 80 to 400 pixels long.
+    texture = np.full((height, width), settings.tissue_counts)
+    for _ in range(6):
+        length_px, direction, phase = rng.uniform(80, 400), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+        wave = 2 * np.pi / length_px
+        texture += (
+            0.08
+            * settings.tissue_counts
+            * np.sin(wave * (np.cos(direction) * columns[None, :] + np.sin(direction) * rows[:, None]) + phase)
+        )
+    images = []
+    for _ in range(settings.frames):
+        image = texture + settings.noise_counts * rng.standard_normal((height, width), dtype=np.float32)
+        if place_px is not None:
+            x, y = place_px + settings.spot_sigma_px * rng.standard_normal(2)
+            across = np.exp(-0.5 * ((columns - x) / settings.spot_radius_px) ** 2)
+            down = np.exp(-0.5 * ((rows - y) / settings.spot_radius_px) ** 2)
+            image += settings.spot_counts * down[:, None] * across[None, :]
+        images.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    return images

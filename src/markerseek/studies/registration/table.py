@@ -1,0 +1,113 @@
+"""The table of the study: target registration errors under all conditions, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from markerseek.studies.registration.marker_errors import kept_errors
+from markerseek.studies.registration.trials import SOURCES, Conditions, Trial, registrations
+
+POINT, STAINED = "plastisol-phantom", "liver"
+"""Materials whose searches the study draws from: a point, and an uneven stained spot."""
+
+CAMERA_M = (0.10, 0.15)
+"""Distances of the camera in metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One line of the table.
+
+    Attributes
+    ----------
+    name
+        What differs from the first line.
+    conditions
+        Conditions at the first distance of the camera.
+    tissue
+        Material of the searches.
+    """
+
+    name: str
+    conditions: Conditions
+    tissue: str = POINT
+
+
+def cases() -> list[Case]:
+    """All lines of the table."""
+    usual = Conditions()
+    varied: list[tuple[str, Conditions]] = [
+        ("9 markers, 25 frames", usual),
+        ("one frame", replace(usual, frames=1)),
+        *((f"{count} markers", replace(usual, markers=count)) for count in (6, 4, 3)),
+        ("Horn alone, weights by size", replace(usual, refined=False)),
+        ("Horn alone, one frame", replace(usual, refined=False, frames=1)),
+        *((f"Horn alone, {count} markers", replace(usual, refined=False, markers=count)) for count in (6, 4, 3)),
+        *((f"only the error of {_and(source)}", replace(usual, sources=(source,))) for source in SOURCES),
+        *(
+            (f"Horn, only the error of {_and(source)}", replace(usual, refined=False, sources=(source,)))
+            for source in SOURCES
+        ),
+        ("sound speed 1 % off", replace(usual, sound_speed_error=0.01)),
+        ("Horn, sound speed 1 % off", replace(usual, refined=False, sound_speed_error=0.01)),
+        ("focal length 0.5 % off", replace(usual, focal_error=0.005)),
+        ("Horn, focal length 0.5 % off", replace(usual, refined=False, focal_error=0.005)),
+        ("errors of the angle ten times as large", replace(usual, angle_factor=10.0)),
+        ("Horn, angle ten times as large", replace(usual, refined=False, angle_factor=10.0)),
+        ("calibration to 0.1 px", replace(usual, calibration_sigma_px=0.1)),
+        ("Horn, calibration to 0.1 px", replace(usual, refined=False, calibration_sigma_px=0.1)),
+        ("base of 10 mm", replace(usual, base_m=10e-3)),
+        ("Horn, base of 10 mm", replace(usual, refined=False, base_m=10e-3)),
+        ("100 frames", replace(usual, frames=100)),
+        ("flat tissue", replace(usual, relief_m=0.0)),
+        ("calibration off by a common shift", replace(usual, common_calibration=True)),
+    ]
+    stained = [
+        Case(name="stained spots (liver)", conditions=usual, tissue=STAINED),
+        Case(name="Horn, stained spots (liver)", conditions=replace(usual, refined=False), tissue=STAINED),
+    ]
+    return [Case(name=name, conditions=conditions) for name, conditions in varied] + stained
+
+
+def _and(source: str) -> str:
+    return {"angle": "the angle", "spot": "the spot", "calibration": "the calibration"}.get(source, source)
+
+
+def table(*, count: int, seed: int, on_case: Callable[[str], object] = lambda _name: None) -> str:
+    """The table as Markdown: mean and 95th percentile of the TRE, and its root mean square as expected and as found.
+
+    Parameters
+    ----------
+    count
+        Registrations for each number.
+    seed
+        Seed; each case draws the same scenes.
+    on_case
+        Is told the name of each case when it begins.
+    """
+    errors = {tissue: kept_errors(tissue) for tissue in (POINT, STAINED)}
+    heads = "".join(f" camera at {1e3 * far_m:g} mm | 95 % | rms, expected |" for far_m in CAMERA_M)
+    lines = [f"| mean TRE in mm |{heads}", "|---" + "|---:" * (3 * len(CAMERA_M)) + "|"]
+    for case in cases():
+        on_case(case.name)
+        cells = []
+        for far_m in CAMERA_M:
+            trials = registrations(
+                replace(case.conditions, camera_m=far_m),
+                errors[case.tissue],
+                count=count,
+                rng=np.random.default_rng(seed),
+            )
+            cells += _cells(trials)
+        lines.append(f"| {case.name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(trials: Sequence[Trial]) -> list[str]:
+    tre_mm = np.array([1e3 * trial.tre_m for trial in trials])
+    expected_mm = np.array([1e3 * trial.expected_tre_m for trial in trials])
+    found, said = (np.sqrt(np.mean(values**2)) for values in (tre_mm, expected_mm))
+    return [f"{tre_mm.mean():.2f}", f"{np.percentile(tre_mm, 95):.2f}", f"{found:.2f}, {said:.2f}"]

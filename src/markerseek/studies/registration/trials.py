@@ -1,0 +1,191 @@
+"""Simulated registrations: markers with the errors of searches, a stereo camera with its own, and the TRE."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, require_range
+from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
+from markerseek.runs import GRID_STEP_M, MARKER_PLACES, UNDER_M
+from markerseek.sim import endoscope, facing
+from markerseek.studies.registration.marker_errors import MarkerError
+
+DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3
+"""Distances of the grid of markers, and of the array's face, from the axis of the probe."""
+
+MOST_TILT_DEG = 15.0
+"""The camera's line of sight is off the normal of the grid by at most this angle, in degrees."""
+
+LEAST_SIGMA_PX = 0.01
+"""Least standard deviation that is assumed of a pixel."""
+
+Source = Literal["angle", "lateral and depth", "spot", "calibration"]
+"""A source of error."""
+
+SOURCES: tuple[Source, ...] = ("angle", "lateral and depth", "spot", "calibration")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """Conditions of a registration.
+
+    Attributes
+    ----------
+    camera_m
+        Distance of the camera from the middle of the markers, in metres.
+    markers
+        Number of markers: 3, 4, 6 or 9 places of the grid.
+    relief_m
+        Range of the heights of the tissue, peak to peak, in metres.
+    frames
+        Camera frames for each spot.
+    spot_sigma_px, calibration_sigma_px
+        Standard deviations of the spot in one frame, and of the calibration at a point of the image, in pixels.
+    common_calibration
+        Whether the error of the calibration is the same at all points of an image, a shift; else it differs.
+    base_m
+        Distance between the two cameras in metres.
+    focal_px
+        Focal length in pixels.
+    focal_error
+        Relative error of the focal length that the calibration gives.
+    angle_factor
+        Factor of the errors of the angle.
+    sound_speed_error
+        Relative error of the sound speed with which the markers are imaged; it is common to all, and in no sigma.
+    sources
+        The sources of error that act; the assumed sigmas stay those of all.
+    refined
+        As in `markerseek.geometry.register_points`.
+    """
+
+    camera_m: float = 0.1
+    markers: int = 9
+    relief_m: float = 5e-3
+    frames: int = 25
+    spot_sigma_px: float = 0.3
+    calibration_sigma_px: float = 0.2
+    common_calibration: bool = False
+    base_m: float = 5e-3
+    focal_px: float = 1100.0
+    focal_error: float = 0.0
+    angle_factor: float = 1.0
+    sound_speed_error: float = 0.0
+    sources: tuple[Source, ...] = SOURCES
+    refined: bool = True
+
+    def __post_init__(self) -> None:
+        if self.markers not in MARKER_PLACES:
+            raise ConfigError(f"markers is {self.markers}, it must be one of {', '.join(map(str, MARKER_PLACES))}")
+        if not (is_whole(self.frames) and self.frames >= 1):
+            raise ConfigError(f"frames is {self.frames}, at least 1 is needed")
+        for name, low, high, unit in (
+            ("camera_m", 0.02, 1.0, "m"),
+            ("relief_m", 0.0, 0.02, "m"),
+            ("base_m", 1e-3, 0.1, "m"),
+            ("focal_px", 100.0, 1e4, "px"),
+            ("focal_error", -0.1, 0.1, ""),
+            ("angle_factor", 0.0, 100.0, ""),
+            ("sound_speed_error", -0.1, 0.1, ""),
+        ):
+            require_range(name, getattr(self, name), low=low, high=high, unit=unit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One registration: errors at the fiducials and at the target, and what was expected there, in metres."""
+
+    fre_m: float
+    tre_m: float
+    expected_tre_m: float
+
+
+def registrations(
+    conditions: Conditions, errors: Sequence[MarkerError], *, count: int, rng: np.random.Generator
+) -> list[Trial]:
+    """Register as often as asked, each time with another scene.
+
+    Parameters
+    ----------
+    conditions
+        What holds for all of them.
+    errors
+        Searches from which the errors of the markers are drawn.
+    count
+        Number of registrations.
+    rng
+        Source of randomness.
+    """
+    return [_trial(conditions, errors, rng) for _ in range(count)]
+
+
+def _trial(conditions: Conditions, errors: Sequence[MarkerError], rng: np.random.Generator) -> Trial:
+    places = GRID_STEP_M * np.array(MARKER_PLACES[conditions.markers], dtype=float)
+    heights = DISTANCE_FROM_AXIS_M + conditions.relief_m * rng.uniform(-0.5, 0.5, len(places))
+    points_m = np.column_stack([places, heights])
+    true = facing(
+        np.array([0.0, 0.0, DISTANCE_FROM_AXIS_M]),
+        distance_m=conditions.camera_m,
+        roll_deg=rng.uniform(0, 360),
+        tilt_deg=rng.uniform(-MOST_TILT_DEG, MOST_TILT_DEG),
+    )
+    found = _register(points_m, true, conditions, errors, rng)
+    target_m = points_m.mean(axis=0) - [0, 0, UNDER_M]
+    off_m = found.transform.apply(true.inverse().apply(target_m)) - target_m
+    return Trial(fre_m=found.fre_m, tre_m=float(np.linalg.norm(off_m)), expected_tre_m=found.errors.tre_m(target_m))
+
+
+def _register(
+    points_m: Float64[np.ndarray, "points 3"],
+    true: RigidTransform,
+    conditions: Conditions,
+    errors: Sequence[MarkerError],
+    rng: np.random.Generator,
+) -> Registration:
+    """Registration of points whose markers and spots have the errors that act."""
+    markers = [_marker(point, errors[int(rng.integers(len(errors)))], conditions) for point in points_m.tolist()]
+    cameras = endoscope(focal_px=conditions.focal_px, base_m=conditions.base_m)
+    mean_sigma_px = conditions.spot_sigma_px / math.sqrt(conditions.frames)
+    left, right = (
+        exact + _pixel_errors(len(points_m), mean_sigma_px, conditions, rng)
+        for exact in cameras.project(true.inverse().apply(points_m))
+    )
+    sigma_px = max(math.hypot(mean_sigma_px, conditions.calibration_sigma_px), LEAST_SIGMA_PX)
+    assumed = endoscope(focal_px=conditions.focal_px * (1 + conditions.focal_error), base_m=conditions.base_m)
+    seen = triangulate(left, right, assumed, sigma_px=sigma_px)
+    return register_points(
+        seen.points_m,
+        np.array([found for found, _ in markers]),
+        source_covariances_m2=seen.covariances_m2,
+        target_covariances_m2=np.array([covariance for _, covariance in markers]),
+        refined=conditions.refined,
+    )
+
+
+def _marker(
+    point_m: list[float], error: MarkerError, conditions: Conditions
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
+    """Where a search finds the marker at a point, and the covariance that it says."""
+    factor = conditions.angle_factor
+    sigma_m = (factor * error.angle_sigma_m, error.lateral_sigma_m, error.depth_sigma_m)
+    said = MarkerPosition(position_m=(point_m[0], point_m[1], point_m[2]), sigma_m=sigma_m)
+    angle_m = factor * error.angle_m if "angle" in conditions.sources else 0.0
+    along_m, deep_m = (error.lateral_m, error.depth_m) if "lateral and depth" in conditions.sources else (0.0, 0.0)
+    deep_m += conditions.sound_speed_error * (math.hypot(point_m[0], point_m[2]) - FACE_RADIUS_M)
+    return point_m + np.array([angle_m, along_m, deep_m]) @ said.axes, said.covariance_m2
+
+
+def _pixel_errors(
+    count: int, mean_sigma_px: float, conditions: Conditions, rng: np.random.Generator
+) -> Float64[np.ndarray, "points 2"]:
+    """Errors of the pixels of one camera."""
+    spot = mean_sigma_px * rng.standard_normal((count, 2))
+    calibration = conditions.calibration_sigma_px * rng.standard_normal((count, 2))
+    if conditions.common_calibration:
+        calibration[:] = calibration[0]
+    return spot * ("spot" in conditions.sources) + calibration * ("calibration" in conditions.sources)

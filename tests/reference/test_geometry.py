@@ -1,0 +1,312 @@
+"""Registration and stereo cameras against SciPy, OpenCV, scikit-surgerycore, a closed form and Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import ConfigError
+from markerseek.geometry import (
+    Camera,
+    RigidTransform,
+    StereoCameras,
+    best_rotation,
+    mirror_image_fre,
+    register_points,
+    triangulate,
+)
+
+GRID_M = np.array([[x, y, 60.0] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
+RELIEF_M = np.array([1.0, -2.2, 2.4, 0.3, -1.7, 0.9, -2.4, 2.0, -0.4]) * 1e-3
+POINTS_M = GRID_M + RELIEF_M[:, None] * [0, 0, 1]
+TARGET_M = np.array([0.0, 0.0, 40e-3])
+
+
+def some_transform(seed: int) -> RigidTransform:
+    rng = np.random.default_rng(seed)
+    return RigidTransform(
+        source="DaVinci",
+        target="Trus",
+        rotation=Rotation.random(rng=rng).as_matrix(),
+        translation_m=rng.uniform(-0.2, 0.2, 3),
+    )
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(3, 12))
+def test_horn_is_scipy_s_rotation(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    source, target, weights = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.uniform(0.1, 5, count)
+    rotation, translation = best_rotation(source, target, weights)
+    middle = [np.average(points, axis=0, weights=weights) for points in (source, target)]
+    expected, rssd = Rotation.align_vectors(target - middle[1], source - middle[0], weights=weights)
+    residual = source @ rotation.T + translation - target
+    np.testing.assert_allclose(np.sqrt(weights @ np.sum(residual**2, axis=1)), rssd, rtol=1e-9)
+    # Random points fit two rotations equally well now and then; the residual above is what counts.
+    if np.linalg.svd((source - middle[0]).T @ np.diag(weights) @ (target - middle[1]), compute_uv=False)[-1] > 0.05:
+        np.testing.assert_allclose(rotation, expected.as_matrix(), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_exact_points_give_the_exact_transform_and_horn_agrees_with_surgerycore(seed: int) -> None:
+    procrustes = pytest.importorskip("sksurgerycore.algorithms.procrustes")
+    true = some_transform(seed)
+    source = true.inverse().apply(POINTS_M)
+    found = register_points(source, POINTS_M)
+    np.testing.assert_allclose(found.transform.matrix, true.matrix, atol=1e-9)
+    noisy = POINTS_M + np.random.default_rng(seed).normal(scale=1e-3, size=POINTS_M.shape)
+    ours = register_points(source, noisy)
+    rotation, translation, fre = procrustes.orthogonal_procrustes(noisy, source)
+    np.testing.assert_allclose(ours.transform.rotation, rotation, atol=1e-9)
+    np.testing.assert_allclose(ours.transform.translation_m, translation.ravel(), atol=1e-9)
+    assert ours.fre_m == pytest.approx(fre, rel=1e-9)
+
+
+def test_equal_errors_give_fitzpatrick_s_closed_form_and_surgerycore_s_squares() -> None:
+    errors = pytest.importorskip("sksurgerycore.algorithms.errors")
+    sigma = 0.4e-3
+    covariances = np.tile(np.eye(3) * sigma**2, (9, 1, 1))
+    found = register_points(POINTS_M, POINTS_M, target_covariances_m2=covariances, source="A", target="B")
+    fle_squared = 3 * sigma**2
+    assert found.errors.fre_m**2 == pytest.approx((1 - 2 / 9) * fle_squared, rel=1e-9)
+    assert found.errors.fre_m**2 == pytest.approx(errors.compute_fre_from_fle(POINTS_M, fle_squared), rel=1e-9)
+    # It returns squares. Its TRE (version 0.8.3) takes the rows of the matrix of eigenvectors for the principal axes,
+    # and a direction for a point: it is right where the axes are those of the frame and the middle is the origin.
+    straight = np.array([[x, y, z] for x in (-20, 20) for y in (-15, 15) for z in (-2, 2)]) * 1e-3
+    aligned = register_points(straight, straight, target_covariances_m2=covariances[:8], source="A", target="B")
+    below = np.array([3e-3, -5e-3, -20e-3])
+    assert aligned.errors.tre_m(below) ** 2 == pytest.approx(
+        errors.compute_tre_from_fle(straight, fle_squared, below[None, :]), rel=1e-9
+    )
+    # Fitzpatrick 1998: TRE² = FLE²/N (1 + 1/3 Σ d²/f²) over the principal axes.
+    apart = POINTS_M - POINTS_M.mean(axis=0)
+    axes = np.linalg.svd(apart)[2]
+    inside, target = apart @ axes.T, axes @ (TARGET_M - POINTS_M.mean(axis=0))
+    terms = [
+        (np.sum(target**2) - target[k] ** 2) / np.mean(np.sum(inside**2, axis=1) - inside[:, k] ** 2) for k in range(3)
+    ]
+    assert found.errors.tre_m(TARGET_M) ** 2 == pytest.approx(fle_squared / 9 * (1 + sum(terms) / 3), rel=1e-9)
+
+
+@pytest.mark.parametrize(("refined", "count"), [(False, 9), (True, 3), (True, 9)])
+def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: int) -> None:
+    """FRE and TRE within 3 %, for errors that differ in direction and from point to point."""
+    rng = np.random.default_rng(count)
+    true = some_transform(1)
+    target = POINTS_M[[0, 2, 7, 8, 3, 5, 1, 4, 6][:count]]
+    source = true.inverse().apply(target)
+    # A camera's covariance, long in depth, in a frame turned against that of the probe.
+    long = [rng.uniform(0.01, 0.02, 3) * 1e-3 * [1, 1, 12] for _ in range(count)]
+    turns = Rotation.random(count, rng=rng).as_matrix()
+    from_source = np.array([t @ np.diag(s**2) @ t.T for t, s in zip(turns, long, strict=True)])
+    from_target = np.array([np.diag((rng.uniform(0.02, 0.05, 3) * 1e-3) ** 2) for _ in range(count)])
+    known = {"source_covariances_m2": from_source, "target_covariances_m2": from_target, "refined": refined}
+    predicted = register_points(source, target, **known)
+    fre, off, misfits = [], [], []
+    runs = 3000
+    roots = [np.linalg.cholesky(covariances) for covariances in (from_source, from_target)]
+    for _ in range(runs):
+        draws = [np.einsum("nij,nj->ni", root, rng.standard_normal((count, 3))) for root in roots]
+        found = register_points(source + draws[0], target + draws[1], **known)
+        fre.append(found.fre_m**2)
+        misfits.append(found.misfit)
+        off.append(np.sum((found.transform.apply(true.inverse().apply(TARGET_M)) - TARGET_M) ** 2))
+    assert np.sqrt(np.mean(fre)) == pytest.approx(predicted.errors.fre_m, rel=0.03)
+    assert np.sqrt(np.mean(off)) == pytest.approx(predicted.errors.tre_m(TARGET_M), rel=0.03)
+    if refined:
+        assert np.mean(misfits) == pytest.approx(1.0, rel=0.03)
+
+
+def test_the_refinement_is_the_minimum_that_a_general_optimiser_finds() -> None:
+    rng = np.random.default_rng(5)
+    true = some_transform(2)
+    long = np.diag([0.02e-3, 0.02e-3, 0.5e-3]) ** 2
+    covariances = np.tile(long, (9, 1, 1))
+    source = true.inverse().apply(POINTS_M) + rng.normal(size=(9, 3)) @ np.sqrt(long)
+    target = POINTS_M + rng.normal(scale=0.05e-3, size=(9, 3))
+    even = np.tile(np.eye(3) * 0.05e-3**2, (9, 1, 1))
+    found = register_points(source, target, source_covariances_m2=covariances, target_covariances_m2=even)
+    # The noise is that at the solution: both must find a fixed point of the same weighted least squares.
+    noise = found.transform.rotation @ long @ found.transform.rotation.T + even[0]
+    root = np.linalg.cholesky(np.linalg.inv(noise)).T
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        turned = source @ Rotation.from_rotvec(parameters[:3]).as_matrix().T + 1e-3 * parameters[3:]
+        return ((turned - target) @ root.T).ravel()
+
+    start = [*Rotation.from_matrix(true.rotation).as_rotvec(), *(1e3 * true.translation_m)]
+    best = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    np.testing.assert_allclose(Rotation.from_rotvec(best[:3]).as_matrix(), found.transform.rotation, atol=1e-6)
+    np.testing.assert_allclose(1e-3 * best[3:], found.transform.translation_m, atol=1e-7)
+
+
+def test_without_sigmas_the_residuals_say_how_large_the_errors_are() -> None:
+    rng = np.random.default_rng(3)
+    off, said = [], []
+    for _ in range(1500):
+        found = register_points(POINTS_M + rng.normal(scale=0.3e-3, size=(9, 3)), POINTS_M)
+        off.append(np.sum((found.transform.apply(TARGET_M) - TARGET_M) ** 2))
+        said.append(found.tre_m(TARGET_M) ** 2)
+    assert np.mean(said) == pytest.approx(np.mean(off), rel=0.08)
+
+
+def test_residuals_beyond_the_sigmas_scale_the_error() -> None:
+    rng = np.random.default_rng(3)
+    noisy = POINTS_M + rng.normal(scale=1e-3, size=(9, 3))
+    small = np.tile(np.eye(3) * 0.1e-3**2, (9, 1, 1))
+    found = register_points(noisy, POINTS_M, source_covariances_m2=small)
+    honest = register_points(noisy, POINTS_M)
+    assert found.misfit > 30
+    assert found.tre_m(TARGET_M) == pytest.approx(honest.tre_m(TARGET_M), rel=1e-3)
+
+
+def test_a_mirror_image_fits_mirrored_points_and_planes() -> None:
+    mirrored = POINTS_M * [-1, 1, 1]
+    assert mirror_image_fre(mirrored, POINTS_M) == pytest.approx(0, abs=1e-9)
+    assert register_points(mirrored, POINTS_M).fre_m > 1e-3
+    flat = GRID_M @ some_transform(4).rotation.T
+    assert mirror_image_fre(flat, GRID_M) == pytest.approx(register_points(flat, GRID_M).fre_m, abs=1e-9)
+
+
+LENS = Camera(
+    focal_px=(1100.0, 1095.0),
+    centre_px=(645.0, 508.0),
+    size_px=(1280, 1024),
+    distortion=(-0.32, 0.14, 0.001, -0.0007, -0.02),
+)
+CAMERAS = StereoCameras(
+    left=LENS,
+    right=Camera(
+        focal_px=(1103.0, 1099.0), centre_px=(630.0, 515.0), size_px=(1280, 1024), distortion=(-0.3, 0.1, 0, 0.0005, 0)
+    ),
+    left_to_right=RigidTransform(
+        source="Left",
+        target="Right",
+        rotation=Rotation.from_rotvec([0.004, -0.01, 0.002]).as_matrix(),
+        translation_m=np.array([-5e-3, 0.1e-3, -0.05e-3]),
+    ),
+)
+
+
+def seen_points(seed: int, count: int = 40) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.stack(
+        [rng.uniform(-40e-3, 40e-3, count), rng.uniform(-30e-3, 30e-3, count), rng.uniform(0.09, 0.15, count)], axis=1
+    )
+
+
+def opencv_matrix(camera: Camera) -> np.ndarray:
+    (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def test_projection_and_its_inverse_are_opencv_s() -> None:
+    cv2 = pytest.importorskip("cv2")
+    points = seen_points(0)
+    for camera in (CAMERAS.left, CAMERAS.right):
+        expected, _ = cv2.projectPoints(
+            points, np.zeros(3), np.zeros(3), opencv_matrix(camera), np.array(camera.distortion)
+        )
+        pixels = camera.project(points)
+        np.testing.assert_allclose(pixels, expected[:, 0], atol=1e-6)
+        np.testing.assert_allclose(camera.undistort(pixels), points[:, :2] / points[:, 2:], atol=1e-10)
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.3])
+def test_triangulation_is_opencv_s(noise_px: float) -> None:
+    cv2 = pytest.importorskip("cv2")
+    points = seen_points(1)
+    rng = np.random.default_rng(2)
+    left, right = (pixels + rng.normal(scale=noise_px, size=pixels.shape) for pixels in CAMERAS.project(points))
+    found = triangulate(left, right, CAMERAS, sigma_px=0.3)
+    direct = [
+        cv2.undistortPoints(
+            pixels[:, None],
+            opencv_matrix(camera),
+            np.array(camera.distortion),
+            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12),
+        )[:, 0].T
+        for pixels, camera in ((left, CAMERAS.left), (right, CAMERAS.right))
+    ]
+    first = np.eye(4)[:3]
+    second = CAMERAS.left_to_right.matrix[:3]
+    homogeneous = cv2.triangulatePoints(first, second, *direct)
+    expected = (homogeneous[:3] / homogeneous[3]).T
+    # With noise OpenCV's linear method minimises another error: it differs by a small part of the noise.
+    sigma = np.sqrt(np.trace(found.covariances_m2, axis1=1, axis2=2))
+    assert np.abs(found.points_m - expected).max() < (1e-8 if noise_px == 0 else 0.2 * sigma.max())
+
+
+def test_the_covariance_of_a_point_is_that_of_many() -> None:
+    points = seen_points(3, 6)
+    rng = np.random.default_rng(4)
+    left, right = CAMERAS.project(points)
+    predicted = triangulate(left, right, CAMERAS, sigma_px=0.2).covariances_m2
+    runs = 4000
+    many = [np.repeat(pixels, runs, axis=0) + rng.normal(scale=0.2, size=(6 * runs, 2)) for pixels in (left, right)]
+    found = triangulate(*many, CAMERAS, sigma_px=0.2)
+    off = found.points_m.reshape(6, runs, 3) - points[:, None]
+    covariances = np.einsum("nri,nrj->nij", off, off) / runs
+    np.testing.assert_allclose(
+        np.sqrt(np.trace(covariances, axis1=1, axis2=2)), np.sqrt(np.trace(predicted, axis1=1, axis2=2)), rtol=0.03
+    )
+    for ours, theirs in zip(predicted, covariances, strict=True):
+        # The whole ellipsoid and not its size only: predicted whitening makes the sample covariance the identity.
+        root = np.linalg.inv(np.linalg.cholesky(ours))
+        np.testing.assert_allclose(root @ theirs @ root.T, np.eye(3), atol=0.08)
+
+
+def test_different_spots_in_the_two_images_are_refused() -> None:
+    left, right = CAMERAS.project(seen_points(5, 4))
+    with pytest.raises(ConfigError, match=r"point 3: its two lines of sight miss each other by .* different spots"):
+        triangulate(left, right + np.array([[0, 0], [0, 0], [0, 12], [0, 0]]), CAMERAS, sigma_px=0.2)
+    with pytest.raises(ConfigError, match=r"meet behind the cameras; check which image is the left one"):
+        triangulate(right, left, CAMERAS, sigma_px=0.2)
+    with pytest.raises(ConfigError, match=r"pixel 1 is \(-20\.0, 30\.0\), outside the image"):
+        triangulate(np.array([[-20.0, 30.0]]), np.array([[20.0, 30.0]]), CAMERAS, sigma_px=0.2)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (POINTS_M[:2], "2 points in DaVinci, it must be 3 to 1000 that are not on a line"),
+        (POINTS_M[[0, 0, 8]], "lie on a line: their width is .* add a point beside the line"),
+        (GRID_M[[0, 1, 2]], "lie on a line"),
+        (np.repeat(POINTS_M[:1], 4, axis=0), "lie on a line"),
+        (1e3 * POINTS_M, "give metres, not millimetres"),
+        (
+            np.where(np.arange(27).reshape(9, 3) == 4, np.nan, POINTS_M),
+            "point 2 in DaVinci has a coordinate",
+        ),
+    ],
+    ids=["two points", "twice the same", "on a line", "all the same", "millimetres", "NaN"],
+)
+def test_points_that_determine_nothing_are_refused(points: np.ndarray, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        register_points(points, points.copy())
+
+
+def test_a_sigma_of_0_is_refused() -> None:
+    covariances = np.tile(np.eye(3) * 1e-8, (9, 1, 1))
+    covariances[4, 2, 2] = 0.0
+    with pytest.raises(ConfigError, match="point 5 has a sigma of 0"):
+        register_points(POINTS_M, POINTS_M.copy(), source_covariances_m2=covariances)
+
+
+def test_transforms_are_rotations_and_meet_in_named_frames() -> None:
+    first, back = some_transform(1), some_transform(1).inverse()
+    assert (first.name, back.name) == ("DaVinciToTrus", "TrusToDaVinci")
+    np.testing.assert_allclose((back @ first).matrix, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(back.apply(first.apply(POINTS_M)), POINTS_M, atol=1e-12)
+    with pytest.raises(ConfigError, match="DaVinciToTrus after DaVinciToTrus: the first ends in Trus"):
+        first @ first
+    for wrong, words in (
+        (-np.eye(3), "mirrors space"),
+        (1.01 * np.eye(3), "orthonormal"),
+        (np.nan * np.eye(3), "not f"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            RigidTransform(source="A", target="B", rotation=wrong, translation_m=np.zeros(3))

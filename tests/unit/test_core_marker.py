@@ -1,0 +1,83 @@
+"""Position of the marker from the frames of a search, with its standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markerseek.core import Found, Interval, Reading, RigFacts, Sample, marker_position
+
+FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
+FACTS = RigFacts(
+    kind="simulated",
+    description="",
+    fingerprint="",
+    search=Interval(low_deg=-35.0, high_deg=35.0),
+    face_radius_m=FACE_M,
+    sound_speed_m_s=SPEED,
+)
+FOUND = Found(
+    mean_deg=12.0, sigma_deg=0.05, interval95_deg=Interval(low_deg=11.9, high_deg=12.1), interval_kind="posterior"
+)
+
+
+def sample(angle_deg: float, intensity: float, *, late_m: float = 0.0, lateral_m: float = 7e-3) -> Sample:
+    """A frame whose peak is one of two edges: `late_m` from the centroid of the energy, which has the slant range."""
+    off = np.radians(angle_deg - FOUND.mean_deg)
+    slant_m = float(np.sqrt(FACE_M**2 + RADIUS_M**2 - 2 * FACE_M * RADIUS_M * np.cos(off)))
+    trigger_s = 3e-7
+    reading = Reading(
+        intensity=intensity,
+        lateral_m=lateral_m,
+        depth_m=slant_m + late_m,
+        arrival_s=(slant_m + late_m) / SPEED + trigger_s,
+        centroid_s=slant_m / SPEED + trigger_s,
+    )
+    return Sample(angle_deg=angle_deg, reading=reading)
+
+
+SAMPLES = [sample(4.0, 60.0, late_m=0.39e-3), sample(15.0, 80.0, late_m=-0.39e-3), sample(12.1, 100.0, late_m=0.39e-3)]
+
+
+def test_the_slant_range_of_the_energy_s_centroid_gives_the_exact_place() -> None:
+    marker = marker_position(FOUND, SAMPLES, FACTS)
+    assert marker is not None
+    angle = np.radians(12.0)
+    expected = (RADIUS_M * np.sin(angle), 7e-3, RADIUS_M * np.cos(angle))
+    assert marker.position_m == pytest.approx(expected, abs=1e-9)
+    assert marker.sigma_m[0] == pytest.approx(RADIUS_M * np.radians(0.05), rel=1e-6)
+
+
+def test_strong_frames_of_the_same_source_count_by_the_square_of_their_intensity() -> None:
+    beside = [
+        *SAMPLES,
+        sample(9.0, 90.0, lateral_m=7.2e-3),
+        sample(10.0, 49.0, lateral_m=8e-3),  # weak
+        sample(13.0, 95.0, lateral_m=19e-3),  # another source
+    ]
+    marker = marker_position(FOUND, beside, FACTS)
+    assert marker is not None
+    weights = np.array([60.0, 80.0, 100.0, 90.0]) ** 2
+    assert marker.position_m[1] == pytest.approx(7e-3 + 0.2e-3 * weights[3] / weights.sum(), rel=1e-9)
+    quiet = marker_position(FOUND, SAMPLES, FACTS)
+    assert quiet is not None
+    assert marker.sigma_m[1] > 2 * quiet.sigma_m[1] > 0
+    assert marker.sigma_m[2] == pytest.approx(quiet.sigma_m[2], rel=0.2)
+
+
+def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:
+    for facts, samples in (
+        (replace(FACTS, sound_speed_m_s=None), SAMPLES[2:]),
+        (FACTS, [replace(SAMPLES[2], reading=replace(SAMPLES[2].reading, centroid_s=None))]),
+    ):
+        marker = marker_position(FOUND, samples, facts)
+        assert marker is not None
+        assert np.hypot(marker.position_m[0], marker.position_m[2]) == pytest.approx(RADIUS_M + 0.39e-3, abs=1e-6)
+
+
+def test_without_face_radius_or_positions_there_is_none() -> None:
+    assert marker_position(FOUND, SAMPLES, replace(FACTS, face_radius_m=None)) is None
+    assert marker_position(FOUND, [Sample(angle_deg=1.0, reading=Reading(intensity=5.0))], FACTS) is None
+    assert marker_position(FOUND, [], FACTS) is None

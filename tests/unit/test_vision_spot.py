@@ -1,0 +1,113 @@
+"""The laser spot in camera images: its pixel against the truth of the simulation, no spot, two spots."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markerseek.core import ConfigError, MissingExtraError
+from markerseek.sim import EndoscopeSettings, spot_images
+from markerseek.vision import NoSpot, Spot, TwoSpots, find_spot, opencv
+
+pytest.importorskip("cv2")
+
+SIZE = (320, 256)
+SETTINGS = EndoscopeSettings(frames=25)
+
+
+def images(place: tuple[float, float] | None, *, seed: int = 1, **changes: float) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    where = None if place is None else np.array(place, dtype=float)
+    return spot_images(where, size_px=SIZE, settings=replace(SETTINGS, **changes), rng=rng)
+
+
+def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:
+    pulls, sigmas = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(100 + seed)
+        place = (float(rng.uniform(60, 260)), float(rng.uniform(60, 190)))
+        found = find_spot(images(place, seed=seed))
+        assert isinstance(found, Spot)
+        assert found.frames == 25
+        assert found.sigma_px is not None
+        pulls += [(found.x_px - place[0]) / found.sigma_px, (found.y_px - place[1]) / found.sigma_px]
+        sigmas.append(found.sigma_px)
+    assert np.mean(sigmas) == pytest.approx(0.3 / 5, rel=0.15)
+    assert 0.75 < np.std(pulls) < 1.25
+    assert abs(np.mean(pulls)) < 0.4
+
+
+@pytest.mark.parametrize("place", [(160.0, 120.0), (160.5, 120.25), (100.7, 80.9), (6.0, 200.0)])
+def test_a_spot_without_jitter_is_found_to_a_twentieth_of_a_pixel(place: tuple[float, float]) -> None:
+    found = find_spot(images(place, spot_sigma_px=0.0, spot_radius_px=4.0))
+    assert isinstance(found, Spot)
+    # At the very edge of the image a part of the spot is cut off.
+    assert abs(found.x_px - place[0]) < (0.05 if place[0] > 20 else 1.0)
+    assert abs(found.y_px - place[1]) < 0.05
+
+
+def test_a_saturated_spot_is_found_at_its_middle() -> None:
+    found = find_spot(images((150.3, 99.6), spot_counts=255.0, tissue_counts=150.0, spot_sigma_px=0.0))
+    assert isinstance(found, Spot)
+    assert (found.x_px, found.y_px) == pytest.approx((150.3, 99.6), abs=0.15)
+
+
+def test_colour_frames_are_read_by_their_brightest_channel() -> None:
+    gray = images((200.2, 90.4), spot_sigma_px=0.0)
+    colour = [np.stack([frame // 3, frame // 2, frame], axis=2) for frame in gray]
+    assert find_spot(colour) == find_spot(gray)
+
+
+def test_no_spot_two_spots_and_a_reflection_that_dark_frames_remove() -> None:
+    nothing = find_spot(images(None))
+    assert isinstance(nothing, NoSpot)
+    assert "the brightest place is" in nothing.reason
+    lit, reflection = images((90.0, 100.0)), images((230.0, 160.0), seed=2, spot_sigma_px=0.0, tissue_counts=0.0)
+    both = [np.clip(a.astype(int) + b, 0, 255).astype(np.uint8) for a, b in zip(lit, reflection, strict=True)]
+    two = find_spot(both)
+    assert isinstance(two, TwoSpots)
+    found = sorted(two.places_px)
+    np.testing.assert_allclose(found, [(90, 100), (230, 160)], atol=3)
+    assert "two places are about as bright" in two.reason
+    off = [np.clip(a.astype(int) + b, 0, 255).astype(np.uint8) for a, b in zip(images(None), reflection, strict=True)]
+    alone = find_spot(both, dark=off)
+    assert isinstance(alone, Spot)
+    assert (alone.x_px, alone.y_px) == pytest.approx((90, 100), abs=0.4)
+
+
+def test_a_spot_that_is_off_in_half_of_the_frames_or_moves_is_refused() -> None:
+    lit, off = images((90.0, 100.0)), images(None)
+    half = find_spot(lit[:13] + off[13:])
+    assert isinstance(half, NoSpot)
+    assert "seen in 13 of 25 frames" in half.reason
+    moving = find_spot(images((90.0, 100.0), spot_sigma_px=3.0))
+    assert isinstance(moving, NoSpot)
+    assert "px from frame to frame" in moving.reason
+
+
+def test_one_frame_gives_a_place_without_a_sigma() -> None:
+    found = find_spot(images((90.0, 100.0))[:1])
+    assert isinstance(found, Spot)
+    assert (found.frames, found.sigma_px) == (1, None)
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ([], "no camera frame was given"),
+        ([np.zeros((256, 320), np.uint8), np.zeros((256, 300), np.uint8)], "give frames of one camera"),
+        ([np.zeros((20, 20), np.uint8)], "at least 122 pixels"),
+    ],
+)
+def test_what_are_no_frames_is_refused(frames: list[np.ndarray], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        find_spot(frames)
+
+
+def test_without_opencv_the_message_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(MissingExtraError, match=r"opencv-python-headless.*pip install 'markerseek\[vision\]'"):
+        opencv.opencv()
