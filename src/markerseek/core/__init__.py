@@ -20,8 +20,8 @@ from markerseek.core.errors import (
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Floor, Found, IntervalKind, NotFound, Unsure
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
-from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
-from markerseek.core.image import PaImage
+from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
+from markerseek.core.image import PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
@@ -39,6 +39,7 @@ __all__ = [
     "Ambiguous",
     "Asked",
     "AtBound",
+    "BModeFrame",
     "Bool",
     "ChannelFrame",
     "Clock",
@@ -74,6 +75,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "RFFrame",
     "Reader",
     "Reading",
     "ReadingFrame",
@@ -85,6 +87,7 @@ __all__ = [
     "Role",
     "Sample",
     "SaturationError",
+    "ScanGeometry",
     "SearchError",
     "SearchPlan",
     "Stage",

@@ -6,6 +6,7 @@ from .peaks import strongest_peaks
 from .picks import common_wave
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
+from .spare import SpareReader
 
 __all__ = [
     "LEAST_CHANNELS",
@@ -15,6 +16,7 @@ __all__ = [
     "ImageReader",
     "IntensityReader",
     "ProbePreset",
+    "SpareReader",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",

@@ -1,6 +1,6 @@
 """Result of the analysis of one frame: its arrivals, and whether there is a source.
 
-`reader.ImageReader` returns it; `core.Reading` is the short form that a search uses.
+`reader.ImageReader` and `spare.SpareReader` return it; `core.Reading` is the short form that a search uses.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Arrival:
     peak_snr_db
         The intensity over the frame's noise floor in dB; None where there is no noise at all.
     coherence
-        Share of the channels' energy that is in phase, 0 to 1.
+        Share of the channels' energy that is in phase, 0 to 1; None where single channels are not known.
     """
 
     lateral_m: float
@@ -31,7 +31,7 @@ class Arrival:
     arrival_s: float
     intensity: float
     peak_snr_db: float | None
-    coherence: float
+    coherence: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

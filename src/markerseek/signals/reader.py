@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Float32, Float64, Frame, PaImage, Reading
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, image_grid
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
 from markerseek.signals.findings import Arrival, FrameFindings
@@ -67,6 +68,11 @@ class ImageReader:
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._grids: dict[int, tuple[ImageGrid, slice, int]] = {}
+
+    @property
+    def method(self) -> str:
+        """The reconstruction in words, for results."""
+        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -169,24 +175,12 @@ class ImageReader:
         """Grid for records of that length, the rows that count, and the number of cells in them."""
         if samples not in self._grids:
             preset = self.preset
-            metres = preset.sound_speed_m_s / preset.sampling_hz
-            origin = preset.trigger_offset_s * preset.sampling_hz
-            step = preset.depth_step_m
-            near = max(self._low_m, (preset.pickup_samples - origin) * metres, step)
-            far = min(self._high_m, (samples - 1 - origin) * metres)
-            if not far - near >= 3 * step:
-                raise ConfigError(
-                    f"depths {near:.4g} to {far:.4g} m: the record of {samples} samples holds no image there; "
-                    "widen the depth range"
-                )
-            # Rows above and below that the envelope needs; they are not part of the result.
-            above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
-            below = min(ENVELOPE_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
-            count = math.floor((far - near) / step) + 1
-            depth = near + step * np.arange(-above, count + below)
+            depth, rows = image_rows(
+                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
+            )
             grid = image_grid(preset, samples=samples, depth_m=depth)
-            cells = envelope_cells(preset, depth_m=depth[above : above + count], false_found=self._false_found)
-            self._grids[samples] = (grid, slice(above, above + count), cells)
+            cells = envelope_cells(preset, depth_m=depth[rows], false_found=self._false_found)
+            self._grids[samples] = (grid, rows, cells)
         return self._grids[samples]
 
     def _largest(self, chain: _Chain) -> tuple[int, int]:
@@ -196,7 +190,9 @@ class ImageReader:
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
         """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
-        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.grid, place=place)
+        lateral, depth, intensity = refine_peak(
+            partial(beamform_at, chain.signals, self.preset), self.preset, chain.grid, place=place
+        )
         energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
         touching, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
@@ -261,5 +257,5 @@ class ImageReader:
             return f"the largest peak is {ratio:.3g} times the noise, and noise alone reaches {level:.3g} times"
         return (
             f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
-            f"{100 * peak.coherence:.0f} % of it is in phase"
+            f"{100 * (peak.coherence or 0.0):.0f} % of it is in phase"
         )
