@@ -9,7 +9,7 @@ from pathlib import Path
 import hypothesis
 from jaxtyping import install_import_hook
 
-PURE = ("core", "search", "signals", "acoustics", "calibration")
+PURE = ("core", "search", "signals", "acoustics", "calibration", "vision")
 
 # A program started with signals ignored (by nohup, or in the background) would hand that on to those that tests strike.
 for each in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):

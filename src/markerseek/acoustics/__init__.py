@@ -9,6 +9,7 @@ from markerseek.acoustics.laser import GaussianPulse, LaserPulse, RectanglePulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.noise import Bursts, Noise
 from markerseek.acoustics.probe import Probe
+from markerseek.acoustics.pulse_echo import two_way_elevation
 from markerseek.acoustics.source import GaussianAbsorber, Source
 
 __all__ = [
@@ -27,4 +28,5 @@ __all__ = [
     "RectanglePulse",
     "Reverberation",
     "Source",
+    "two_way_elevation",
 ]

@@ -9,7 +9,20 @@ import warnings
 import typer
 
 from markerseek._version import __version__
-from markerseek.cli import bank, calibrate, doctor, emulate, frame, journal, replay, reproduce, resume, search, study
+from markerseek.cli import (
+    bank,
+    calibrate,
+    doctor,
+    emulate,
+    frame,
+    journal,
+    replay,
+    reproduce,
+    resume,
+    search,
+    study,
+    tooltip,
+)
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_json, print_warning
 from markerseek.core import MarkerseekError
@@ -31,7 +44,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (search, replay, resume, frame, calibrate, reproduce, study, emulate, doctor):
+for command in (search, replay, resume, frame, calibrate, tooltip, reproduce, study, emulate, doctor):
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
 app.add_typer(bank.app)
 app.add_typer(journal.app, name=journal.NAME)

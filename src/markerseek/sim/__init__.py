@@ -3,6 +3,7 @@
 It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
 """
 
+from markerseek.sim.bmode import BModeSettings, BModeWorld
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
@@ -19,6 +20,8 @@ from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
 __all__ = [
     "RECEIVER_FAULTS",
     "TISSUES",
+    "BModeSettings",
+    "BModeWorld",
     "CurveWorld",
     "Fault",
     "FaultKind",
