@@ -178,20 +178,23 @@ def test_a_rectangle_outside_of_the_image_or_as_wide_as_it_is_refused():
         Rectangle(row=0, column=0, rows=2, columns=9)
 
 
-def test_a_reading_has_the_tip_s_place_and_the_tissue_s_noise():
+def test_a_reading_has_the_tip_s_place_and_its_amplitude():
     made = world()
     frame = made.frame(None, header=HEADER)
     reading = TipReader().read(frame)
     assert (reading.lateral_m, reading.depth_m) == pytest.approx((2e-3, 50e-3), abs=0.3e-3)
-    # Grey values are turned back: the tip is 30 dB over the root mean square of the speckle, which is σ·sqrt(2).
-    snr_db = 20 * math.log10(reading.intensity / (reading.noise_sigma * math.sqrt(2)))
-    assert snr_db == pytest.approx(BModeSettings().tip_db, abs=1.5)
+    # Grey values are turned back: the tip's level lies as far below white as the settings say.
+    below_white_db = BModeSettings().white_db - BModeSettings().tip_db
+    assert 20 * math.log10(reading.intensity / TipSettings().white) == pytest.approx(-below_white_db, abs=1)
+    assert (reading.noise_sigma, reading.cells) == (None, None)
     assert reading == TipReader().read(frame)
 
 
-def test_a_reading_without_a_tip_is_of_the_size_of_speckle():
-    reading = TipReader().read(world(present=False).frame(None, header=HEADER))
-    assert reading.intensity < 6 * reading.noise_sigma
+def test_without_a_tip_the_intensity_is_that_of_bright_speckle():
+    with_tip, without = (
+        TipReader().read(world(present=present).frame(None, header=HEADER)).intensity for present in (True, False)
+    )
+    assert 15 < 20 * math.log10(with_tip / without) < BModeSettings().tip_db
 
 
 def test_the_reader_takes_b_mode_only_and_settings_are_checked():

@@ -1,5 +1,5 @@
 from .bench_rig import bench
-from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
+from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import preset_of, replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
@@ -9,10 +9,13 @@ from .simulation import USUAL_CELLS, in_world, of_intensities, simulated
 __all__ = [
     "USUAL_CELLS",
     "BenchRecipe",
+    "ReaderRecipe",
     "Recipe",
     "ReplayedRecipe",
     "Rig",
     "SimulatedRecipe",
+    "SpareRecipe",
+    "TipRecipe",
     "bench",
     "draw_scene",
     "fingerprint",

@@ -89,7 +89,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     """
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
-    marker = _draw_marker(settings, rng)
+    marker = draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
     kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
     spot, noise, peak = scaled_spot(kind.draw(marker, rng), marker, settings, model)
@@ -186,8 +186,16 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
     )
 
 
-def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Marker of strength 1; its position is drawn where the settings leave it open."""
+def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
+    """Marker of strength 1; its position is drawn where the settings leave it open.
+
+    Parameters
+    ----------
+    settings
+        The simulated rig.
+    rng
+        Source of randomness.
+    """
     search = settings.limits.search
     # Beyond the ends of the array a marker gives hardly any signal, so that it is drawn within the inner 80 %.
     reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))

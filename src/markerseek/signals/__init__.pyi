@@ -6,11 +6,12 @@ from .peaks import strongest_peaks
 from .picks import common_wave
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
-from .spare import SpareReader
+from .spare import AnyImageReader, SpareReader
 
 __all__ = [
     "LEAST_CHANNELS",
     "PRESET_NAMES",
+    "AnyImageReader",
     "Arrival",
     "FrameFindings",
     "ImageReader",

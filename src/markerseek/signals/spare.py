@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -46,6 +47,7 @@ from markerseek.signals.filtering import band_pass, band_pass_taps
 from markerseek.signals.findings import Arrival, FrameFindings
 from markerseek.signals.peaks import refine_peak
 from markerseek.signals.presets import ProbePreset
+from markerseek.signals.reader import ImageReader
 
 FULL_SCALE = 32767
 """Largest count of an RF line."""
@@ -259,3 +261,7 @@ class SpareReader:
         # As 32 bits, because the magnitude of -32768 does not fit in 16.
         largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
         return tuple(int(line) for line in used[largest >= FULL_SCALE])
+
+
+AnyImageReader: TypeAlias = ImageReader | SpareReader
+"""The imaging chain of a rig: of channel data, or of RF lines."""

@@ -10,6 +10,7 @@ from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
+from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.sim.settings import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
@@ -33,6 +34,7 @@ __all__ = [
     "MarkerSettings",
     "NoiseSettings",
     "PowerCurve",
+    "RFWorld",
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
@@ -49,5 +51,6 @@ __all__ = [
     "World",
     "flash_of",
     "largest_noise",
+    "post_beamformed",
     "tissue_named",
 ]

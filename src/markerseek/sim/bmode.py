@@ -167,7 +167,8 @@ class BModeWorld:
         self._slice = lru_cache(maxsize=64)(self._drawn_slice)
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """No light is needed for B-mode, and none is recorded."""
+        """Take so many images; there is no light, and the energy is 0."""
+        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=0.0))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> BModeFrame:
         """B-mode image at the present angle, the mean of as many images as the header counts pulses."""
@@ -213,7 +214,8 @@ class BModeWorld:
         field = np.zeros(self._settings.shape, np.complex128)
         for column, number in enumerate(numbers):
             field += by_row[:, column, None] * self._slice(number)
-        return field * self._layers()[:, None]
+        field *= self._layers()[:, None]
+        return field
 
     def _nodes_m(self) -> Float64[np.ndarray, " nodes"]:
         radius_m = self._radius_m()

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from markerseek.core import AcquisitionError, BModeFrame, Frame, Reading, require_range
-from markerseek.vision.tooltip import LEAST_PX, Rectangle, brightest_blob, find_tip
-
-_RAYLEIGH_MEAN_DB = 10 * math.log10(2) - 10 * 0.5772156649 / math.log(10)
-"""Mean of 20·log10 of a Rayleigh variable of parameter σ = 1, in dB: fully developed speckle under a logarithm."""
-
-_CELL_M2 = 0.28e-3 * 0.6e-3
-"""Area of one speckle cell in square metres: a pulse of 0.28 mm by a beam of 0.6 mm."""
+from markerseek.vision.tooltip import Rectangle, brightest_blob, find_tip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +42,9 @@ class TipSettings:
 class TipReader:
     """Reads the echo of an instrument's tip from B-mode frames; nothing here is photoacoustic.
 
-    Grey values are turned back into amplitudes, because speckle then has the distribution of noise (Rayleigh) that the
-    search methods assume: the tissue beside the tip is the noise, and the tip's amplitude is the intensity.
+    Grey values are turned back into amplitudes, which a search compares as ratios. The noise stays unknown: what is
+    seen without a tip is the brightest speckle, whose distribution is not that of noise in a photoacoustic image; the
+    search methods then estimate the floor from the intensities themselves.
 
     Parameters
     ----------
@@ -78,17 +72,13 @@ class TipReader:
         geometry = frame.geometry
         pixel_m = (geometry.depth_step_m, geometry.lateral_step_m)
         # No state from frame to frame: a replay must read each frame as the run did.
-        rectangle, _ = brightest_blob(frame.pixels, pixel_m=pixel_m, inside=self.settings.part())
+        rectangle, top = brightest_blob(frame.pixels, pixel_m=pixel_m, inside=self.settings.part())
         tip = find_tip(frame.pixels, rectangle, pixel_m=pixel_m)
         lateral_m, depth_m = geometry.position_m(row=tip.row, column=tip.column)
-        grey = tip.intensity if tip.area_px >= LEAST_PX else tip.tissue_mean
-        cells = frame.pixels.size * pixel_m[0] * pixel_m[1] / _CELL_M2
         return Reading(
-            intensity=self._amplitude(grey),
+            intensity=self._amplitude(tip.intensity if tip.visible else top),
             lateral_m=lateral_m,
             depth_m=depth_m,
-            noise_sigma=self._amplitude(tip.tissue_mean) / 10 ** (_RAYLEIGH_MEAN_DB / 20),
-            cells=max(1, round(cells)),
         )
 
     def _amplitude(self, grey: float) -> float:
