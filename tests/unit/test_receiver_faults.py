@@ -61,7 +61,7 @@ def test_channel_data_has_no_intensity_to_change() -> None:
         def acquire(self, permit: Permit) -> Frame:
             return ChannelFrame(header=HEADER, samples=np.zeros((2, 4), np.int16), sampling_hz=4e7)
 
-    with pytest.raises(AcquisitionError, match="the frame holds channel data"):
+    with pytest.raises(AcquisitionError, match="a ChannelFrame has none"):
         FaultyReceiver(Channels(), RECEIVER_FAULTS["dead"]).acquire(PERMIT)
 
 

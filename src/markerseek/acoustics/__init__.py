@@ -9,6 +9,7 @@ from markerseek.acoustics.laser import GaussianPulse, LaserPulse, RectanglePulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.noise import Bursts, Noise
 from markerseek.acoustics.probe import Probe
+from markerseek.acoustics.pulse_echo import two_way_elevation
 from markerseek.acoustics.source import GaussianAbsorber, Source
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "Reverberation",
     "Source",
     "centroid_m",
+    "two_way_elevation",
 ]

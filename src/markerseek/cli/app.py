@@ -24,6 +24,7 @@ from markerseek.cli import (
     ros2,
     search,
     study,
+    tooltip,
 )
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_json, print_warning
@@ -45,7 +46,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (search, page, replay, resume, frame, calibrate, register, reproduce, study, emulate, doctor):
+_COMMANDS = (
+    search,
+    page,
+    replay,
+    resume,
+    frame,
+    calibrate,
+    register,
+    tooltip,
+    reproduce,
+    study,
+    emulate,
+    doctor,
+)
+for command in _COMMANDS:
     app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
 app.add_typer(bank.app)
 app.add_typer(ros2.app)

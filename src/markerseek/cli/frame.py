@@ -15,13 +15,15 @@ from markerseek.cli.terminal import announce_compilation, picture_folder, print_
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
-    from markerseek.signals import FrameFindings
+    from markerseek.core import ChannelFrame, RFFrame
+    from markerseek.signals import FrameFindings, ImageReader, SpareReader
 
 NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
     "  markerseek frame bmode.b8 --number 5 --plot\n\n"
+    "  markerseek frame pa.rf --spare --plot\n\n"
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
 )
 
@@ -46,11 +48,12 @@ class FrameReport(msgspec.Struct, frozen=True, kw_only=True):
     arrival_s: float
     intensity: float
     peak_snr_db: float | None
-    coherence: float
+    coherence: float | None
     saturated_channels: int
     dead_channels: int
     others: list[OtherArrival]
     probe: str
+    method: str
     version: str = __version__
 
 
@@ -59,7 +62,7 @@ def command(
         Path,
         typer.Argument(
             help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set; "
-            "or an Ultrasonix .b8 or .rf, which is described and drawn."
+            "or an Ultrasonix .b8 or .rf, which is described and drawn, and with --spare an .rf is searched too."
         ),
     ],
     probe: Annotated[
@@ -72,6 +75,13 @@ def command(
     min_depth_mm: Annotated[float | None, typer.Option(help="Smallest depth of a source.")] = None,
     max_depth_mm: Annotated[float | None, typer.Option(help="Largest depth of a source.")] = None,
     number: Annotated[int, typer.Option(min=1, help="Which frame of an Ultrasonix file, counted from 1.")] = 1,
+    spare: Annotated[
+        bool, typer.Option("--spare", help="Find a source in an .rf by SPARE: its lines are focused again, one way.")
+    ] = False,
+    receive_focus_mm: Annotated[
+        float | None,
+        typer.Option(help="Depth of a fixed receive focus, with --spare.", show_default="dynamic focus"),
+    ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
@@ -79,38 +89,55 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.ultrasonix import show_ultrasonix
+    from markerseek.cli.ultrasonix import open_for_spare, show_ultrasonix
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
     from markerseek.signals import ImageReader, probe_preset
 
     folder = picture_folder(out, plot=plot)
-    if file.suffix.lower() in ULTRASONIX_SUFFIXES:
+    _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
+    if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
         _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm)
         show_ultrasonix(file, number=number, plot=plot, out=folder, as_json=as_json)
         return
-    if number != 1:
+    if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
     probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
     for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
         if value is not None and not 0 <= value <= _MOST_MM:
             raise ConfigError(f"{option} is {value:g}, it must lie between 0 and {_MOST_MM:g} mm")
-    reader = ImageReader(probe_preset(probe), min_depth_m=_metres(min_depth_mm), max_depth_m=_metres(max_depth_mm))
-    frame = load_frame(file)
+    reader: ImageReader | SpareReader
+    frame: ChannelFrame | RFFrame
+    low_m, high_m = _metres(min_depth_mm), _metres(max_depth_mm)
+    if spare:
+        focus_m = _metres(receive_focus_mm)
+        reader, frame = open_for_spare(
+            file, number=number, probe=probe, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m
+        )
+    else:
+        reader, frame = ImageReader(probe_preset(probe), min_depth_m=low_m, max_depth_m=high_m), load_frame(file)
     announce_compilation()
     try:
         findings = reader.findings(frame)
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
     if as_json:
-        print_json(_report(findings, probe))
+        print_json(_report(findings, probe, method=reader.method))
     else:
         _print_table(findings, file, probe)
     if plot:
         path = folder / f"{file.stem if file.is_file() else file.name}.png"
-        _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}")
+        _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}, {reader.method}")
         (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)
+
+
+def _require_spare(file: Path, *, spare: bool, receive_focus_mm: float | None) -> None:
+    """Refuse --spare where there are no lines, and its option without it."""
+    if receive_focus_mm is not None and not spare:
+        raise ConfigError(f"--receive-focus-mm is {receive_focus_mm:g}, and only --spare uses it; leave it out")
+    if spare and file.suffix.lower() != ".rf":
+        raise ConfigError(f"--spare: {file} is no .rf; it needs lines that a machine has beamformed")
 
 
 def _require_none(**given: object) -> None:
@@ -125,7 +152,7 @@ def _metres(value_mm: float | None) -> float | None:
     return None if value_mm is None else value_mm / 1e3
 
 
-def _report(findings: FrameFindings, probe: str) -> FrameReport:
+def _report(findings: FrameFindings, probe: str, *, method: str) -> FrameReport:
     strongest = findings.strongest
     return FrameReport(
         found=findings.found,
@@ -143,6 +170,7 @@ def _report(findings: FrameFindings, probe: str) -> FrameReport:
             for each in findings.others
         ],
         probe=probe,
+        method=method,
     )
 
 
@@ -161,7 +189,7 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
                 f"{1e6 * each.arrival_s:.2f}",
                 f"{each.intensity:.4g}",
                 "–" if (snr_db := findings.peak_snr_db(each)) is None else f"{snr_db:.1f}",
-                f"{each.coherence:.2f}",
+                "–" if each.coherence is None else f"{each.coherence:.2f}",
             )
         stdout.print(table)
     if findings.saturated_channels:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from markerseek.drivers import BenchSettings
     from markerseek.records import Recorder
     from markerseek.records.journal import RecordedRun
-    from markerseek.signals import ImageReader
+    from markerseek.signals import AnyImageReader
 
 NAME = "resume"
 EXAMPLES = (
@@ -124,7 +124,7 @@ def _resume(
     reset_fault: bool,
     as_json: bool,
     stream: StreamOptions,
-) -> tuple[Recorder, ImageReader | None]:
+) -> tuple[Recorder, AnyImageReader | None]:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.open_rig import person
     from markerseek.cli.session import closed_at_end, run_session
@@ -188,10 +188,10 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
         stdout.print(escape(line))
 
 
-def _imaging(held: RecordedRun) -> ImageReader | None:
+def _imaging(held: RecordedRun) -> AnyImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
     from markerseek.runs import rebuild_reader
-    from markerseek.signals import ImageReader
+    from markerseek.signals import ImageReader, SpareReader
 
     reader = rebuild_reader(held.configuration)
-    return reader if isinstance(reader, ImageReader) else None
+    return reader if isinstance(reader, ImageReader | SpareReader) else None

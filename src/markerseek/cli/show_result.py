@@ -17,7 +17,7 @@ from markerseek.core import Floor, OtherSource, PaImage, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
-from markerseek.signals import ImageReader
+from markerseek.signals import AnyImageReader
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
@@ -137,7 +137,7 @@ def conclude(
     configuration: Configuration,
     output: Output,
     *,
-    imaging: ImageReader | None,
+    imaging: AnyImageReader | None,
     journal: Journal | None = None,
 ) -> NoReturn:
     """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
@@ -179,7 +179,7 @@ def _print_table(result: SearchResult, *, title: str) -> None:
 
 
 def _draw(
-    recorder: Recorder, result: SearchResult, title: str, imaging: ImageReader | None, stem: Path
+    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path
 ) -> tuple[Path, ...]:
     """Write picture and page; returns their paths, none if nothing was measured."""
     from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
@@ -239,7 +239,7 @@ def _rows(result: SearchResult) -> list[tuple[str, ...]]:
     return [row if placed else row[:3] for row in rows]
 
 
-def _image(imaging: ImageReader | None, sample: Sample) -> PaImage | None:
+def _image(imaging: AnyImageReader | None, sample: Sample) -> PaImage | None:
     """Image of the frame of a sample, where there is one."""
     if imaging is None or sample.frame is None:
         return None

@@ -1,10 +1,11 @@
 """Describes and draws Ultrasonix files for ``markerseek frame``.
 
-They contain beamformed data without single channels, so that no source can be searched in them.
+They contain beamformed data without single channels; a source is looked for in lines of radio frequency only (SPARE).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,9 +16,11 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.core import ConfigError, FrameHeader, LinearArray, RecordError, RFFrame
 
 if TYPE_CHECKING:
     from markerseek.records.banks import UltrasonixFile
+    from markerseek.signals import SpareReader
 
 
 class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,10 +87,55 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
         (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(picture))}")
 
 
+def open_for_spare(
+    path: Path,
+    *,
+    number: int,
+    probe: str,
+    receive_focus_m: float | None,
+    min_depth_m: float | None,
+    max_depth_m: float | None,
+) -> tuple[SpareReader, RFFrame]:
+    """Reader for the lines of an ``.rf`` file, and one of its frames.
+
+    Parameters
+    ----------
+    path
+        The file. Its header gives the sampling frequency, and how many lines cover the probe.
+    number
+        Number of the frame, counted from 1.
+    probe
+        Preset with the probe's length and band.
+    receive_focus_m, min_depth_m, max_depth_m
+        As of `markerseek.signals.SpareReader`.
+    """
+    from markerseek.records.banks import open_ultrasonix
+    from markerseek.signals import SpareReader, probe_preset
+
+    file = open_ultrasonix(path)
+    header = file.header
+    preset = probe_preset(probe)
+    width_m = preset.array.elements * preset.array.pitch_m
+    # Some exports leave the density out; then all lines of the file cover the probe.
+    pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
+    try:
+        lines = LinearArray(elements=header.width, pitch_m=pitch_m)
+        preset = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
+    except ConfigError as problem:
+        raise RecordError(f"{path}: the lines in its header do not fit probe {probe}: {problem}") from problem
+    no_header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    frame = RFFrame(header=no_header, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
+    reader = SpareReader(preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m)
+    return reader, frame
+
+
 def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
     b_mode = report.content == "b-mode"
     what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
-    stdout.print(f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for")
+    stdout.print(
+        f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for"
+        + ("" if b_mode else "; --spare looks for one")
+    )
     size = f"{report.width} × {report.height} pixels" if b_mode else f"{report.width} lines of {report.height} samples"
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_row("[dim]frames[/]", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else ""))

@@ -32,8 +32,8 @@ from markerseek.core.estimate import (
 )
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
-from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
-from markerseek.core.image import PaImage
+from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
+from markerseek.core.image import PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.number import is_finite, is_whole
@@ -61,6 +61,7 @@ __all__ = [
     "Arrival",
     "Asked",
     "AtBound",
+    "BModeFrame",
     "Bool",
     "ChannelFrame",
     "Clock",
@@ -100,6 +101,7 @@ __all__ = [
     "PaImage",
     "Permit",
     "Policy",
+    "RFFrame",
     "Reader",
     "Reading",
     "ReadingError",
@@ -112,6 +114,7 @@ __all__ = [
     "Role",
     "Sample",
     "SaturationError",
+    "ScanGeometry",
     "SearchError",
     "SearchPlan",
     "Stage",

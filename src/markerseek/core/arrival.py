@@ -30,19 +30,19 @@ class Arrival:
     intensity
         Its envelope, in the frame's unit.
     coherence
-        Share of the channels' energy that is in phase, 0 to 1.
+        Share of the channels' energy that is in phase, 0 to 1; None where single channels are not known.
     """
 
     lateral_m: float
     depth_m: float
     arrival_s: float
     intensity: float
-    coherence: float
+    coherence: float | None
 
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if not is_finite(value):
+            if value is not None and not is_finite(value):
                 raise ConfigError(f"arrival: {each.name} is {value}, it must be finite")
 
 

@@ -1,4 +1,4 @@
-"""Frames: the data of one acquisition, as channel data or as one intensity, with a header."""
+"""Frames: the data of one acquisition (channels, beamformed lines, a B-mode image, or one intensity), with a header."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek.core.errors import ConfigError
-from markerseek.core.shapes import CHECKED, Int16
+from markerseek.core.image import ScanGeometry
+from markerseek.core.shapes import CHECKED, Int16, UInt8
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -64,13 +65,65 @@ class ChannelFrame:
 
     def __post_init__(self) -> None:
         # At run time too: the samples come from drivers and files that other people write.
-        if self.samples.ndim != 2 or self.samples.dtype != "int16":
+        _require_samples("channel frame", "channels", self.samples, self.sampling_hz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RFFrame:
+    """Lines that an ultrasound machine has beamformed for pulse-echo imaging, before the envelope (post-beamformed RF).
+
+    Attributes
+    ----------
+    header
+        See `FrameHeader`.
+    samples
+        Counts, shape (lines, samples); line 0 is at the first element. Sample 0 is the machine's time of transmission.
+    sampling_hz
+        Sampling frequency in Hz.
+    """
+
+    header: FrameHeader
+    samples: Int16[np.ndarray, "lines samples"]
+    sampling_hz: float
+
+    def __post_init__(self) -> None:
+        _require_samples("RF frame", "lines", self.samples, self.sampling_hz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BModeFrame:
+    """B-mode image, as a machine shows it: grey values of the compressed envelope.
+
+    Attributes
+    ----------
+    header
+        See `FrameHeader`; ``pulses`` counts the images that were averaged.
+    pixels
+        Grey values, shape (rows, columns); row 0 is the shallowest.
+    geometry
+        Where the pixels are.
+    """
+
+    header: FrameHeader
+    pixels: UInt8[np.ndarray, "rows columns"]
+    geometry: ScanGeometry
+
+    def __post_init__(self) -> None:
+        if self.pixels.ndim != 2 or self.pixels.dtype != "uint8":
             raise ConfigError(
-                f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, "
-                "they must be int16 of shape (channels, samples)"
+                f"B-mode frame: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
+                "they must be uint8 of shape (rows, columns)"
             )
-        if not 0 < self.sampling_hz < math.inf:
-            raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
+
+
+def _require_samples(name: str, rows: str, samples: np.ndarray, sampling_hz: float) -> None:
+    if samples.ndim != 2 or samples.dtype != "int16":
+        raise ConfigError(
+            f"{name}: samples are {samples.dtype} of shape {samples.shape}, they must be int16 of shape "
+            f"({rows}, samples)"
+        )
+    if not 0 < sampling_hz < math.inf:
+        raise ConfigError(f"{name}: sampling_hz is {sampling_hz} Hz, it must be positive and finite")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,5 +146,5 @@ class ReadingFrame:
     cells: int | None = None
 
 
-Frame: TypeAlias = ChannelFrame | ReadingFrame
-"""Any frame; B-mode and radio-frequency frames join here with their readers."""
+Frame: TypeAlias = ChannelFrame | RFFrame | BModeFrame | ReadingFrame
+"""Any frame; each kind has a reader of its own."""

@@ -1,10 +1,13 @@
-"""A photoacoustic image: output of the imaging chain, input of pictures and exports."""
+"""A photoacoustic image, and where the pixels of an image are."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from markerseek.core.errors import ConfigError
+from markerseek.core.number import is_finite
 from markerseek.core.shapes import CHECKED, Float32, Float64
 
 if TYPE_CHECKING or CHECKED:
@@ -26,3 +29,69 @@ class PaImage:
     envelope: Float32[np.ndarray, "depths laterals"]
     lateral_m: Float64[np.ndarray, " laterals"]
     depth_m: Float64[np.ndarray, " depths"]
+
+    @property
+    def geometry(self) -> ScanGeometry:
+        """Where its pixels are."""
+        return ScanGeometry(
+            first_lateral_m=float(self.lateral_m[0]),
+            lateral_step_m=float(self.lateral_m[-1] - self.lateral_m[0]) / max(1, len(self.lateral_m) - 1),
+            first_depth_m=float(self.depth_m[0]),
+            depth_step_m=float(self.depth_m[-1] - self.depth_m[0]) / max(1, len(self.depth_m) - 1),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanGeometry:
+    """Where the pixels of an image are: the one rule by which B-mode and photoacoustic images are put over each other.
+
+    Lateral positions count along the array from its centre, depths from its face. Row and column numbers may be
+    fractions; pixel 0 is centred on the first position.
+
+    Attributes
+    ----------
+    first_lateral_m, first_depth_m
+        Position of pixel (0, 0) in metres.
+    lateral_step_m, depth_step_m
+        Distance from one column, and from one row, to the next in metres.
+
+    Raises
+    ------
+    ConfigError
+        If a position is not finite, or a step not positive.
+    """
+
+    first_lateral_m: float
+    lateral_step_m: float
+    first_depth_m: float
+    depth_step_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("first_lateral_m", "first_depth_m"):
+            if not is_finite(getattr(self, name)):
+                raise ConfigError(f"scan geometry: {name} is {getattr(self, name)} m, it must be finite")
+        for name in ("lateral_step_m", "depth_step_m"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ConfigError(
+                    f"scan geometry: {name} is {getattr(self, name)} m, it must be positive; 0.1 mm is usual"
+                )
+
+    def position_m(self, *, row: float, column: float) -> tuple[float, float]:
+        """Lateral position and depth of a pixel, in metres."""
+        return (
+            self.first_lateral_m + column * self.lateral_step_m,
+            self.first_depth_m + row * self.depth_step_m,
+        )
+
+    def pixel(self, *, lateral_m: float, depth_m: float) -> tuple[float, float]:
+        """Row and column of a position in metres, as fractions."""
+        return (
+            (depth_m - self.first_depth_m) / self.depth_step_m,
+            (lateral_m - self.first_lateral_m) / self.lateral_step_m,
+        )
+
+    def edges_mm(self, rows: int, columns: int) -> tuple[float, float, float, float]:
+        """Outer edges of an image in millimetres: left, right, bottom (deepest), top."""
+        left, top = self.position_m(row=-0.5, column=-0.5)
+        right, bottom = self.position_m(row=rows - 0.5, column=columns - 0.5)
+        return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top

@@ -9,11 +9,14 @@ import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
+    BModeFrame,
     ChannelFrame,
     ConfigError,
     Frame,
     Permit,
     Reading,
+    ReadingFrame,
+    RFFrame,
     SaturationError,
     is_finite,
     require_range,
@@ -88,10 +91,8 @@ class Admission:
             raise AcquisitionError("the frame carries no readback of the angle; the scanner must add it")
         moved_deg = abs(header.angle_after_deg - header.angle_before_deg)
         if not moved_deg <= self.settled_deg:
-            raise AcquisitionError(
-                f"the probe moved by {moved_deg:.3f} deg during the acquisition, the limit is {self.settled_deg} deg; "
-                "let it settle"
-            )
+            why = f"the probe moved by {moved_deg:.3f} deg during the acquisition, the limit is {self.settled_deg} deg"
+            raise AcquisitionError(f"{why}; let it settle")
         if not issued_s <= header.started_s <= header.ended_s <= now_s <= header.ended_s + self.age_s:
             raise AcquisitionError(
                 f"stale frame: taken from {header.started_s:.3f} to {header.ended_s:.3f} s, permitted at "
@@ -118,23 +119,19 @@ class Admission:
                 raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
+            why = f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of"
             raise AcquisitionError(
-                f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of "
-                f"{self.noise_ratio:g}; take it again, and look for what disturbs the receiver"
+                f"{why} {self.noise_ratio:g}; take it again, and look for what disturbs the receiver"
             )
         saturated = reading.saturated_fraction
         if saturated is not None and not saturated <= self.saturated_limit:
-            raise SaturationError(
-                f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is "
-                f"{self.saturated_limit:.0%}; reduce the gain or the laser's energy"
-            )
-        if isinstance(frame, ChannelFrame):
+            why = f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is"
+            raise SaturationError(f"{why} {self.saturated_limit:.0%}; reduce the gain or the laser's energy")
+        if isinstance(frame, ChannelFrame | RFFrame):
             dead, channels = len(reading.dead_channels), frame.samples.shape[0]
             if not dead <= self.dead_limit * channels:
-                raise AcquisitionError(
-                    f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}; "
-                    "check the probe's connector"
-                )
+                why = f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}"
+                raise AcquisitionError(f"{why}; check the probe's connector")
 
     def source_in_dark(self, reading: Reading) -> str | None:
         """Message that a dark frame holds a source; None if noise alone can explain it, or is not known.
@@ -156,14 +153,17 @@ class Admission:
 
 def _shape(frame: Frame) -> str:
     """Text of what must not change within a run."""
-    if isinstance(frame, ChannelFrame):
-        return f"of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
-    return "a number"
+    if isinstance(frame, ReadingFrame):
+        return "a number"
+    if isinstance(frame, BModeFrame):
+        return f"a B-mode image of shape {frame.pixels.shape}, {frame.geometry}"
+    return f"{'RF lines ' * isinstance(frame, RFFrame)}of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
 
 
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether the data are not new; `previous` is of the same kind and shape."""
-    if isinstance(frame, ChannelFrame):
-        data, before = frame.samples.ravel(), getattr(previous, "samples", None)
-        return not np.any(data != data[:1]) or (before is not None and np.array_equal(frame.samples, before))
-    return frame.intensity in (0, getattr(previous, "intensity", None))
+    if isinstance(frame, ReadingFrame):
+        return frame.intensity in (0, getattr(previous, "intensity", None))
+    name = "pixels" if isinstance(frame, BModeFrame) else "samples"
+    data, before = getattr(frame, name).ravel(), getattr(previous, name, None)
+    return not np.any(data != data[:1]) or (before is not None and np.array_equal(data, before.ravel()))

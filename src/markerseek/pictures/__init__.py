@@ -8,9 +8,11 @@ from markerseek.pictures.page import write_from_template, write_page
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
+from markerseek.pictures.tip_picture import TipImage, tip_figure
 
 __all__ = [
     "ERROR_BARS",
+    "TipImage",
     "b_mode_figure",
     "bank_figure",
     "frame_figure",
@@ -25,6 +27,7 @@ __all__ = [
     "save_svg",
     "search_figure",
     "shared_legend",
+    "tip_figure",
     "write_from_template",
     "write_page",
 ]

@@ -1,5 +1,5 @@
 from .bench_rig import BenchPart, bench, bench_part
-from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
+from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import preset_of, replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
@@ -10,11 +10,14 @@ __all__ = [
     "USUAL_CELLS",
     "BenchPart",
     "BenchRecipe",
+    "ReaderRecipe",
     "Recipe",
     "ReplayedRecipe",
     "Rig",
     "Scene",
     "SimulatedRecipe",
+    "SpareRecipe",
+    "TipRecipe",
     "bench",
     "bench_part",
     "draw_scene",

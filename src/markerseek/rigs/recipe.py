@@ -10,7 +10,9 @@ from markerseek.core import ConfigError, RecordError
 from markerseek.drivers import BenchSettings
 from markerseek.files import convert_settings
 from markerseek.records.banks import DEFAULT_FORMAT, TableFormat
+from markerseek.signals import ProbePreset
 from markerseek.sim import SimulatedSettings
+from markerseek.vision import TipSettings
 
 
 class SimulatedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="simulated"):
@@ -57,3 +59,20 @@ class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
 
 Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
 """Recipe of any kind of rig."""
+
+
+class SpareRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="spare"):
+    """Arguments of `markerseek.signals.SpareReader`."""
+
+    preset: ProbePreset
+    receive_focus_m: float | None
+
+
+class TipRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="tooltip"):
+    """Arguments of `markerseek.vision.TipReader`."""
+
+    settings: TipSettings
+
+
+ReaderRecipe: TypeAlias = ProbePreset | SpareRecipe | TipRecipe | None
+"""What a journal holds of a rig's reader; a preset stands for channel data, None for intensities."""

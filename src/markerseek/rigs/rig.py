@@ -15,8 +15,9 @@ from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
-from markerseek.signals import ImageReader
+from markerseek.signals import AnyImageReader
 from markerseek.sim import SimulatedSettings
+from markerseek.vision import TipSettings
 
 
 class Checkpointed(Protocol):
@@ -52,13 +53,15 @@ class Rig:
     scanner
         Measures with them.
     imaging
-        Imaging chain of its channel data; None where there are intensities only.
+        Imaging chain of its channel data or RF lines; None where there are intensities only, or B-mode images.
     dark_frames
         Number of dark frames at the start of a search; 0 if the rig cannot take any.
     closing_dark
         Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices.
     distinct_angles
         Number of angles that can be measured; None if any angle can.
+    tip
+        How its B-mode images are read; None where it gives other frames.
     recipe
         Arguments to make the same rig again; None if unknown.
     world
@@ -72,10 +75,11 @@ class Rig:
     laser: Laser
     receiver: Receiver
     scanner: Scanner
-    imaging: ImageReader | None
+    imaging: AnyImageReader | None
     dark_frames: int
     distinct_angles: int | None = None
     closing_dark: bool = False
+    tip: TipSettings | None = None
     recipe: Recipe | None = None
     world: Checkpointed | None = None
     devices: Devices | None = None
@@ -108,7 +112,7 @@ class Rig:
         return self.facts.kind == "simulated"
 
 
-def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
+def with_probe(facts: RigFacts, imaging: AnyImageReader | None) -> RigFacts:
     """The facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
     if imaging is None:
         return facts

@@ -122,7 +122,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     """
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
-    marker = _draw_marker(settings, rng)
+    marker = draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
     spot = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
     return scene_of(replace(material, spot=spot), marker, settings, model, rng)
@@ -268,8 +268,16 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
     )
 
 
-def _draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Marker of strength 1; its position is drawn where the settings leave it open."""
+def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
+    """Marker of strength 1; its position is drawn where the settings leave it open.
+
+    Parameters
+    ----------
+    settings
+        The simulated rig.
+    rng
+        Source of randomness.
+    """
     search = settings.limits.search
     # Beyond the ends of the array a marker gives hardly any signal, so that it is drawn within the inner 80 %.
     reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))

@@ -6,6 +6,7 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import SupportsFloat, SupportsIndex
 
@@ -17,12 +18,14 @@ from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.rigs.rig_file import read_rig_file
-from markerseek.rigs.scene import draw_scene, image_reader
+from markerseek.rigs.scene import draw_marker, draw_scene, image_reader
 from markerseek.scan import Scanner
-from markerseek.signals import ImageReader, IntensityReader
+from markerseek.signals import AnyImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.sim import (
+    BModeWorld,
     CurveWorld,
     IntensityCurve,
+    RFWorld,
     SimulatedLaser,
     SimulatedReceiver,
     SimulatedSettings,
@@ -32,6 +35,7 @@ from markerseek.sim import (
     VirtualClock,
     World,
 )
+from markerseek.vision import TipReader, TipSettings
 
 LEAST_NOISE_COUNTS = 0.25
 """Least noise of a simulated channel in counts that survives rounding by the converter."""
@@ -82,6 +86,8 @@ def simulated(
     if marker_deg is not None:
         settings = replace(settings, marker=replace(settings.marker, angle_deg=float(marker_deg)))
     rng = np.random.default_rng(seed)
+    if settings.receiver.data == "b-mode":
+        return _tip_rig(seed, settings, pace=pace, rng=rng)
     scene = draw_scene(settings, rng)
     step = math.hypot(scene.noise.white_sigma, scene.noise.coloured_sigma)
     if not step >= LEAST_NOISE_COUNTS:
@@ -101,19 +107,62 @@ def simulated(
         rng=rng,
     )
     # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
-    imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
+    imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
+    seen: SimulatedWorld = world
+    description = f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}"
+    if settings.receiver.data == "rf":
+        focus_m = settings.receiver.receive_focus_m
+        seen, imaging = RFWorld(world=world, receive_focus_m=focus_m), _spare_reader(imaging.preset, focus_m)
+        description += f", {imaging.method}"
     return in_world(
-        world,
+        seen,
         settings,
         clock=VirtualClock(pace=pace, beat=beat),
         reader=imaging,
         imaging=imaging,
-        description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
+        description=description,
         seed=seed,
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
         rng=rng,
         recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
     )
+
+
+@lru_cache(maxsize=4)
+def _spare_reader(preset: ProbePreset, receive_focus_m: float | None) -> SpareReader:
+    """The reader of a machine's lines; cached, because its tables are expensive to compute."""
+    return SpareReader(preset, receive_focus_m=receive_focus_m)
+
+
+def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.random.Generator) -> Rig:
+    """A rig in B-mode: the tip of an instrument is where the settings put the marker."""
+    marker = draw_marker(settings, rng)
+    world = BModeWorld(
+        settings=settings.b_mode,
+        probe=settings.probe,
+        tip_deg=marker.angle_deg,
+        tip_radius_m=marker.radius_m,
+        tip_lateral_m=marker.lateral_m,
+        present=settings.marker.present,
+        start_deg=settings.start_deg,
+        rng=rng,
+    )
+    tip = TipSettings(dynamic_range_db=settings.b_mode.dynamic_range_db)
+    reader = TipReader(tip)
+    rig = in_world(
+        world,
+        settings,
+        clock=VirtualClock(pace=pace),
+        reader=reader,
+        imaging=None,
+        description=f"tool tip on simulated tissue, {reader.method}, seed {seed}",
+        seed=seed,
+        truth_deg=marker.angle_deg if settings.marker.present else None,
+        rng=rng,
+        recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
+    )
+    # The tip echoes without light too: there are no dark frames, and the noise is the tissue beside it.
+    return replace(rig, dark_frames=0, tip=tip)
 
 
 def of_intensities(
@@ -192,7 +241,7 @@ def in_world(
     *,
     clock: VirtualClock,
     reader: Reader,
-    imaging: ImageReader | None,
+    imaging: AnyImageReader | None,
     description: str,
     truth_deg: float | None,
     seed: int | None = None,

@@ -69,7 +69,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
             clock_zero_unix_s=_clock_zero_unix_s(held),
         ),
     )
-    # A bank of frames needs one at every angle.
+    # A bank of frames needs channel data at every angle; of other frames only the intensities are taken.
     if not all(isinstance(each.frame, ChannelFrame) for each in lit):
         return bank
     dark = tuple(each for each in samples if each.dark and isinstance(each.frame, ChannelFrame))

@@ -68,7 +68,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     """
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     if len(frames) < len(samples) or not frames:
-        raise RecordError("calibration needs the channel data of a scan, and this one holds intensities only")
+        raise RecordError("calibration needs the channel data of a scan, and this one holds none at some angles")
     # Clipped samples shift the peak of the wave, and so every time that is fitted.
     require_peak(samples, saturated_limit=Admission().saturated_limit)
     readings = [sample.reading for sample in samples]

@@ -10,8 +10,9 @@ import msgspec
 from markerseek.core import Clock, Event, Failed, Measured, Policy, Refused, SearchPlan, Started
 from markerseek.records.journal import Configuration, Journal
 from markerseek.records.stream import EventStream
-from markerseek.rigs import Rig
+from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
 from markerseek.scan import AnyScanner, RunLimits, run
+from markerseek.signals import SpareReader
 
 _RUN_LIMITS = RunLimits()
 
@@ -28,8 +29,16 @@ def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
         plan=plan,
         facts=rig.facts,
         recipe=msgspec.Raw(msgspec.json.encode(rig.recipe)),
-        imaging=msgspec.Raw(msgspec.json.encode(None if rig.imaging is None else rig.imaging.preset)),
+        imaging=msgspec.Raw(msgspec.json.encode(_reader_recipe(rig))),
     )
+
+
+def _reader_recipe(rig: Rig) -> ReaderRecipe:
+    if rig.tip is not None:
+        return TipRecipe(settings=rig.tip)
+    if isinstance(rig.imaging, SpareReader):
+        return SpareRecipe(preset=rig.imaging.preset, receive_focus_m=rig.imaging.receive_focus_m)
+    return None if rig.imaging is None else rig.imaging.preset
 
 
 def run_plan(

@@ -9,10 +9,22 @@ import msgspec
 from markerseek.core import ConfigError, ConfirmablePolicy, Measured, Policy, Reader, RecordError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, RecordedRun
-from markerseek.rigs import BenchRecipe, Recipe, ReplayedRecipe, Rig, SimulatedRecipe, replayed, simulated
+from markerseek.rigs import (
+    BenchRecipe,
+    ReaderRecipe,
+    Recipe,
+    ReplayedRecipe,
+    Rig,
+    SimulatedRecipe,
+    SpareRecipe,
+    TipRecipe,
+    replayed,
+    simulated,
+)
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
-from markerseek.signals import ImageReader, IntensityReader, ProbePreset
+from markerseek.signals import ImageReader, IntensityReader, ProbePreset, SpareReader
+from markerseek.vision import TipReader
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:
@@ -88,15 +100,22 @@ def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:
-    """The imaging chain of a journal's rig, without its devices or recording.
+    """The reader of a journal's rig, without its devices or recording.
 
     Raises
     ------
     RecordError
         If its settings cannot be read.
     """
-    preset = _preset(configuration.imaging)
-    return IntensityReader() if preset is None else ImageReader(preset)
+    recipe = _reader_recipe(configuration.imaging)
+    match recipe:
+        case SpareRecipe():
+            return SpareReader(recipe.preset, receive_focus_m=recipe.receive_focus_m)
+        case TipRecipe():
+            return TipReader(recipe.settings)
+        case None:
+            return IntensityReader()
+    return ImageReader(recipe)
 
 
 def _replayed(recipe: ReplayedRecipe) -> Rig:
@@ -109,12 +128,15 @@ def _replayed(recipe: ReplayedRecipe) -> Rig:
     )
 
 
-def _preset(imaging: msgspec.Raw) -> ProbePreset | None:
+def _reader_recipe(imaging: msgspec.Raw) -> ReaderRecipe:
     try:
-        preset: ProbePreset | None = msgspec.json.decode(imaging, type=ProbePreset | None)
+        values = msgspec.json.decode(imaging)
+        # msgspec tells structs apart by their tag, and a preset, which is no struct, has none.
+        named = isinstance(values, dict) and "reader" in values
+        recipe: ReaderRecipe = msgspec.convert(values, SpareRecipe | TipRecipe if named else ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's imaging chain cannot be read: {problem}") from problem
-    return preset
+    return recipe
 
 
 def _recipe(configuration: Configuration) -> Recipe | None:

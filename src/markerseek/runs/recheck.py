@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from markerseek.core import (
     AcquisitionError,
     Asked,
-    ChannelFrame,
     Clock,
     ConfigError,
     Measured,
     Reading,
+    ReadingFrame,
     RecordError,
     Refused,
     Sample,
@@ -130,7 +130,7 @@ def require_unchanged(
             for sample in samples:
                 now = _measured(scanner, commanded_deg(sample), attempts)
                 difference = change_of(sample.reading, now.reading)
-                frame = now.frame if isinstance(now.frame, ChannelFrame) else None
+                frame = None if isinstance(now.frame, ReadingFrame) else now.frame
                 journal.commit(Checked(reading=now.reading, difference=difference, frame=frame), clock_s=clock.now_s())
                 if difference is not None:
                     difference = f"measured again at {commanded_deg(sample):.3f} deg, {difference}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import replace
 
-from markerseek.core import ChannelFrame, Finished, Measured, Policy, Reader
+from markerseek.core import Finished, Measured, Policy, Reader, ReadingFrame
 from markerseek.guard import Limits
 from markerseek.records.journal import Entry, JournalEvent, RecordedRun
 from markerseek.runs.journalled import run_plan
@@ -58,7 +58,7 @@ def _read_again(entry: Entry, reader: Reader, found: list[str]) -> Entry:
     if not isinstance(event, Measured) or event.sample.frame is None:
         return entry
     frame = event.sample.frame
-    reading = (reader if isinstance(frame, ChannelFrame) else IntensityReader()).read(frame)
+    reading = (IntensityReader() if isinstance(frame, ReadingFrame) else reader).read(frame)
     if reading != event.sample.reading:
         found.append(f"entry {entry.number}: its frame is read as {reading}, the journal has {event.sample.reading}")
     return replace(entry, event=replace(event, sample=replace(event.sample, reading=reading)))

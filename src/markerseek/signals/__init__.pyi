@@ -6,15 +6,18 @@ from .peaks import strongest_peaks
 from .picks import common_wave
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
+from .spare import AnyImageReader, SpareReader
 
 __all__ = [
     "FALSE_FOUND",
     "LEAST_CHANNELS",
     "PRESET_NAMES",
+    "AnyImageReader",
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
     "ProbePreset",
+    "SpareReader",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",

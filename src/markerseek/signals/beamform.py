@@ -7,11 +7,12 @@ of channels in it: white noise is then equally strong at every depth. No apodisa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
+from markerseek.core import Bool, ConfigError, Float32, Float64, Int32, LinearArray
 from markerseek.signals._kernel import PAD, aligned, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
@@ -145,19 +146,81 @@ def aligned_signals(
     return out, used.astype(np.float64)
 
 
-def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> DelayTable:
-    array: LinearArray = preset.array
-    per_metre, origin = path_delay(preset)
+def image_rows(
+    preset: ProbePreset, *, samples: int, low_m: float, high_m: float, margin: int
+) -> tuple[Float64[np.ndarray, " depth"], slice]:
+    """Depths of an image of records of that length, with ``margin`` more rows at either end; and the rows that count.
+
+    Parameters
+    ----------
+    preset
+        The probe; its pick-up and trigger offset limit the depths.
+    samples
+        Length of the records.
+    low_m, high_m
+        Wanted depths in metres; infinity for all that the record holds.
+    margin
+        Rows that the envelope needs beyond those that count; fewer where the record ends.
+
+    Raises
+    ------
+    ConfigError
+        If the record holds no image at these depths.
+    """
+    metres = preset.sound_speed_m_s / preset.sampling_hz
+    origin = preset.trigger_offset_s * preset.sampling_hz
+    step = preset.depth_step_m
+    near = max(low_m, (preset.pickup_samples - origin) * metres, step)
+    far = min(high_m, (samples - 1 - origin) * metres)
+    if not far - near >= 3 * step:
+        raise ConfigError(
+            f"depths {range_in_mm(low_m, high_m)}: the record of {samples} samples holds "
+            f"{range_in_mm(max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres)}; "
+            "change the depth range"
+        )
+    above = min(margin, math.floor((near - step / 2) / step))
+    below = min(margin, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
+    count = math.floor((far - near) / step) + 1
+    return near + step * np.arange(-above, count + below), slice(above, above + count)
+
+
+def range_in_mm(low_m: float, high_m: float) -> str:
+    """A range of depths in millimetres, as users give it."""
+    return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")
+
+
+def column_distances_m(array: LinearArray, *, reach_m: float) -> Float64[np.ndarray, " distances"]:
+    """Lateral distances of a table's rows in metres: as far as the aperture reaches, a multiple of four rows."""
     distance = np.arange(array.elements) * array.pitch_m
-    half = half_aperture_m(preset, depth_m)
-    rows = int(np.searchsorted(distance, half.max(), side="right")) if np.isfinite(half.max()) else array.elements
-    # Four more rows at most: the kernel takes four distances at a time.
-    distance = np.arange(-(-min(rows, array.elements) // 4) * 4) * array.pitch_m
-    place = np.hypot(distance[:, None], depth_m) * per_metre + origin
+    rows = int(np.searchsorted(distance, reach_m, side="right")) if np.isfinite(reach_m) else array.elements
+    # Up to three more rows: the kernel takes four distances at a time.
+    return np.asarray(np.arange(-(-min(rows, array.elements) // 4) * 4) * array.pitch_m)
+
+
+def delay_table(
+    array: LinearArray,
+    *,
+    place: Float64[np.ndarray, "distances depths"],
+    within: Bool[np.ndarray, "distances depths"],
+    samples: int,
+) -> DelayTable:
+    """Table of any delay that depends on the depth and on the lateral distance alone.
+
+    Parameters
+    ----------
+    array
+        The columns.
+    place
+        Delay in samples, for the distances of `column_distances_m`.
+    within
+        Whether the aperture reaches that distance.
+    samples
+        Length of the records.
+    """
     # Linear interpolation between samples: weight 1 − w before the delay and w after it.
     first = np.floor(place)
-    usable = (distance[:, None] <= half) & (first >= 0) & (first < samples - 1)
-    usable &= (np.arange(len(distance)) < array.elements)[:, None]
+    usable = within & (first >= 0) & (first < samples - 1)
+    usable &= (np.arange(len(place)) < array.elements)[:, None]
     # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
     # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
     usable &= np.cumsum(~usable, axis=0) == 0
@@ -171,3 +234,11 @@ def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " 
         weight=np.where(usable, place - first, 0).astype(np.float32),
         scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
     )
+
+
+def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> DelayTable:
+    per_metre, origin = path_delay(preset)
+    half = half_aperture_m(preset, depth_m)
+    distance = column_distances_m(preset.array, reach_m=float(half.max()))
+    place = np.hypot(distance[:, None], depth_m) * per_metre + origin
+    return delay_table(preset.array, place=place, within=distance[:, None] <= half, samples=samples)

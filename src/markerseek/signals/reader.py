@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from markerseek.core import (
     Reading,
 )
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, image_grid
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows, range_in_mm
 from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
@@ -80,7 +81,7 @@ class ImageReader:
     ) -> None:
         low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
         if not 0 <= low < high:
-            raise ConfigError(f"depths {_in_mm(low, high)}: the least must be 0 or more, and below the largest")
+            raise ConfigError(f"depths {range_in_mm(low, high)}: the least must be 0 or more, and below the largest")
         if not 0 < false_found < 1:
             raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
         self.preset = preset
@@ -88,6 +89,11 @@ class ImageReader:
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
+
+    @property
+    def method(self) -> str:
+        """The reconstruction in words, for results."""
+        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -191,27 +197,14 @@ class ImageReader:
     def _layout(self, samples: int) -> _Layout:
         if samples not in self._layouts:
             preset = self.preset
-            metres = preset.sound_speed_m_s / preset.sampling_hz
-            origin = preset.trigger_offset_s * preset.sampling_hz
-            step = preset.depth_step_m
-            near = max(self._low_m, (preset.pickup_samples - origin) * metres, step)
-            far = min(self._high_m, (samples - 1 - origin) * metres)
-            if not far - near >= 3 * step:
-                raise ConfigError(
-                    f"depths {_in_mm(self._low_m, self._high_m)}: the record of {samples} samples holds "
-                    f"{_in_mm(max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres)}; "
-                    "change the depth range"
-                )
-            # Rows above and below that the envelope needs; they are not part of the result.
-            above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
-            below = min(ENVELOPE_MARGIN, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
-            count = math.floor((far - near) / step) + 1
-            depth = near + step * np.arange(-above, count + below)
+            depth, rows = image_rows(
+                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
+            )
             grid = image_grid(preset, samples=samples, depth_m=depth)
-            inside = depth[above : above + count]
+            inside = depth[rows]
             self._layouts[samples] = _Layout(
                 grid=grid,
-                rows=slice(above, above + count),
+                rows=rows,
                 cells=envelope_cells(preset, depth_m=inside, false_found=self._false_found),
                 blocks=BlockGrid(preset, lateral_m=grid.lateral_m, depth_m=inside),
             )
@@ -224,7 +217,9 @@ class ImageReader:
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
         """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
-        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
+        lateral, depth, intensity = refine_peak(
+            partial(beamform_at, chain.signals, self.preset), self.preset, chain.layout.grid, place=place
+        )
         energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
         touching, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
@@ -288,10 +283,5 @@ class ImageReader:
             return f"the largest peak is {ratio:.3g} times the noise, and noise alone reaches {level:.3g} times"
         return (
             f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
-            f"{100 * peak.coherence:.0f} % of it is in phase"
+            f"{100 * (peak.coherence or 0.0):.0f} % of it is in phase"
         )
-
-
-def _in_mm(low_m: float, high_m: float) -> str:
-    """A range of depths in millimetres, as users give it."""
-    return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")

@@ -3,6 +3,7 @@
 It uses `acoustics` and never `signals`: the forward model and the imaging share no code.
 """
 
+from markerseek.sim.bmode import BModeSettings, BModeWorld
 from markerseek.sim.camera import EndoscopeSettings, endoscope, facing, spot_images
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
@@ -10,6 +11,7 @@ from markerseek.sim.curve_world import CurveWorld, largest_noise
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
+from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.sim.settings import (
@@ -27,6 +29,8 @@ from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
 __all__ = [
     "RECEIVER_FAULTS",
     "TISSUES",
+    "BModeSettings",
+    "BModeWorld",
     "CurveWorld",
     "EndoscopeSettings",
     "Fault",
@@ -39,6 +43,7 @@ __all__ = [
     "MarkerSettings",
     "NoiseSettings",
     "PowerCurve",
+    "RFWorld",
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
@@ -59,6 +64,7 @@ __all__ = [
     "facing",
     "flash_of",
     "largest_noise",
+    "post_beamformed",
     "spot_images",
     "tissue_named",
 ]

@@ -58,7 +58,7 @@ class FaultyReceiver:
         Raises
         ------
         AcquisitionError
-            If the fault changes intensities, and the frame holds channel data.
+            If the fault changes intensities, and the frame holds more than one.
         """
         self._step += 1
         frame, previous = self._inner.acquire(permit), self._previous
@@ -69,6 +69,6 @@ class FaultyReceiver:
         if self._fault.name == "late frames":
             return frame if previous is None else previous
         if not isinstance(frame, ReadingFrame):
-            raise AcquisitionError("receiver: this fault changes intensities; the frame holds channel data")
+            raise AcquisitionError(f"receiver: this fault changes an intensity, and a {type(frame).__name__} has none")
         changed = {"dead": 0.0, "NaN": math.nan, "clipped": min(frame.intensity, self._fault.amount)}
         return replace(frame, intensity=changed[self._fault.name])

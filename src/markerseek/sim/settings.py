@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError, Interval
+from markerseek.core import ConfigError, Interval, require_range
 from markerseek.guard import FiringLimits, Limits
+from markerseek.sim.bmode import BModeSettings
 from markerseek.sim.stage import StageMotion
 
 
@@ -117,6 +119,11 @@ class ReceiverSettings:
     peak_counts
         Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
         gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak.
+    data
+        Kind of frames: channel data; lines that an ultrasound machine has beamformed (RF); or B-mode images, without
+        light, in which the tip of an instrument takes the marker's place.
+    receive_focus_m
+        Depth of the fixed receive focus of RF lines in metres; None: dynamic focus.
     """
 
     sampling_hz: float = 40e6
@@ -124,8 +131,14 @@ class ReceiverSettings:
     readout_s: float = 10.0
     trigger_offset_s: float = 0.0
     peak_counts: float | None = None
+    data: Literal["channels", "rf", "b-mode"] = "channels"
+    receive_focus_m: float | None = None
 
     def __post_init__(self) -> None:
+        if self.receive_focus_m is not None:
+            require_range("receiver: receive_focus_m", self.receive_focus_m, low=1e-3, high=0.2, unit="m")
+            if self.data != "rf":
+                raise ConfigError(f"receiver: receive_focus_m is for data = 'rf', not {self.data!r}; leave it out")
         if not 512 <= self.samples <= 65_536:
             raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
         # Values above full scale (2047) are allowed, to try what saturation does.
@@ -147,7 +160,7 @@ class SimulatedSettings:
         Name of the material, a simulated stand-in.
     start_deg
         Angle of the probe at the start, in degrees.
-    marker, probe, laser, noise, stage, receiver, limits
+    marker, probe, laser, noise, stage, receiver, b_mode, limits
         See the classes.
     """
 
@@ -159,6 +172,7 @@ class SimulatedSettings:
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     stage: StageMotion = field(default_factory=StageMotion)
     receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
+    b_mode: BModeSettings = field(default_factory=BModeSettings)
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:

@@ -9,12 +9,11 @@ from dataclasses import replace
 
 from markerseek.core import (
     AcquisitionError,
-    ChannelFrame,
+    Frame,
     Laser,
     LaserError,
     LimitError,
     Permit,
-    ReadingFrame,
     Receiver,
     Stage,
 )
@@ -145,7 +144,7 @@ class ReceiverContract:
             receiver.arm(permit)
             laser.fire(permit)
             frame = receiver.acquire(permit)
-            assert isinstance(frame, ChannelFrame | ReadingFrame)
+            assert isinstance(frame, Frame)
             header = frame.header
             assert (header.token, header.pulses, header.commanded_deg) == (token, permit.pulses, permit.angle_deg)
             assert header.sequence > previous

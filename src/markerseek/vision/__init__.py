@@ -1,5 +1,5 @@
-"""Camera images to numbers: the laser spot in the endoscope's images. Pure; OpenCV is loaded when it is needed."""
+"""Objects in images: the laser spot seen by a camera, the tip of an instrument in B-mode. Pure; needs OpenCV."""
 
-from markerseek.vision.spot import NoSpot, Spot, SpotAnswer, TwoSpots, find_spot
+import lazy_loader
 
-__all__ = ["NoSpot", "Spot", "SpotAnswer", "TwoSpots", "find_spot"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

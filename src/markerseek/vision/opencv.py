@@ -7,8 +7,13 @@ from types import ModuleType
 from markerseek.core import MissingExtraError
 
 
-def opencv() -> ModuleType:
+def opencv(purpose: str) -> ModuleType:
     """The package ``cv2``.
+
+    Parameters
+    ----------
+    purpose
+        What it is needed for, for the message.
 
     Raises
     ------
@@ -18,7 +23,5 @@ def opencv() -> ModuleType:
     try:
         import cv2
     except ImportError as problem:
-        raise MissingExtraError(
-            package="opencv-python-headless", extra="vision", purpose="analysing camera images"
-        ) from problem
+        raise MissingExtraError(package="opencv-python-headless", extra="vision", purpose=purpose) from problem
     return cv2

@@ -39,6 +39,9 @@ _CORE_SHARE = 0.4
 """Share of the peak below which a pixel does not count for the centroid, so that the background does not pull at it."""
 
 
+_PURPOSE = "finding the laser spot in camera images"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
     """The laser spot.
@@ -155,7 +158,7 @@ def _gray(image: UInt8[np.ndarray, ...]) -> Float32[np.ndarray, "rows columns"]:
 
 def _height(image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
     """Height over the surroundings: a white top-hat, which removes all that is wider than its kernel."""
-    cv2 = opencv()
+    cv2 = opencv(_PURPOSE)
     smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PX)
     kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (MOST_SIZE_PX, MOST_SIZE_PX))
     height: Float32[np.ndarray, "rows columns"] = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel)
@@ -166,7 +169,7 @@ def _second(
     height: Float32[np.ndarray, "rows columns"], first: tuple[int, int], *, level: float
 ) -> tuple[float, float] | None:
     """Brightest place above a level that is not connected with the first; None if there is none."""
-    cv2 = opencv()
+    cv2 = opencv(_PURPOSE)
     _, labels = cv2.connectedComponents((height > level).astype(np.uint8), connectivity=8)
     other = np.where((labels > 0) & (labels != labels[first[1], first[0]]), height, 0)
     row, column = np.unravel_index(int(np.argmax(other)), other.shape)
@@ -211,7 +214,7 @@ def _centroid(
         return None
     weight = np.maximum(height - _CORE_SHARE * peak, 0).astype(np.float64)
     # Only pixels connected with the brightest: single bright pixels of noise would pull at the centroid.
-    _, labels = opencv().connectedComponents((weight > 0).astype(np.uint8), connectivity=8)
+    _, labels = opencv(_PURPOSE).connectedComponents((weight > 0).astype(np.uint8), connectivity=8)
     brightest = np.unravel_index(int(np.argmax(weight)), weight.shape)
     weight[labels != labels[brightest]] = 0
     rows, columns = np.indices(weight.shape)

@@ -1,8 +1,8 @@
-"""Encodes events as rows of a journal: kind, JSON body, and the raw samples of a frame.
+"""Encodes events as rows of a journal: kind, JSON body, and the raw samples or pixels of a frame.
 
 The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
-estimate), ``type`` names the class. Two things are stored elsewhere: the samples of a frame in their own column, and
-the confirmation of `Finished` in the entry of that acquisition.
+estimate), ``type`` names the class. Two things are stored elsewhere: the array of a frame in its own column, and the
+confirmation of `Finished` in the entry of that acquisition.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from markerseek.core import (
     Asked,
+    BModeFrame,
     ChannelFrame,
     Estimate,
     Failed,
@@ -28,7 +29,9 @@ from markerseek.core import (
     Measured,
     RecordError,
     Refused,
+    RFFrame,
     Sample,
+    ScanGeometry,
     Started,
 )
 from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
@@ -39,6 +42,9 @@ _KINDS: dict[str, type[JournalEvent]] = {
 }
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""
+
+_STORED = {np.dtype(np.int16): "<i2", np.dtype(np.uint8): "|u1"}
+"""How arrays of each type are stored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +58,7 @@ class EncodedEvent:
     body
         Its fields, JSON.
     samples
-        ADC counts of its frame as little-endian int16, channel after channel; None where it has none.
+        Array of its frame, row after row: counts as little-endian int16, grey values as uint8; None where it has none.
     """
 
     kind: str
@@ -138,9 +144,10 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
             return {
                 escaped(name): json_values(each, what=f"{what}.{name}", blobs=blobs) for name, each in value.items()
             }
-        case np.ndarray() if blobs is not None and value.dtype == np.int16:
-            blobs.append(np.ascontiguousarray(value, dtype="<i2").data.cast("B"))
-            return {"dtype": "<i2", "shape": list(value.shape)}
+        case np.ndarray() if blobs is not None and value.dtype in _STORED:
+            stored = _STORED[value.dtype]
+            blobs.append(np.ascontiguousarray(value, dtype=stored).data.cast("B"))
+            return {"dtype": stored, "shape": list(value.shape)}
         case Exception():
             name = value.kind if isinstance(value, RecordedError) else type(value).__name__
             return {"error": name, "message": escaped(str(value))}
@@ -174,8 +181,18 @@ def _built(hint: Any, value: Any, samples: bytes | memoryview | None) -> Any:
         if value is None and NoneType in members:
             return None
         hint = classes[0] if len(classes) == 1 else {each.__name__: each for each in classes}[_object(value)["type"]]
-    if hint is ChannelFrame:
-        return _channel_frame(_object(value), samples)
+    if hint in (ChannelFrame, RFFrame):
+        given = _object(value)
+        counts = _array(given["samples"], samples, dtype="<i2").astype(np.int16, copy=False)
+        header = msgspec.convert(given["header"], FrameHeader)
+        return hint(header=header, samples=counts, sampling_hz=msgspec.convert(given["sampling_hz"], float))
+    if hint is BModeFrame:
+        given = _object(value)
+        return BModeFrame(
+            header=msgspec.convert(given["header"], FrameHeader),
+            pixels=_array(given["pixels"], samples, dtype="|u1"),
+            geometry=msgspec.convert(given["geometry"], ScanGeometry),
+        )
     if hint is Exception:
         return msgspec.convert(_object(value), _ErrorBody).restored()
     if isinstance(hint, type) and is_dataclass(hint):
@@ -204,16 +221,17 @@ class _ErrorBody(msgspec.Struct, frozen=True, kw_only=True):
         return RecordedError(self.error, self.message)
 
 
-class _Samples(msgspec.Struct, frozen=True, kw_only=True):
+class _Array(msgspec.Struct, frozen=True, kw_only=True):
+    dtype: str
     shape: tuple[int, int]
 
 
-def _channel_frame(values: Mapping[str, Any], samples: bytes | memoryview | None) -> ChannelFrame:
-    channels, length = msgspec.convert(values["samples"], _Samples).shape
-    if samples is None or channels < 1 or length < 1 or len(samples) != 2 * channels * length:
-        held = 0 if samples is None else len(samples)
-        raise ValueError(f"a frame of {channels} channels and {length} samples with {held} bytes")
-    # A read-only view of the blob; astype copies on a big-endian machine only.
-    counts = np.frombuffer(samples, dtype="<i2").reshape(channels, length).astype(np.int16, copy=False)
-    header = msgspec.convert(values["header"], FrameHeader)
-    return ChannelFrame(header=header, samples=counts, sampling_hz=msgspec.convert(values["sampling_hz"], float))
+def _array(described: object, blob: bytes | memoryview | None, *, dtype: str) -> np.ndarray:
+    """A read-only view of the blob, in the shape that the body names."""
+    array = msgspec.convert(described, _Array)
+    rows, columns = array.shape
+    size = np.dtype(dtype).itemsize * rows * columns
+    if array.dtype != dtype or blob is None or rows < 1 or columns < 1 or len(blob) != size:
+        held = 0 if blob is None else len(blob)
+        raise ValueError(f"a frame of {rows} rows and {columns} columns of {array.dtype[:20]} with {held} bytes")
+    return np.frombuffer(blob, dtype=dtype).reshape(rows, columns)

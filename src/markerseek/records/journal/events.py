@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from markerseek.core import ChannelFrame, Event, Reading
+from markerseek.core import BModeFrame, ChannelFrame, Event, Reading, RFFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +57,12 @@ class Checked:
     difference
         How it differs from the earlier one, in words; None where it does not.
     frame
-        Channel data of this check; None where there are intensities only.
+        Data of this check; None where there are intensities only.
     """
 
     reading: Reading
     difference: str | None
-    frame: ChannelFrame | None = None
+    frame: ChannelFrame | RFFrame | BModeFrame | None = None
 
 
 JournalEvent: TypeAlias = Event | Interrupted | Resuming | Checked

@@ -1,0 +1,278 @@
+"""``markerseek tooltip``: finds the tip of an instrument in B-mode images, and how far off the plane it is seen."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek import __version__
+from markerseek.cli.terminal import picture_folder, print_json, stderr, stdout
+from markerseek.core import ConfigError, RecordError, require_range
+from markerseek.files import MIB, open_input
+
+if TYPE_CHECKING:
+    from markerseek.records import ImageSeries
+    from markerseek.vision import Rectangle, SensitiveRange
+
+NAME = "tooltip"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek tooltip scan --step-deg 1 --plot\n\n"
+    "  markerseek tooltip scan --angles angles.csv --roi 120,80,60,70 --json\n\n"
+    "  markerseek tooltip scan.b8 --pixel-mm 0.12"
+)
+
+_PIXEL_MM = 0.1
+"""Size of a pixel where neither the files nor the user name one."""
+
+
+class TipReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The tip in one image; None beyond the angle at which it had disappeared."""
+
+    image: str
+    angle_deg: float
+    visible: bool | None
+    intensity: float | None
+    level: float | None
+    area_px: int | None
+    row: float | None
+    column: float | None
+
+
+class RangeReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Sensitive range of a series of images."""
+
+    found: bool
+    reason: str
+    reference_deg: float | None
+    half_range_deg: float | None
+    full_range_deg: float | None
+    below_deg: float | None
+    above_deg: float | None
+    still_seen_at_the_last_image: bool
+    pixel_mm: tuple[float, float]
+    pixel_size: str
+    rectangle: tuple[int, int, int, int] | None
+    images: list[TipReport]
+    version: str = __version__
+
+
+def command(
+    images: Annotated[
+        Path, typer.Argument(help="A folder of B-mode images (.png, .dcm, .b8), or a .dcm or .b8 of several frames.")
+    ],
+    angles: Annotated[
+        Path | None,
+        typer.Option(help="Text file with the angle of each image: a number a line, or lines of name,angle_deg."),
+    ] = None,
+    step_deg: Annotated[
+        float | None,
+        typer.Option(help="Angle from one image to the next, in the order of their names.", show_default="1"),
+    ] = None,
+    first_deg: Annotated[float | None, typer.Option(help="Angle of the first image.", show_default="0")] = None,
+    roi: Annotated[
+        str | None,
+        typer.Option(help="Rectangle around the tip where it is brightest, in pixels: row,column,rows,columns."),
+    ] = None,
+    pixel_mm: Annotated[
+        float | None, typer.Option(help="Size of a pixel.", show_default="that of the files, else 0.1")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the series into --out.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+) -> None:
+    """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
+    from markerseek.records import read_images
+    from markerseek.vision import sensitive_range
+
+    folder = picture_folder(out, plot=plot)
+    rectangle = None if roi is None else _rectangle(roi)
+    if pixel_mm is not None:
+        require_range("--pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
+    if angles is not None and (step_deg, first_deg) != (None, None):
+        raise ConfigError(f"--angles {angles} names each angle; leave --step-deg and --first-deg out")
+    series = read_images(images)
+    if angles is None:
+        first, step = (usual if value is None else value for value, usual in ((first_deg, 0.0), (step_deg, 1.0)))
+        angles_deg = _steps(len(series.images), first, step)
+    else:
+        angles_deg = _angles(angles, series)
+    size_m, source = _pixel_size(series, pixel_mm)
+    measured = sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
+    report = _report(measured, series, angles_deg, size_m, source)
+    if as_json:
+        print_json(report)
+    else:
+        _print(report, images)
+    if plot:
+        path = folder / f"{images.stem if images.is_file() else images.resolve().name}-tip.png"
+        _draw(measured, series, angles_deg, path, title=f"{images.name}: {report.reason}")
+        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+    raise typer.Exit(0 if report.found else 3)
+
+
+def _rectangle(roi: str) -> Rectangle:
+    from markerseek.vision import Rectangle
+
+    try:
+        row, column, rows, columns = (int(part) for part in roi.split(","))
+    except ValueError as problem:
+        raise ConfigError(f"--roi is {roi!r}; write four whole numbers: row,column,rows,columns") from problem
+    return Rectangle(row=row, column=column, rows=rows, columns=columns)
+
+
+def _steps(count: int, first_deg: float, step_deg: float) -> list[float]:
+    if not (math.isfinite(step_deg) and step_deg != 0):
+        raise ConfigError(f"--step-deg is {step_deg:g} deg, it must be finite and not 0; 1 is usual")
+    require_range("--first-deg", first_deg, low=-360, high=360, unit="deg")
+    # Rounded to a millionth of a degree: 0.1 added ten times is not 1.
+    angles_deg = [round(first_deg + number * step_deg, 6) for number in range(count)]
+    require_range("--step-deg: the last angle", angles_deg[-1], low=-360, high=360, unit="deg")
+    return angles_deg
+
+
+def _angles(path: Path, series: ImageSeries) -> list[float]:
+    """Angles from a file, by the names of the images or in their order."""
+    try:
+        with open_input(path, most_bytes=MIB) as file:
+            rows = [row for row in csv.reader(file.read().decode("utf-8-sig").splitlines()) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        raise RecordError(f"{path}: the angles cannot be read: {problem}") from problem
+    if rows and not _is_number(rows[0][-1]):
+        # A line of names above the numbers.
+        rows = rows[1:]
+    numbers = [_number(path, row) for row in rows]
+    if all(len(row) == 1 for row in rows):
+        if len(numbers) != len(series.images):
+            raise RecordError(f"{path}: {len(numbers)} angles for {len(series.images)} images; give one for each")
+        return numbers
+    by_name = dict(zip((row[0].strip() for row in rows), numbers, strict=True))
+    missing = [name for name in series.names if name not in by_name]
+    if missing:
+        raise RecordError(f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE")
+    return [by_name[name] for name in series.names]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _number(path: Path, row: list[str]) -> float:
+    if not _is_number(row[-1]) or not abs(float(row[-1])) <= 360:
+        raise RecordError(f"{path}: {row[-1]!r} is no angle in degrees; write numbers between -360 and 360")
+    return float(row[-1])
+
+
+def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[float, float], str]:
+    """Height and width of a pixel in metres, and where they come from."""
+    if pixel_mm is not None:
+        return (pixel_mm / 1e3, pixel_mm / 1e3), "as given"
+    if series.pixel_m is not None:
+        return series.pixel_m, "from the files"
+    return (_PIXEL_MM / 1e3, _PIXEL_MM / 1e3), "assumed; name it with --pixel-mm"
+
+
+def _report(
+    measured: SensitiveRange,
+    series: ImageSeries,
+    angles_deg: list[float],
+    size_m: tuple[float, float],
+    source: str,
+) -> RangeReport:
+    names = dict(zip(angles_deg, series.names, strict=True))
+    tips = [frame.tip for frame in measured.frames]
+    first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
+    return RangeReport(
+        found=measured.reference_deg is not None,
+        reason=_reason(measured),
+        reference_deg=measured.reference_deg,
+        half_range_deg=measured.half_deg,
+        full_range_deg=measured.full_deg,
+        below_deg=measured.below_deg,
+        above_deg=measured.above_deg,
+        still_seen_at_the_last_image=measured.open_below or measured.open_above,
+        pixel_mm=(1e3 * size_m[0], 1e3 * size_m[1]),
+        pixel_size=source,
+        rectangle=None
+        if first is None
+        else (first.rectangle.row, first.rectangle.column, first.rectangle.rows, first.rectangle.columns),
+        images=[
+            TipReport(
+                image=names[frame.angle_deg],
+                angle_deg=frame.angle_deg,
+                visible=None if tip is None else tip.visible,
+                intensity=None if tip is None else tip.intensity,
+                level=None if tip is None else tip.level,
+                area_px=None if tip is None else tip.area_px,
+                row=None if tip is None else tip.row,
+                column=None if tip is None else tip.column,
+            )
+            for frame, tip in zip(measured.frames, tips, strict=True)
+        ],
+    )
+
+
+def _reason(measured: SensitiveRange) -> str:
+    if measured.reference_deg is None:
+        return measured.remark
+    least = "at least " if measured.open_below or measured.open_above else ""
+    one_side = measured.below_deg is None or measured.above_deg is None
+    other = ", the other side taken to be the same" if one_side else ""
+    text = (
+        f"brightest at {measured.reference_deg:g}°, half range {least}{measured.half_deg:g}°, "
+        f"whole range {least}{measured.full_deg:g}°{other}"
+    )
+    return text + (f"; {measured.remark}" if measured.remark else "")
+
+
+def _print(report: RangeReport, images: Path) -> None:
+    answer = "[bold green]tip found[/]" if report.found else "[bold yellow]no tip[/]"
+    stdout.print(f"{answer} in {escape(images.name)}: {escape(report.reason)}")
+    height, width = report.pixel_mm
+    stdout.print(f"[dim]pixel {height:g} × {width:g} mm, {report.pixel_size}[/]")
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("angle [deg]", "image", "tip", "grey value", "must exceed", "pixels"):
+        table.add_column(escape(column), justify="left" if column in ("image", "tip") else "right")
+    for each in report.images:
+        if each.visible is not None:
+            table.add_row(
+                f"{each.angle_deg:g}",
+                escape(each.image),
+                "seen" if each.visible else "–",
+                f"{each.intensity:g}",
+                f"{each.level:.0f}",
+                str(each.area_px),
+            )
+    stdout.print(table)
+
+
+def _draw(measured: SensitiveRange, series: ImageSeries, angles_deg: list[float], path: Path, *, title: str) -> None:
+    from markerseek.pictures import TipImage, save_png, tip_figure
+
+    pixels = dict(zip(angles_deg, series.images, strict=True))
+    shown = [
+        TipImage(
+            angle_deg=frame.angle_deg,
+            pixels=pixels[frame.angle_deg],
+            centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
+            intensity=None if frame.tip is None else frame.tip.intensity,
+            level=None if frame.tip is None else frame.tip.level,
+        )
+        for frame in measured.frames
+    ]
+    seen = [each.angle_deg for each in shown if each.centroid is not None]
+    ends = (min(seen), max(seen)) if seen else (None, None)
+    save_png(tip_figure(shown, title=title, low_deg=ends[0], high_deg=ends[1]), path)

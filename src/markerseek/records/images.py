@@ -1,0 +1,130 @@
+"""Reads series of B-mode images: a folder of PNG, DICOM or Ultrasonix ``.b8``, or one file with several frames."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from markerseek.core import MissingExtraError, RecordError, UInt8
+from markerseek.files import MIB, open_input
+from markerseek.records.banks import open_ultrasonix
+from markerseek.records.sandbox import Sandbox
+from markerseek.records.untrusted_images import read_dicom, read_png
+
+IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
+"""Suffixes of files with B-mode images; DICOM files without a suffix need one."""
+
+MOST_IMAGES = 2000
+"""Most images of a series."""
+
+_MOST_BYTES = 512 * MIB
+_MOST_PIXELS = 1 << 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImageSeries:
+    """B-mode images in the order of their names.
+
+    Attributes
+    ----------
+    names
+        Name of each: its file, with the number of the frame where a file has several.
+    images
+        Grey values of 8 bits, each of shape (rows, columns).
+    pixel_m
+        Height and width of a pixel in metres; None where the files do not say.
+    """
+
+    names: tuple[str, ...]
+    images: tuple[UInt8[np.ndarray, "rows columns"], ...]
+    pixel_m: tuple[float, float] | None
+
+
+def read_images(path: Path) -> ImageSeries:
+    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all.
+
+    Raises
+    ------
+    RecordError
+        If there is no image, a file cannot be read, or their sizes of pixels differ.
+    MissingExtraError
+        If OpenCV or pydicom is needed and not installed.
+    """
+    files = _files(path)
+    names: list[str] = []
+    found: list[np.ndarray] = []
+    sizes: dict[tuple[float, float] | None, Path] = {}
+    pixels = 0
+    with Sandbox() as sandbox:
+        for file in files:
+            frames, size_m = _frames(file, sandbox)
+            sizes.setdefault(size_m, file)
+            names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
+            found += list(frames)
+            pixels += frames.size
+            if len(found) > MOST_IMAGES or pixels > _MOST_PIXELS:
+                raise RecordError(
+                    f"{path}: more than {MOST_IMAGES} images or {_MOST_PIXELS} pixels; give the images of one scan"
+                )
+    if len(sizes) > 1:
+        (first, one), (second, other), *_ = sizes.items()
+        raise RecordError(
+            f"{path}: a pixel of {one.name} is {_size(first)}, of {other.name} {_size(second)}; keep to one scan"
+        )
+    return ImageSeries(names=tuple(names), images=_as_8_bits(path, found), pixel_m=next(iter(sizes)))
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    files = sorted(each for each in path.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        raise RecordError(f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read")
+    return files
+
+
+def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, float] | None]:
+    """Frames of one file, shape (frames, rows, columns), and the size of a pixel in metres."""
+    suffix = path.suffix.lower()
+    if suffix == ".b8":
+        file = open_ultrasonix(path)
+        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MOST_IMAGES + 1))]), None
+    if suffix not in IMAGE_SUFFIXES:
+        raise RecordError(f"{path}: {', '.join(IMAGE_SUFFIXES)} are read; export the images as one of these")
+    module, package = ("cv2", "opencv-python-headless") if suffix == ".png" else ("pydicom", "pydicom")
+    if importlib.util.find_spec(module) is None:
+        raise MissingExtraError(package=package, extra="vision", purpose=f"{path}: it")
+    try:
+        # Opened here first: only regular files, and none that is too large.
+        open_input(path, most_bytes=_MOST_BYTES).close()
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    arrays = sandbox.read(read_png if suffix == ".png" else read_dicom, path)
+    frames = arrays["pixels"]
+    if frames.ndim != 3 or frames.dtype.kind not in "ui":
+        raise RecordError(
+            f"{path}: {frames.dtype} of shape {frames.shape}, which is no grey image; export it as B-mode"
+        )
+    size_m = arrays.get("pixel_m")
+    if size_m is None:
+        return frames, None
+    if not (size_m.shape == (2,) and np.all((size_m > 0) & (size_m < 0.01))):
+        raise RecordError(f"{path}: a pixel of {size_m.tolist()} m, 0 to 10 mm are possible; name --pixel-mm instead")
+    return frames, (float(size_m[0]), float(size_m[1]))
+
+
+def _as_8_bits(path: Path, images: list[np.ndarray]) -> tuple[UInt8[np.ndarray, "rows columns"], ...]:
+    most = max(int(image.max(initial=0)) for image in images)
+    if min(int(image.min(initial=0)) for image in images) < 0:
+        raise RecordError(f"{path}: a grey value is below 0; export the images as B-mode")
+    if most <= 255:
+        return tuple(image.astype(np.uint8) for image in images)
+    # One factor for all, because grey values are compared from image to image.
+    return tuple(np.rint(image * (255 / most)).astype(np.uint8) for image in images)
+
+
+def _size(pixel_m: tuple[float, float] | None) -> str:
+    return "of unknown size" if pixel_m is None else f"{1e3 * pixel_m[0]:g} × {1e3 * pixel_m[1]:g} mm"

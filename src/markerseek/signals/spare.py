@@ -1,0 +1,267 @@
+"""SPARE: photoacoustic images from the lines that an ultrasound machine has beamformed already (post-beamformed RF).
+
+The machine delays its channels for pulse and echo, and a photoacoustic wave travels one way only: in the machine's data
+a point at (xs, zs) is smeared over neighbouring lines. Its wave and the machine's delays touch at one element of each
+line, and the sum along these contacts focuses it again (H. K. Zhang et al., Biomed. Opt. Express 7, 3056 (2016)). With
+dx = x − xs, c·t the path in the line at x, τ the laser's trigger offset, and the sum over x:
+
+- dynamic receive focus, c·t = 2·c·τ + z' + dx²/z', z' = zs − c·τ;                                              (1)
+- receive focus fixed at zF, c·t = c·τ + zF + sign(zs − zF)·sqrt(dx² + (zs − zF)²).                               (2)
+
+The machine's aperture of zb/F at depth zb receives rays up to the angle a, tan a = 1/(2F), so that lines contribute as
+far as |dx| = z'·tan(a/2) in (1) and |zs − zF|·tan(a) in (2). Near a fixed focus only one line does.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    Arrival,
+    Bool,
+    ConfigError,
+    Float32,
+    Float64,
+    Frame,
+    PaImage,
+    Reading,
+    RFFrame,
+    require_range,
+)
+from markerseek.signals import features
+from markerseek.signals._kernel import PAD
+from markerseek.signals.beamform import (
+    ImageGrid,
+    beamform,
+    column_distances_m,
+    delay_table,
+    image_rows,
+    path_delay,
+)
+from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
+from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.findings import FrameFindings
+from markerseek.signals.peaks import refine_peak
+from markerseek.signals.presets import ProbePreset
+from markerseek.signals.reader import ImageReader
+
+FULL_SCALE = 32767
+"""Largest count of an RF line."""
+
+
+class SpareReader:
+    """Reads the RF frames of one ultrasound machine; what it returns is one reconstruction step away from channel data.
+
+    Parameters
+    ----------
+    preset
+        The probe as the machine images it: ``array`` holds its lines, ``f_number`` is that of its receive aperture.
+    receive_focus_m
+        Depth of a fixed receive focus in metres; None: the machine focuses dynamically.
+    min_depth_m, max_depth_m
+        Least and largest depth of the image, in metres; None: all that the record holds after the pick-up.
+    false_found
+        Accepted probability that a source is found in a frame of noise.
+    """
+
+    def __init__(
+        self,
+        preset: ProbePreset,
+        *,
+        receive_focus_m: float | None = None,
+        min_depth_m: float | None = None,
+        max_depth_m: float | None = None,
+        false_found: float = 1e-3,
+    ) -> None:
+        if receive_focus_m is not None:
+            require_range("SPARE: receive_focus_m", receive_focus_m, low=1e-3, high=1.0, unit="m")
+        low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
+        if not 0 <= low < high:
+            raise ConfigError(f"depth range {low:g} to {high:g} m: both must be numbers, not negative, and rise")
+        require_range("SPARE: false_found", false_found, low=0, high=1, open_low=True)
+        self.preset = preset
+        self.receive_focus_m = receive_focus_m
+        self._low_m, self._high_m = low, high
+        self._false_found = false_found
+        self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+        self._grids: dict[int, tuple[ImageGrid, slice]] = {}
+
+    @property
+    def method(self) -> str:
+        """The reconstruction in words, for results."""
+        focus = "dynamic receive focus"
+        if self.receive_focus_m is not None:
+            focus = f"receive focus fixed at {1e3 * self.receive_focus_m:g} mm"
+        return f"SPARE, from post-beamformed RF, {focus}"
+
+    def read(self, frame: Frame) -> Reading:
+        """Features of the frame at the largest envelope in its image; coherence and energy in time stay unknown.
+
+        Raises
+        ------
+        AcquisitionError
+            If the frame is not one of this machine: kind, number of lines, sampling frequency or length.
+        """
+        findings = self.findings(frame)
+        peak = findings.strongest
+        return Reading(
+            intensity=peak.intensity,
+            lateral_m=peak.lateral_m,
+            depth_m=peak.depth_m,
+            arrival_s=peak.arrival_s,
+            noise_sigma=findings.noise_sigma,
+            cells=findings.cells,
+            saturated_fraction=len(findings.saturated_channels) / self.preset.array.elements,
+            dead_channels=findings.dead_channels,
+        )
+
+    def picture(self, frame: Frame) -> PaImage:
+        """Envelope image of the frame."""
+        _, image, grid, rows = self._image(frame)
+        return PaImage(envelope=image[rows], lateral_m=grid.lateral_m, depth_m=grid.depth_m[rows])
+
+    def findings(self, frame: Frame) -> FrameFindings:
+        """Whether there is a source, and where; lines take the place of channels, and nothing is known of coherence."""
+        signals, image, grid, rows = self._image(frame)
+        window = image[rows]
+        profile = features.noise_profile(window)
+        sigma = features.noise_floor(profile)
+        row, column = (int(each) for each in np.unravel_index(int(np.argmax(window)), window.shape))
+        # In some machines the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
+        local = max(sigma, float(profile[min(row // features.BLOCK_ROWS, len(profile) - 1)]))
+        lateral, depth, intensity = refine_peak(
+            partial(self._image_at, signals), self.preset, grid, place=(row + rows.start, column)
+        )
+        # Neighbouring lines share channels: the number of pixels is above that of independent cells, which is unknown.
+        cells = window.size
+        level = features.found_level(cells, false_found=self._false_found)
+        found = intensity > level * local
+        above = f"{intensity / local:.3g}" if local > 0 else "infinitely many"
+        return FrameFindings(
+            found=found,
+            reason=f"the largest peak is {above} times the noise; {level:.3g} times is the level that noise does not "
+            f"reach ({self.method})",
+            strongest=Arrival(
+                lateral_m=lateral,
+                depth_m=depth,
+                arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
+                intensity=intensity,
+                coherence=None,
+            ),
+            others=(),
+            noise_sigma=sigma,
+            cells=cells,
+            saturated_channels=self._saturated_lines(frame, lateral_m=lateral, depth_m=depth),
+            dead_channels=features.dead_channels(signals, channels=self.preset.array.elements),
+        )
+
+    def _image(
+        self, frame: Frame
+    ) -> tuple[Float32[np.ndarray, "samples columns"], Float32[np.ndarray, "depth lateral"], ImageGrid, slice]:
+        """Filtered lines, envelope, its grid, and the rows that count."""
+        samples = self._admitted(frame).samples
+        grid, rows = self._grid(samples.shape[1])
+        signals = band_pass(samples, self._taps, blanked=self.preset.pickup_samples)
+        return signals, envelope(beamform(signals, grid)), grid, rows
+
+    def _admitted(self, frame: Frame) -> RFFrame:
+        if not isinstance(frame, RFFrame):
+            raise AcquisitionError(f"SPARE: a {type(frame).__name__} was handed over, and it reads RF frames only")
+        preset = self.preset
+        lines, samples = frame.samples.shape
+        if lines != preset.array.elements:
+            raise AcquisitionError(
+                f"SPARE: a frame of {lines} lines, {preset.array.elements} are expected; set the machine's lines"
+            )
+        if abs(frame.sampling_hz - preset.sampling_hz) > 1e-6 * preset.sampling_hz:
+            raise AcquisitionError(
+                f"SPARE: a frame sampled at {frame.sampling_hz:g} Hz, {preset.sampling_hz:g} Hz is expected; set the "
+                "machine's sampling frequency"
+            )
+        least = preset.pickup_samples + 4 * ENVELOPE_MARGIN
+        if samples < least:
+            raise AcquisitionError(f"SPARE: a frame of {samples} samples, at least {least} are needed; record longer")
+        return frame
+
+    def _grid(self, samples: int) -> tuple[ImageGrid, slice]:
+        if samples not in self._grids:
+            preset = self.preset
+            depth, rows = image_rows(
+                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
+            )
+            half = self._half_aperture_m(depth)
+            distance = column_distances_m(preset.array, reach_m=float(half.max()))
+            table = delay_table(
+                preset.array,
+                place=self._place(distance[:, None], depth),
+                within=distance[:, None] <= half,
+                samples=samples,
+            )
+            grid = ImageGrid(lateral_m=preset.array.lateral_m, depth_m=depth, samples=samples, table=table)
+            self._grids[samples] = (grid, rows)
+        return self._grids[samples]
+
+    def _place(self, offset_m: Float64[np.ndarray, ...], depth_m: Float64[np.ndarray, ...]) -> Float64[np.ndarray, ...]:
+        """Sample of the line at this distance that belongs to a source at this depth, (1) or (2)."""
+        per_metre, origin = path_delay(self.preset)
+        laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
+        if self.receive_focus_m is None:
+            beyond = np.maximum(depth_m - laser_m, 1e-9)
+            return np.asarray((beyond + offset_m**2 / beyond) * per_metre + 2 * origin)
+        behind = depth_m - self.receive_focus_m
+        side = np.where(behind >= 0, 1.0, -1.0)
+        return np.asarray((self.receive_focus_m + side * np.hypot(offset_m, behind)) * per_metre + origin)
+
+    def _half_aperture_m(self, depth_m: Float64[np.ndarray, " depth"]) -> Float64[np.ndarray, " depth"]:
+        """Farthest line that contributes, at least half a line away."""
+        steepest = math.atan(1 / (2 * self.preset.f_number)) if self.preset.f_number > 0 else math.pi / 2
+        if self.receive_focus_m is None:
+            laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
+            half = (depth_m - laser_m) * math.tan(steepest / 2)
+        else:
+            half = np.abs(depth_m - self.receive_focus_m) * math.tan(steepest)
+        # Wider by 1e-9, so that rounding does not decide about a line on the edge.
+        return np.maximum(half, 0.5 * self.preset.array.pitch_m) * (1 + 1e-9)
+
+    def _image_at(
+        self,
+        signals: Float32[np.ndarray, "samples columns"],
+        *,
+        lateral_m: Float64[np.ndarray, " lateral"],
+        depth_m: Float64[np.ndarray, " depth"],
+    ) -> Float32[np.ndarray, "depth lateral"]:
+        """The sum of (1) or (2) on any columns, for the surroundings of one peak: plain NumPy is fast enough."""
+        half = self._half_aperture_m(depth_m)[:, None]
+        total = np.zeros((len(depth_m), len(lateral_m)))
+        used = np.zeros_like(total)
+        sample = np.arange(signals.shape[0])
+        for line, line_m in enumerate(self.preset.array.lateral_m.tolist()):
+            offset = np.abs(lateral_m - line_m)
+            if not np.any(offset <= half.max()):
+                continue
+            place = self._place(offset, depth_m[:, None])
+            inside: Bool[np.ndarray, "depth lateral"] = (offset <= half) & (place >= 0) & (place < len(sample) - 1)
+            total += np.where(inside, np.interp(place, sample, signals[:, PAD + line]), 0.0)
+            used += inside
+        return (total / np.sqrt(np.maximum(used, 1))).astype(np.float32)
+
+    def _saturated_lines(self, frame: Frame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
+        """Lines that touch full scale where a point's sound is in them."""
+        samples = self._admitted(frame).samples
+        offset = np.abs(self.preset.array.lateral_m - lateral_m)
+        used = np.flatnonzero(offset <= self._half_aperture_m(np.array([depth_m])))
+        middle = np.rint(self._place(offset[used], np.array(depth_m))).astype(np.int64)
+        half = 2 * features.window_samples(self.preset)
+        window = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
+        # As 32 bits, because the magnitude of -32768 does not fit in 16.
+        largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
+        return tuple(int(line) for line in used[largest >= FULL_SCALE])
+
+
+AnyImageReader: TypeAlias = ImageReader | SpareReader
+"""The imaging chain of a rig: of channel data, or of RF lines."""

@@ -1,0 +1,317 @@
+"""The tip of an instrument in one B-mode image (paper, section 2.5 D): GrabCut, connected region, centroid, grey value.
+
+GrabCut (C. Rother et al., ACM Trans. Graph. 23, 309 (2004)) separates an object in a rectangle from what is around it.
+It answers in every image, also where there is no tip, so that two tests follow: the region has at least `LEAST_PX`
+pixels, and its centroid is brighter than tissue at the same depth beside the rectangle, by `SIGMAS` of its deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import ConfigError, Float64, UInt8, require_range
+from markerseek.vision.opencv import opencv
+
+LEAST_PX = 20
+"""Fewest pixels of a tip."""
+
+SIGMAS = 3.0
+"""Standard deviations of the tissue's grey values by which the tip's centroid exceeds their mean."""
+
+GROWN_M = 3e-3
+"""How far a rectangle reaches beyond the bright region that it is put around, in metres."""
+
+RIVAL_SHARE = 0.5
+"""A second region counts as another tip if its grey values add up to this share of the first one's."""
+
+_AROUND_M = 6e-3
+"""Width of the surroundings of a rectangle that GrabCut is shown, and in which tissue is looked for, in metres."""
+
+_BLUR_M = 0.7e-3
+"""Standard deviation of the blur under which the brightest region is found: speckle is finer than this."""
+
+_SMOOTH_M = 0.3e-3
+"""Standard deviation of the blur under which GrabCut works, about the size of speckle; intensities are not blurred."""
+
+_TISSUE_SHARE = 0.95
+_ROUNDS = 5
+_SEED = 1
+_SMALLEST_PX, _LARGEST_PX = 16, 8192
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rectangle:
+    """Part of an image, in whole pixels.
+
+    Attributes
+    ----------
+    row, column
+        Its upper left pixel.
+    rows, columns
+        Its size.
+
+    Raises
+    ------
+    ConfigError
+        If it is smaller than 3 pixels in one direction.
+    """
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "columns"):
+            require_range(f"rectangle: {name}", getattr(self, name), low=3, high=_LARGEST_PX, unit="pixels")
+        for name in ("row", "column"):
+            require_range(f"rectangle: {name}", getattr(self, name), low=-_LARGEST_PX, high=_LARGEST_PX, unit="pixels")
+
+    def centred(self, row: float, column: float) -> Rectangle:
+        """The same size, with its middle at a pixel."""
+        return Rectangle(
+            row=round(row - (self.rows - 1) / 2),
+            column=round(column - (self.columns - 1) / 2),
+            rows=self.rows,
+            columns=self.columns,
+        )
+
+    def grown(self, rows: int, columns: int) -> Rectangle:
+        """Larger by so many pixels on each side."""
+        return Rectangle(
+            row=self.row - rows,
+            column=self.column - columns,
+            rows=self.rows + 2 * rows,
+            columns=self.columns + 2 * columns,
+        )
+
+    def within(self, shape: tuple[int, int]) -> Rectangle:
+        """The part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
+        row, column = max(0, self.row), max(0, self.column)
+        rows = min(shape[0], self.row + self.rows) - row
+        columns = min(shape[1], self.column + self.columns) - column
+        if rows < 3 or columns < 3:
+            raise ConfigError(
+                f"rectangle of {self.rows} × {self.columns} pixels at row {self.row}, column {self.column}: it lies "
+                f"outside of the image of {shape[0]} × {shape[1]} pixels; name another"
+            )
+        return Rectangle(row=row, column=column, rows=rows, columns=columns)
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Index of its pixels in an image that contains it."""
+        return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tip:
+    """What is known of the tip after one image.
+
+    Attributes
+    ----------
+    visible
+        Whether it passes both tests.
+    reason
+        Why, or why not, in words.
+    intensity
+        Grey value of the pixel at its centroid; 0 where no region was found.
+    row, column
+        Its centroid in pixels; the middle of the rectangle where no region was found.
+    area_px
+        Pixels of its region.
+    tissue_mean, tissue_sd
+        Mean and standard deviation of the tissue's grey values; of all surroundings where no region was found.
+    rivals
+        Other bright regions in the rectangle.
+    rectangle
+        Where it was looked for.
+    """
+
+    visible: bool
+    reason: str
+    intensity: float
+    row: float
+    column: float
+    area_px: int
+    tissue_mean: float
+    tissue_sd: float
+    rivals: int
+    rectangle: Rectangle
+
+    @property
+    def level(self) -> float:
+        """Grey value that the centroid must exceed."""
+        return self.tissue_mean + SIGMAS * self.tissue_sd
+
+
+def require_image(image: UInt8[np.ndarray, "rows columns"]) -> None:
+    """Refuse an image that is no grey one, or too small or large; `ConfigError`."""
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise ConfigError(
+            f"B-mode image: it is {image.dtype} of shape {image.shape}, uint8 of (rows, columns) is needed"
+        )
+    if not _SMALLEST_PX <= min(image.shape) <= max(image.shape) <= _LARGEST_PX:
+        raise ConfigError(
+            f"B-mode image: {image.shape[0]} × {image.shape[1]} pixels, {_SMALLEST_PX} to {_LARGEST_PX} are needed in "
+            "each direction"
+        )
+
+
+def brightest_blob(
+    image: UInt8[np.ndarray, "rows columns"], *, pixel_m: tuple[float, float], inside: Rectangle | None = None
+) -> tuple[Rectangle, float]:
+    """The brightest region of an image in a rectangle grown by `GROWN_M`, and its grey value under a blur.
+
+    Parameters
+    ----------
+    image
+        Grey values.
+    pixel_m
+        Height and width of a pixel in metres.
+    inside
+        Where to look; None: everywhere.
+    """
+    require_image(image)
+    cv2 = opencv("finding the tip of an instrument")
+    blurred = cv2.GaussianBlur(
+        image.astype(np.float32), (0, 0), sigmaX=_BLUR_M / pixel_m[1], sigmaY=_BLUR_M / pixel_m[0]
+    )
+    part = Rectangle(row=0, column=0, rows=image.shape[0], columns=image.shape[1])
+    if inside is not None:
+        part = inside.within(image.shape)
+    window = blurred[part.slices]
+    top = float(window.max())
+    # Half way up from the brightest twentieth, which is tissue: pad and air may fill most of the image.
+    above = (window >= (top + float(np.quantile(window, _TISSUE_SHARE))) / 2).astype(np.uint8)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+    left, upper, width, height, _ = (int(each) for each in boxes[labels.ravel()[int(np.argmax(window))]])
+    blob = Rectangle(row=part.row + upper, column=part.column + left, rows=max(3, height), columns=max(3, width)).grown(
+        *_pixels(GROWN_M, pixel_m)
+    )
+    return blob.within(image.shape), top
+
+
+def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, pixel_m: tuple[float, float]) -> Tip:
+    """The tip in a rectangle of one image; equal arguments give equal results.
+
+    Parameters
+    ----------
+    image
+        Grey values.
+    rectangle
+        Where it is looked for; the part inside of the image counts.
+    pixel_m
+        Height and width of a pixel in metres.
+
+    Raises
+    ------
+    ConfigError
+        If the image is no grey image, or the rectangle lies outside of it.
+    MissingExtraError
+        If OpenCV is not installed.
+    """
+    require_image(image)
+    rectangle = rectangle.within(image.shape)
+    cv2 = opencv("finding the tip of an instrument")
+    # Only the surroundings, so that tissue, and not all else in the image, is the background.
+    around = rectangle.grown(*_pixels(_AROUND_M, pixel_m)).within(image.shape)
+    # GrabCut knows neighbours of one pixel only; speckle, which is coarser, would fall apart without the blur.
+    smooth = cv2.GaussianBlur(
+        image[around.slices], (0, 0), sigmaX=_SMOOTH_M / pixel_m[1], sigmaY=_SMOOTH_M / pixel_m[0]
+    )
+    mask = _grab_cut(smooth, _relative(rectangle, around))
+    _, labels, boxes, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    # Of several regions the one whose grey values add up to most; label 0 is the background.
+    sums = np.bincount(labels.ravel(), weights=image[around.slices].ravel(), minlength=len(boxes))[1:]
+    if sums.size == 0 or sums.max() <= 0:
+        return Tip(
+            visible=False,
+            reason="nothing in the rectangle stands out",
+            intensity=0.0,
+            row=rectangle.row + (rectangle.rows - 1) / 2,
+            column=rectangle.column + (rectangle.columns - 1) / 2,
+            area_px=0,
+            tissue_mean=float(image[around.slices].mean()),
+            tissue_sd=float(image[around.slices].std()),
+            rivals=0,
+            rectangle=rectangle,
+        )
+    best = int(np.argmax(sums)) + 1
+    rivals = int(np.sum((sums >= RIVAL_SHARE * sums.max()) & (boxes[1:, cv2.CC_STAT_AREA] >= LEAST_PX))) - 1
+    column, row = float(centroids[best][0]) + around.column, float(centroids[best][1]) + around.row
+    upper, height = int(boxes[best][cv2.CC_STAT_TOP]) + around.row, int(boxes[best][cv2.CC_STAT_HEIGHT])
+    area = int(boxes[best][cv2.CC_STAT_AREA])
+    mean, deviation = _tissue(image, rectangle, around, upper, height)
+    intensity = float(image[round(row), round(column)])
+    level = mean + SIGMAS * deviation
+    small, dark = area < LEAST_PX, not intensity > level
+    reason = (
+        f"a region of {area} pixels, below {LEAST_PX}"
+        if small
+        else f"a centroid of {intensity:g}, tissue beside it reaches {level:.0f}"
+    )
+    return Tip(
+        visible=not (small or dark),
+        reason=reason,
+        intensity=intensity,
+        row=row,
+        column=column,
+        area_px=area,
+        tissue_mean=mean,
+        tissue_sd=deviation,
+        rivals=max(0, rivals),
+        rectangle=rectangle,
+    )
+
+
+def _grab_cut(part: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle) -> UInt8[np.ndarray, "rows columns"]:
+    """1 where GrabCut sees the object, else 0."""
+    cv2 = opencv("finding the tip of an instrument")
+    mask = np.zeros(part.shape, np.uint8)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    box = (rectangle.column, rectangle.row, rectangle.columns, rectangle.rows)
+    inside = part[rectangle.slices]
+    outside = np.ones(part.shape, bool)
+    outside[rectangle.slices] = False
+    # Its mixtures need five different samples on either side; an even area has no object.
+    if len(np.unique(inside)) < 5 or np.count_nonzero(outside) < 5:
+        return mask
+    # Its clusters begin at random, with a generator of OpenCV's own.
+    cv2.setRNGSeed(_SEED)
+    cv2.grabCut(cv2.cvtColor(part, cv2.COLOR_GRAY2BGR), mask, box, *models, _ROUNDS, cv2.GC_INIT_WITH_RECT)
+    return np.asarray(np.isin(mask, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8))
+
+
+def _tissue(
+    image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, around: Rectangle, row: int, rows: int
+) -> tuple[float, float]:
+    """Mean and standard deviation of the grey values beside the rectangle, at the depth of the rows given."""
+    # At the same depth, because pad and air above and below the tissue are dark and would widen the deviation.
+    band = image[row : row + rows]
+    beside: Float64[np.ndarray, " pixels"] = np.concatenate(
+        [
+            band[:, around.column : rectangle.column].ravel(),
+            band[:, rectangle.column + rectangle.columns : around.column + around.columns].ravel(),
+        ]
+    ).astype(np.float64)
+    if beside.size < LEAST_PX:
+        raise ConfigError(
+            f"rectangle of {rectangle.rows} × {rectangle.columns} pixels: there is no tissue beside it to compare "
+            "with; name a smaller one"
+        )
+    return float(beside.mean()), float(beside.std())
+
+
+def _relative(rectangle: Rectangle, to: Rectangle) -> Rectangle:
+    return Rectangle(
+        row=rectangle.row - to.row,
+        column=rectangle.column - to.column,
+        rows=rectangle.rows,
+        columns=rectangle.columns,
+    )
+
+
+def _pixels(distance_m: float, pixel_m: tuple[float, float]) -> tuple[int, int]:
+    return round(distance_m / pixel_m[0]), round(distance_m / pixel_m[1])

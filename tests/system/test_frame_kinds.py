@@ -1,0 +1,94 @@
+"""Searches on rigs that give RF lines or B-mode images: the same loop, guard, journal and commands as for channels."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markerseek import build, run
+from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, RFFrame
+from markerseek.rigs import simulated
+from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, World, post_beamformed
+
+RF = SimulatedSettings(receiver=ReceiverSettings(data="rf", readout_s=0.05))
+TIP = SimulatedSettings(
+    marker=MarkerSettings(angle_deg=12.5, lateral_m=2e-3), receiver=ReceiverSettings(data="b-mode", readout_s=0.05)
+)
+
+
+def finished(settings, *, method="posterior", seed=1, **options):
+    rig = simulated(seed=seed, settings=settings)
+    events = list(run(build(method, **options), rig.scanner, dark_frames=rig.dark_frames))
+    assert isinstance(events[-1], Finished)
+    return rig, events
+
+
+def test_a_marker_is_found_in_rf_lines_by_spare():
+    rig, events = finished(RF)
+    assert isinstance(events[-1].estimate, Found)
+    assert abs(events[-1].estimate.mean_deg - rig.facts.truth_deg) < 0.3
+    assert all(isinstance(each.sample.frame, RFFrame) for each in events if isinstance(each, Measured))
+    assert "SPARE, from post-beamformed RF, dynamic receive focus" in rig.facts.description
+
+
+@pytest.mark.parametrize(("method", "limit_deg"), [("posterior", 0.3), ("weighted-average", 0.3), ("ternary", 0.7)])
+def test_the_tip_is_found_by_the_same_methods(method, limit_deg):
+    rig, events = finished(TIP, method=method)
+    assert isinstance(events[-1].estimate, Found)
+    assert abs(events[-1].estimate.mean_deg - 12.5) < limit_deg
+    assert all(isinstance(each.sample.frame, BModeFrame) for each in events if isinstance(each, Measured))
+    assert "B-mode echo of the tool tip" in rig.facts.description
+    assert rig.dark_frames == 0
+
+
+@pytest.mark.parametrize("method", ["posterior", "weighted-average"])
+def test_without_a_tip_none_is_found(method):
+    _, events = finished(replace(TIP, marker=replace(TIP.marker, present=False)), method=method, seed=3)
+    assert not isinstance(events[-1].estimate, Found)
+
+
+@pytest.mark.parametrize("data", ["rf", "b-mode"])
+def test_a_journal_of_such_a_search_is_replayed_and_becomes_a_bank_of_intensities(shell, tmp_path, data):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'kind = "simulated"\n[marker]\nangle_deg = 3.0\n[receiver]\ndata = "{data}"\nreadout_s = 0.05\n')
+    journal = tmp_path / "run.journal"
+    code, out, err = shell("search", "--seed", 1, "--rig", rig, "--journal", journal, "--json")
+    assert (code, abs(json.loads(out)["angle_deg"] - 3.0) < 0.3) == (0, True), err
+    code, out, err = shell("journal", "replay", journal)
+    assert (code, "equal, bit for bit" in out) == (0, True), out + err
+    code, out, err = shell("bank", "import", journal, tmp_path / "scan.hdf5")
+    assert code == 0, err
+    assert json.loads(shell("bank", "info", tmp_path / "scan.hdf5", "--json")[1])["content"].startswith("intensities")
+
+
+@pytest.mark.parametrize("receive_focus_m", [None, 40e-3])
+def test_the_simulated_machine_beamforms_as_it_is_written_out(receive_focus_m):
+    from machine_rf import post_beamformed as written_out
+
+    world = simulated(seed=2).stage._world
+    assert isinstance(world, World)
+    counts = np.random.default_rng(1).integers(-500, 500, (128, 2080)).astype(np.int16)
+    element_m = world.model.probe.array.lateral_m
+    expected = written_out(
+        counts.astype(float),
+        element_m=element_m,
+        line_m=element_m,
+        sampling_hz=40e6,
+        sound_speed_m_s=1540.0,
+        f_number=2.0,
+        receive_focus_m=receive_focus_m,
+    )
+    ours = post_beamformed(counts, world.model, receive_focus_m=receive_focus_m)
+    # Counts are rounded, and an element on the edge of the aperture may be in the one sum only.
+    differs = np.abs(ours - 0.25 * expected) > 2
+    assert differs.mean() < 2e-3
+
+
+def test_settings_that_do_not_fit_are_refused():
+    with pytest.raises(ConfigError, match="receive_focus_m is for data = 'rf', not 'channels'"):
+        ReceiverSettings(receive_focus_m=0.03)
+    with pytest.raises(ConfigError, match="receiver: receive_focus_m is nan m"):
+        ReceiverSettings(data="rf", receive_focus_m=float("nan"))
