@@ -99,6 +99,15 @@ def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_d
     _, out, _ = shell("search", "--rig", tmp_path / "world.toml", "--seed", 3, *SEARCH)
     simulated = json.loads(out)
     assert (over_bytes["rig"], over_bytes["truth_deg"], over_bytes["seed"]) == ("bench", None, None)
+    assert (over_bytes["emulated"], json.loads(out)["emulated"]) == (["stage", "laser"], [])
+    told = json.loads(shell("journal", "show", journal, "--json")[1])
+    assert told["configuration"]["emulated"] == ["stage", "laser"]
+    assert "on a bench rig with emulated stage and laser: " in shell("journal", "show", journal)[1]
+    assert "on a bench rig with emulated stage and laser: " in " ".join(shell("journal", "list", tmp_path)[1].split())
+    plot = ("--plot", "--out", tmp_path)
+    assert "on a bench rig with emulated stage and laser: " in shell("resume", journal, *plot)[1]
+    page = (tmp_path / "resume.html").read_text(encoding="utf-8")
+    assert "Emulated stage and laser: this is no measurement on hardware." in page
     # the same world, drawn from the same seed: every count of every frame is the same
     for name in ("angle_deg", "samples", "confirmation", "acquisitions", "refused", "marker_trus_m"):
         assert over_bytes[name] == simulated[name], name

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -152,6 +153,24 @@ def test_a_search_range_wider_than_the_rig_file_s_is_refused(tmp_path: Path) -> 
     wide = changed(wide, search=Interval(low_deg=-170.0, high_deg=170.0))
     with pytest.raises(ConfigError, match=r"limits.search is \[-35, 35\] deg, the journal searches \[-170, 170\] deg"):
         require_same_measurement(wide, settings, settings)
+
+
+@pytest.mark.parametrize(("was", "now"), [((), ("stage", "laser")), (("laser",), ("stage",)), (("laser",), ())])
+def test_emulated_devices_do_not_continue_a_search_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, was: tuple[str, ...], now: tuple[str, ...]
+) -> None:
+    closed = []
+    settings = settings_of(tmp_path)
+    held = begun_with(settings)
+    held = changed(held, emulated=was)
+    facts = replace(held.facts, emulated=now)
+    rig = SimpleNamespace(facts=facts, close=lambda: closed.append(True))
+    monkeypatch.setattr("markerseek.rigs.bench", lambda _: rig)
+    said = f"the emulated devices of the journal are: {', '.join(was) or 'none'}; those of the rig file are: "
+    with pytest.raises(ConfigError, match=said):
+        rebuild_rig(held, bench_settings=settings)
+    assert closed == [True]
+    assert rebuild_rig(changed(held, emulated=now), bench_settings=settings) is rig
 
 
 def test_equal_settings_differ_in_nothing(tmp_path: Path) -> None:

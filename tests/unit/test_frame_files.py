@@ -325,3 +325,10 @@ def test_damaged_bytes_are_a_frame_or_a_record_error(tmp_path, data, kind):
         assert path.name in str(error)  # noqa: PT017
     else:
         assert frame.samples.dtype == np.int16
+
+
+def test_a_file_without_a_header_is_named_as_such() -> None:
+    """Samples alone: their first twelve bytes are no numbers of channels, frames and samples."""
+    body = np.full(2080, -7, np.int16).tobytes()
+    with pytest.raises(RecordError, match=r"CH000\.daq: its first bytes are no header of a SonixDAQ channel file"):
+        sonixdaq.decode_header(body[:12], size=len(body), name="CH000.daq")
