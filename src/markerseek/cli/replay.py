@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek.cli.method_options import Acquisitions, MethodName
+from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 
 NAME = "replay"
@@ -31,12 +32,7 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
-    probe: Annotated[
-        str | None,
-        typer.Option(
-            help="Preset of the imaging chain, for channel data.", show_default="that of the bank, else BPL9-5/55"
-        ),
-    ] = None,
+    probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,

@@ -1,6 +1,7 @@
 from .bench_rig import bench
+from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
 from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
-from .replay import preset_of, replayed
+from .replay import replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
 from .scene import draw_scene, image_reader, scaled_spot, scene_curve
@@ -14,12 +15,16 @@ __all__ = [
     "Rig",
     "SimulatedRecipe",
     "bench",
+    "chosen_probe",
+    "completed_by",
     "draw_scene",
     "fingerprint",
     "image_reader",
     "in_world",
     "of_intensities",
     "preset_of",
+    "probe_settings",
+    "read_probe_file",
     "read_rig_file",
     "replayed",
     "scaled_spot",

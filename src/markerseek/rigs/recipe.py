@@ -9,6 +9,7 @@ import msgspec
 from markerseek.core import ConfigError
 from markerseek.drivers import BenchSettings
 from markerseek.records.banks import DEFAULT_FORMAT, TableFormat
+from markerseek.signals import ProbePreset
 from markerseek.sim import SimulatedSettings
 
 
@@ -28,7 +29,7 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
     """Arguments of `markerseek.rigs.replayed`; the path is absolute."""
 
     path: str
-    probe: str | None
+    probe: str | ProbePreset | None
     reference_deg: float | None
     between: Literal["nearest", "interpolated"]
     table: TableFormat = DEFAULT_FORMAT

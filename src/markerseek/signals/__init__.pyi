@@ -2,6 +2,7 @@ from .features import LEAST_CHANNELS
 from .findings import Arrival, FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
+from .own_probe import ProbeKeys, is_own
 from .peaks import strongest_peaks
 from .picks import common_wave
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
@@ -14,10 +15,12 @@ __all__ = [
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
+    "ProbeKeys",
     "ProbePreset",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",
+    "is_own",
     "probe_preset",
     "strongest_peaks",
 ]
