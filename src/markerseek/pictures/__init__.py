@@ -1,6 +1,7 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
+from markerseek.pictures.comparison_picture import ComparedSearch, comparison_figure
 from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
@@ -10,8 +11,10 @@ from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_he
 
 __all__ = [
     "ERROR_BARS",
+    "ComparedSearch",
     "b_mode_figure",
     "bank_figure",
+    "comparison_figure",
     "frame_figure",
     "new_figure",
     "panel_grid",

@@ -104,7 +104,8 @@ def simulated(
         clock=VirtualClock(pace=pace),
         reader=imaging,
         imaging=imaging,
-        description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}",
+        description=f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}"
+        + ("" if scene.second is None else f", a second marker at {scene.second.angle_deg:.2f} deg"),
         seed=seed,
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
         rng=rng,
