@@ -55,10 +55,12 @@ def command(
     """
     from markerseek import rigs
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.runs import new_session, plan_on
+    from markerseek.records.banks import read_bank
+    from markerseek.rigs import completed_by
+    from markerseek.runs import bank_curve, new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
@@ -87,5 +89,17 @@ def command(
         stay=stay,
     )
     session = new_session(assembled, plan)
+    recorded_curve = None
+    if plot:
+        curve = bank_curve(completed_by(read_bank(bank, table), probe), probe=probe)
+        recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)
+    conclude(
+        session.recorder,
+        session.configuration,
+        output,
+        imaging=assembled.imaging,
+        journal=session.journal,
+        density=density_of(session, output),
+        recorded=recorded_curve,
+    )

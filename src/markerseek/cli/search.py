@@ -77,7 +77,7 @@ def command(
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
     from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
     from markerseek.runs import new_session, plan_on
@@ -115,4 +115,11 @@ def command(
         announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
         session = run_new_session(session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig)
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)
+    conclude(
+        session.recorder,
+        session.configuration,
+        output,
+        imaging=assembled.imaging,
+        journal=session.journal,
+        density=density_of(session, output),
+    )

@@ -6,12 +6,13 @@ from markerseek.pictures.files import png_data_uri, require_room_for_pictures, s
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
 from markerseek.pictures.page import write_from_template, write_page
-from markerseek.pictures.search_picture import search_figure
+from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
 
 __all__ = [
     "ERROR_BARS",
     "ComparedSearch",
+    "Curve",
     "b_mode_figure",
     "bank_figure",
     "comparison_figure",

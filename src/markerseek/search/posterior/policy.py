@@ -16,6 +16,7 @@ from markerseek.core import (
     AtBound,
     ConfigError,
     Estimate,
+    Float64,
     Found,
     Interval,
     NotFound,
@@ -174,6 +175,10 @@ class Posterior(SearchPolicy):
             reason=_why_unsure(posterior, state.undetected_deg),
             floor=floor,
         )
+
+    def density(self) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]] | None:
+        """Probability density of the angle as `AnglePosterior.density`; None before the first sample."""
+        return self._state().posterior.density() if self._lit else None
 
     def _noise(self) -> Noise:
         if self._cached_noise is None:
