@@ -111,7 +111,7 @@ def test_link_holds_the_settings(opened):
     watched.tab.wait_for_url("**/?method=ternary&tissue=liver&peak_snr_db=30&seed=8&pace=0")
     watched.search()
     watched.wait_for(STATUS, r"(found|unsure|not found|ambiguous|at bound) at ")
-    options = ("--method", "ternary", "--tissue", "liver", "--peak-snr-db", "30", "--seed", "8")
+    options = ("--method", "ternary", "--tissue", "liver", "--snr-db", "30", "--seed", "8")
     assert json.loads(downloaded(watched, "report JSON")) == command_result(*options)
 
 

@@ -58,20 +58,23 @@ def test_the_image_is_the_sum_written_out(f_number, elements):
     assert np.abs(image - expected).max() < 1e-5 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("f_number", [0.0, 1.5])
-def test_agrees_with_pymust(f_number):
+@pytest.mark.parametrize(
+    ("f_number", "elements", "pitch_m"),
+    [(0.0, 128, 0.3e-3), (1.5, 128, 0.3e-3), (1.5, 64, 0.6e-3), (1.5, 192, 0.21e-3)],
+)
+def test_agrees_with_pymust(f_number, elements, pitch_m):
     """PyMUST's matrix is two-way: with no transmit path left over (passive) it is one-way."""
     import pymust
 
-    preset = ProbePreset(name="t", array=LinearArray(elements=128, pitch_m=0.3e-3), f_number=f_number)
+    preset = ProbePreset(name="t", array=LinearArray(elements=elements, pitch_m=pitch_m), f_number=f_number)
     wide, plain = signals_of(np.random.default_rng(2), preset)
     depth = np.linspace(3e-3, 30e-3, 80)
     grid = image_grid(preset, samples=SAMPLES, depth_m=depth)
     param = pymust.utils.Param()
-    param.fs, param.pitch, param.c, param.fc = 40e6, 0.3e-3, 1540.0, 7e6
-    param.fnumber, param.passive, param.radius, param.Nelements = f_number, True, np.inf, 128
+    param.fs, param.pitch, param.c, param.fc = 40e6, pitch_m, 1540.0, 7e6
+    param.fnumber, param.passive, param.radius, param.Nelements = f_number, True, np.inf, elements
     x, z = np.meshgrid(grid.lateral_m, depth)
-    matrix = pymust.dasmtx(np.array(plain.shape), x, z, np.zeros((1, 128)), param)
+    matrix = pymust.dasmtx(np.array(plain.shape), x, z, np.zeros((1, elements)), param)
     theirs = (matrix @ plain.flatten(order="F")).reshape(x.shape, order="F")
     scale = plain_sum(np.ones_like(plain), preset, grid.lateral_m, depth)
     ours = beamform(wide, grid) * scale

@@ -243,7 +243,7 @@ HOSTILE = {
     "huge.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (128, 99999999999), }\n"),
     "negative.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (-128, -2), }\n") + bytes(512),
     "object.npy": npy_header("{'descr': '|O', 'fortran_order': False, 'shape': (2, 4), }\n") + bytes(64),
-    "float.npy": npy_header("{'descr': '<f8', 'fortran_order': False, 'shape': (2, 4), }\n") + bytes(64),
+    "float.npy": npy_header("{'descr': '<f8', 'fortran_order': False, 'shape': (2, 4), }\n") + b"\xff" * 64,
     "flat.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (8,), }\n") + bytes(16),
     "upright.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (8, 2), }\n") + bytes(32),
     "long.npy": npy_header("{'descr': '<i2', 'fortran_order': False, 'shape': (2, 4), }\n") + bytes(18),

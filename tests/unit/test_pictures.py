@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from markerseek.pictures import bank_figure, frame_figure, png_data_uri, search_figure, write_page
+from markerseek.pictures import Curve, bank_figure, frame_figure, png_data_uri, search_figure, write_page
 
 LONG = (
     r"posterior on a replayed rig: /data/a folder of recordings, " * 4 + r"named $\notacommand$ and $x_1$ by somebody"
@@ -39,7 +39,14 @@ def sample(angle_deg: float, intensity: float) -> Sample:
     return Sample(angle_deg=angle_deg, reading=reading, frame=ReadingFrame(header=header, intensity=intensity))
 
 
-def figure_of(samples: list[Sample], *, confirmation: Sample | None = None, title: str | None = "a search") -> Figure:
+def figure_of(
+    samples: list[Sample],
+    *,
+    confirmation: Sample | None = None,
+    title: str | None = "a search",
+    density: Curve | None = None,
+    recorded: Curve | None = None,
+) -> Figure:
     figure = search_figure(
         samples,
         FOUND if confirmation is not None else NotFound(mean_deg=0.8, reason="made up", floor=FLOOR),
@@ -49,6 +56,9 @@ def figure_of(samples: list[Sample], *, confirmation: Sample | None = None, titl
         reference_deg=None,
         confirmation=confirmation,
         image=None,
+        limits=Interval(low_deg=-35.0, high_deg=35.0),
+        density=density,
+        recorded=recorded,
     )
     FigureCanvasAgg(figure).draw()
     return figure
@@ -75,6 +85,40 @@ def test_numbers_are_not_written_over_one_another_and_the_first_is_there(count: 
 def test_no_line_joins_what_was_measured_at_different_angles() -> None:
     axes = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0), sample(5.0, 50.0)]).axes[0]
     assert all(len(set(line.get_xdata())) == 1 or len(set(line.get_ydata())) == 1 for line in axes.lines)
+
+
+def test_the_axes_show_the_range_of_the_search_and_the_legend_lies_off_them() -> None:
+    figure = figure_of([sample(-3.0, 40.0), sample(2.0, 60.0)])
+    curve, track = figure.axes
+    assert curve.get_xlim() == track.get_ylim() == pytest.approx((-36.4, 36.4))
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
+    assert curve.get_ylabel().endswith("[as recorded]")
+
+
+def test_a_number_beside_the_confirmation_is_not_under_its_star() -> None:
+    figure = figure_of([sample(-3.0, 200.0), sample(0.9, 1990.0)], confirmation=sample(0.8, 2000.0))
+    axes = figure.axes[0]
+    (number,) = [text for text in axes.texts if text.get_text() == "2"]
+    x, y = axes.transData.transform((0.8, 2000.0))
+    # The star of 110 square points reaches about 6 points, 8.5 pixels, to each side.
+    box = number.get_window_extent()
+    assert box.x1 < x - 8 or box.y0 > y + 8
+
+
+def test_the_recorded_curve_and_the_density_of_the_posterior_are_drawn() -> None:
+    angles = np.linspace(-35, 35, 141)
+    heights = 3000 * np.exp(-((angles - 0.8) ** 2) / 9)
+    per_deg = np.exp(-((angles - 0.8) ** 2))
+    figure = figure_of([sample(2.0, 60.0)], recorded=(angles, heights), density=(angles, per_deg))
+    curve, track, density = figure.axes
+    assert curve.get_ylim()[1] > 3000
+    np.testing.assert_array_equal(curve.lines[0].get_ydata(), heights)
+    assert density.get_shared_x_axes().joined(density, curve)
+    vertices = density.collections[0].get_paths()[0].vertices
+    assert vertices[:, 1].max() == pytest.approx(per_deg.max())
+    assert track.get_xlabel().startswith("acquisition")
 
 
 def image() -> PaImage:

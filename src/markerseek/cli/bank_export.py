@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
 from markerseek.core import ConfigError
@@ -43,9 +44,7 @@ class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
 def command(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
     to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .mcap or .csv.", metavar="TO")],
-    probe: Annotated[
-        str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
-    ] = None,
+    probe: ProbeName = None,
     face_radius_mm: Annotated[
         float | None,
         typer.Option(help="Distance of the array's face from the axis of rotation, where the bank does not hold it."),
@@ -58,6 +57,7 @@ def command(
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank, require_whole
     from markerseek.records.exports import write_intensities
+    from markerseek.rigs import completed_by
     from markerseek.runs import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
@@ -67,7 +67,7 @@ def command(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = read_bank(source, table_format(columns, unit))
+    bank = completed_by(read_bank(source, table_format(columns, unit)), probe)
     require_new(to)
     frames = isinstance(bank, FrameBank)
     for option, value in (("--probe", probe), ("--face-radius-mm", face_radius_mm)):

@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import ConfigError, RecordError
@@ -48,9 +49,7 @@ def command(
         ),
     ],
     to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
-    probe: Annotated[
-        str | None, typer.Option(help="Preset of the imaging chain that computes the intensities of frames.")
-    ] = None,
+    probe: ProbeName = None,
     first_deg: Annotated[float | None, typer.Option(help="First angle of an .npy of frames.")] = None,
     step_deg: Annotated[float | None, typer.Option(help="Step from one frame of an .npy to the next.")] = None,
     sampling_mhz: Annotated[
@@ -69,6 +68,7 @@ def command(
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
+    from markerseek.rigs import completed_by
     from markerseek.runs import bank_samples, described
 
     given: dict[str, Any] = {
@@ -91,6 +91,7 @@ def command(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
         )
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
+    bank = completed_by(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0

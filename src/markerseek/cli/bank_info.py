@@ -66,7 +66,8 @@ def command(
         Path, typer.Argument(help="IPASC HDF5, CSV of angle_deg,intensity, or folder with one frame per angle.")
     ],
     probe: Annotated[
-        str | None, typer.Option(help="Compute the intensities again with this preset of the imaging chain.")
+        str | None,
+        typer.Option(help="Compute the intensities again with this preset, or with your own probe in FILE.toml."),
     ] = None,
     columns: Columns = None,
     unit: Unit = None,
@@ -78,11 +79,12 @@ def command(
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
     from markerseek.records.banks import IntensityBank, read_bank, require_whole
+    from markerseek.rigs import completed_by
     from markerseek.runs import bank_curve, dark_intensity
     from markerseek.search import peak_of
 
     folder = picture_folder(out, plot=plot)
-    held = read_bank(bank, table_format(columns, unit))
+    held = completed_by(read_bank(bank, table_format(columns, unit)), probe)
     if probe is not None and isinstance(held, IntensityBank):
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     # The stored intensities need no frame, and a damaged one must not pass for that reason.

@@ -65,7 +65,7 @@ def command(
 
     If stopped early, the file has all acquisitions so far.
     """
-    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
     from markerseek.records.banks.ipasc import require_new_bank
     from markerseek.runs import scan_angles, scan_bank, scan_configuration
 
@@ -74,7 +74,7 @@ def command(
     announce_compilation()
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
-    with open_rig(rig, seed=seed) as (assembled, _start_deg):
+    with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
         angles = scan_angles(assembled, step_deg=step_deg)
         arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
         scan = scan_bank(

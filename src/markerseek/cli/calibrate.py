@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
 from markerseek.core import ConfigError, require_range
 
@@ -56,9 +57,7 @@ class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def command(
     bank: Annotated[Path, typer.Argument(help="Scan of one point source with its frames: IPASC HDF5 or a folder.")],
-    probe: Annotated[
-        str | None, typer.Option(help="Preset of the imaging chain.", show_default="that of the bank, else BPL9-5/55")
-    ] = None,
+    probe: ProbeName = None,
     source_deg: Annotated[float, typer.Option(help="True angle of the point source, in degrees.")] = 0.0,
     zero_deg: Annotated[float, typer.Option(help="The zero_deg of rig.toml with which the scan was taken.")] = 0.0,
     direction: Annotated[
@@ -75,13 +74,13 @@ def command(
     """
     from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.rigs import preset_of
+    from markerseek.rigs import completed_by, preset_of
     from markerseek.runs import calibrate
     from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
-    scan = read_bank(bank)
+    scan = completed_by(read_bank(bank), probe)
     if not isinstance(scan, FrameBank):
         raise ConfigError(
             f"{bank}: it holds intensities only, and calibration needs the channel data of each angle; name a folder "

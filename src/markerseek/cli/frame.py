@@ -22,6 +22,7 @@ NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
+    "  markerseek frame frame.npy --probe examples/probes/linear-64.toml\n\n"
     "  markerseek frame bmode.b8 --number 5 --plot\n\n"
     "  markerseek frame pa.rf --spare --plot\n\n"
     "  markerseek frame scan/angle_-12.5deg --probe BPL9-5/55 --max-depth-mm 60 --json"
@@ -68,7 +69,7 @@ def command(
     probe: Annotated[
         str | None,
         typer.Option(
-            help="Preset of the imaging chain; an unknown name lists them all.",
+            help="Preset of the imaging chain (an unknown name lists them), or FILE.toml with your own probe.",
             show_default="L3-8 of a .mat, else BPL9-5/55",
         ),
     ] = None,
@@ -91,7 +92,8 @@ def command(
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.ultrasonix import open_for_spare, show_ultrasonix
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
-    from markerseek.signals import ImageReader, probe_preset
+    from markerseek.rigs import chosen_probe
+    from markerseek.signals import PRESET_NAMES, ImageReader
 
     folder = picture_folder(out, plot=plot)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
@@ -102,7 +104,8 @@ def command(
     if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
-    probe = probe or (MAT_PROBE if file.suffix.lower() == ".mat" else "BPL9-5/55")
+    preset = chosen_probe(probe or (MAT_PROBE if file.suffix.lower() == ".mat" else PRESET_NAMES[0]))
+    probe = preset.name
     for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
         if value is not None and not 0 <= value <= _MOST_MM:
             raise ConfigError(f"{option} is {value:g}, it must lie between 0 and {_MOST_MM:g} mm")
@@ -115,7 +118,8 @@ def command(
             file, number=number, probe=probe, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m
         )
     else:
-        reader, frame = ImageReader(probe_preset(probe), min_depth_m=low_m, max_depth_m=high_m), load_frame(file)
+        reader = ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
+        frame = load_frame(file, sampling_hz=preset.sampling_hz)
     announce_compilation()
     try:
         findings = reader.findings(frame)

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import Rig
+    from markerseek.sim import SimulatedSettings
 
 _USUAL_SEED = 1
 """Default seed of a simulation."""
@@ -25,24 +27,91 @@ NOT_ARMED = 4
 """Exit code if the rig was not armed: nothing moved, nothing was fired."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationOptions:
+    """Options of a simulated rig, which are an error for a rig of devices; None leaves the rig file's value.
+
+    Attributes
+    ----------
+    seed
+        Seed of everything that is drawn; None: 1.
+    tissue
+        Name of a simulated material.
+    pace
+        Real seconds per virtual second.
+    no_marker
+        Whether there is no marker.
+    marker_deg, second_marker_deg
+        Angle of the marker, and of a second one, in degrees.
+    snr_db
+        Peak SNR in dB.
+    readout_s
+        Time to read one acquisition, in seconds.
+    """
+
+    seed: int | None = None
+    tissue: str | None = None
+    pace: float = 0.0
+    no_marker: bool = False
+    marker_deg: float | None = None
+    second_marker_deg: float | None = None
+    snr_db: float | None = None
+    readout_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
+            raise ConfigError("--no-marker contradicts --marker-deg and --second-marker-deg; leave it or them out")
+
+    def given(self) -> list[str]:
+        """The options that were given, as they are typed."""
+        named = {
+            "--seed": self.seed,
+            "--tissue": self.tissue,
+            "--pace": self.pace or None,
+            "--marker-deg": self.marker_deg,
+            "--second-marker-deg": self.second_marker_deg,
+            "--snr-db": self.snr_db,
+            "--readout-s": self.readout_s,
+        }
+        flag = ["--no-marker"] if self.no_marker else []
+        return flag + [f"{name} {value}" for name, value in named.items() if value is not None]
+
+    def on(self, settings: SimulatedSettings) -> SimulatedSettings:
+        """The settings with the values of these options.
+
+        Raises
+        ------
+        ConfigError
+            If a value cannot be used.
+        """
+        from markerseek.sim import changed_settings
+
+        settings = changed_settings(settings, tissue=self.tissue, peak_snr_db=self.snr_db, readout_s=self.readout_s)
+        if self.no_marker:
+            none = replace(settings.marker, present=False)
+            settings = replace(settings, marker=none, second=replace(settings.second, present=False))
+        if self.marker_deg is not None:
+            settings = replace(settings, marker=replace(settings.marker, present=True, angle_deg=self.marker_deg))
+        if self.second_marker_deg is not None:
+            second = replace(settings.second, present=True, angle_deg=self.second_marker_deg)
+            settings = replace(settings, second=second)
+        return settings
+
+
+NO_OPTIONS = SimulationOptions()
+"""A simulated rig as its file describes it."""
+
+
 @contextmanager
-def open_rig(
-    path: Path | None,
-    *,
-    seed: int | None = None,
-    tissue: str | None = None,
-    pace: float = 0.0,
-    peak_snr_db: float | None = None,
-    readout_s: float | None = None,
-) -> Iterator[tuple[Rig, float]]:
+def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     Parameters
     ----------
     path
         Rig file; None for the simulated rig with its defaults.
-    seed, tissue, pace, peak_snr_db, readout_s
-        Options of a simulated rig (default seed 1), in place of its settings; an error for a rig of devices.
+    options
+        Options of a simulated rig.
 
     Raises
     ------
@@ -54,29 +123,23 @@ def open_rig(
     from markerseek import rigs
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import read_rig_file
-    from markerseek.sim import SimulatedSettings, changed_settings
+    from markerseek.sim import SimulatedSettings
 
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
-        simulated_only: dict[str, object] = {"--seed": seed, "--tissue": tissue, "--pace": pace or None}
-        _require_none(path, simulated_only | {"--peak-snr-db": peak_snr_db, "--readout-s": readout_s})
+        if options.given():
+            raise ConfigError(
+                f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
+                "bench); leave it out, or name the rig file of a simulated rig"
+            )
         from markerseek.rigs import bench
 
         with bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    settings = changed_settings(settings, tissue=tissue, peak_snr_db=peak_snr_db, readout_s=readout_s)
-    yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
-
-
-def _require_none(path: Path | None, options: dict[str, object]) -> None:
-    """Refuse options that only a simulation has; a rig of devices would ignore them."""
-    given = [f"{name} {value}" for name, value in options.items() if value is not None]
-    if given:
-        raise ConfigError(
-            f"{' and '.join(given)}: only for a simulated rig, and {path} is one of devices (kind bench); leave "
-            "it out, or name the rig file of a simulated rig"
-        )
+    settings = options.on(settings)
+    seed = _USUAL_SEED if options.seed is None else options.seed
+    yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
 def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:

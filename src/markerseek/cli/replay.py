@@ -9,6 +9,7 @@ import typer
 
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
 from markerseek.cli.method_options import Acquisitions, MethodName
+from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 
 NAME = "replay"
@@ -32,12 +33,7 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
-    probe: Annotated[
-        str | None,
-        typer.Option(
-            help="Preset of the imaging chain, for channel data.", show_default="that of the bank, else BPL9-5/55"
-        ),
-    ] = None,
+    probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
@@ -63,10 +59,12 @@ def command(
     """
     from markerseek import rigs
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.runs import new_session, plan_on
+    from markerseek.records.banks import read_bank
+    from markerseek.rigs import completed_by
+    from markerseek.runs import bank_curve, new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
@@ -96,5 +94,17 @@ def command(
         stay=stay,
     )
     session = new_session(assembled, plan)
+    recorded_curve = None
+    if plot:
+        curve = bank_curve(completed_by(read_bank(bank, table), probe), probe=probe)
+        recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)
+    conclude(
+        session.recorder,
+        session.configuration,
+        output,
+        imaging=assembled.imaging,
+        journal=session.journal,
+        density=density_of(session, output),
+        recorded=recorded_curve,
+    )

@@ -15,6 +15,8 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
     "  markerseek search --method ternary --acquisitions 16 --as-published\n\n"
+    "  markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30\n\n"
+    "  markerseek search --compare posterior,golden-section,ternary --plot\n\n"
     "  markerseek search --rig examples/rigs/simulated.toml --json\n\n"
     "  markerseek search --rig examples/rigs/bench.toml --arm"
 )
@@ -29,6 +31,13 @@ def command(
     single: Annotated[
         bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
     ] = False,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD,METHOD",
+            help="Search the same simulated world with each of these methods; one table, and no journals.",
+        ),
+    ] = None,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
@@ -36,8 +45,16 @@ def command(
         str | None,
         typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all."),
     ] = None,
-    peak_snr_db: Annotated[
-        float | None, typer.Option(help="Peak SNR in dB of a simulated rig, instead of the rig's.", show_default="40")
+    no_marker: Annotated[bool, typer.Option("--no-marker", help="Simulate noise and clutter alone.")] = False,
+    marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of the simulated marker, in degrees.", show_default="drawn at random")
+    ] = None,
+    second_marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of a second simulated marker, as strong, elsewhere along the array.")
+    ] = None,
+    snr_db: Annotated[
+        float | None,
+        typer.Option(help="Peak SNR of the simulated image with the probe on the marker, in dB.", show_default="40"),
     ] = None,
     readout_s: Annotated[
         float | None,
@@ -71,10 +88,11 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
-    from markerseek.cli.open_rig import arm_rig, open_rig
+    from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
+    from markerseek.core import ConfigError
     from markerseek.runs import new_session, plan_on
     from markerseek.search import method_named
 
@@ -83,8 +101,23 @@ def command(
     stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     # An unknown method is an error before devices are opened.
     method_named(method)
-    opened = open_rig(rig, seed=seed, tissue=tissue, pace=pace, peak_snr_db=peak_snr_db, readout_s=readout_s)
-    with opened as (assembled, start_deg):
+    options = SimulationOptions(
+        seed=seed,
+        tissue=tissue,
+        pace=pace,
+        no_marker=no_marker,
+        marker_deg=marker_deg,
+        second_marker_deg=second_marker_deg,
+        snr_db=snr_db,
+        readout_s=readout_s,
+    )
+    if compare is not None:
+        from markerseek.cli.compare import compare as compare_methods
+
+        if journal is not None or method != "posterior":
+            raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
+        compare_methods(compare, rig, options, output, acquisitions=acquisitions, as_published=as_published, stay=stay)
+    with open_rig(rig, options) as (assembled, start_deg):
         plan = plan_on(
             assembled,
             method=method,
@@ -100,4 +133,11 @@ def command(
         session = run_new_session(
             session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, stream=stream
         )
-    conclude(session.recorder, session.configuration, output, imaging=assembled.imaging, journal=session.journal)
+    conclude(
+        session.recorder,
+        session.configuration,
+        output,
+        imaging=assembled.imaging,
+        journal=session.journal,
+        density=density_of(session, output),
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import msgspec
 import typer
@@ -13,11 +13,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import Floor, OtherSource, PaImage, Sample
+from markerseek.core import Floor, Interval, OtherSource, PaImage, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
 from markerseek.signals import AnyImageReader
+
+if TYPE_CHECKING:
+    from markerseek.pictures import Curve
+    from markerseek.runs import Session
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
@@ -132,6 +136,15 @@ class Output:
     folder: Path
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curves:
+    """Range and curves of a picture, as in `markerseek.pictures.search_figure`."""
+
+    limits: Interval
+    density: Curve | None
+    recorded: Curve | None
+
+
 def conclude(
     recorder: Recorder,
     configuration: Configuration,
@@ -139,6 +152,8 @@ def conclude(
     *,
     imaging: AnyImageReader | None,
     journal: Journal | None = None,
+    density: Curve | None = None,
+    recorded: Curve | None = None,
 ) -> NoReturn:
     """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
 
@@ -154,6 +169,8 @@ def conclude(
         Imaging chain of the rig's channel data; None where there are intensities only.
     journal
         The journal whose path is printed; None where there is none, or the user named it.
+    density, recorded
+        Curves of the picture, as in `markerseek.pictures.search_figure`.
     """
     result = recorder.result(configuration.plan, configuration.facts)
     title = f"{_method_in_words(result)} on a {configuration.facts.rig_name}: {configuration.facts.description}"
@@ -163,11 +180,21 @@ def conclude(
     else:
         _print_table(result, title=title)
     if output.plot:
-        for path in _draw(recorder, result, title, imaging, output.folder / output.name):
+        curves = Curves(limits=configuration.facts.search, density=density, recorded=recorded)
+        for path in _draw(recorder, result, title, imaging, output.folder / output.name, curves):
             (stderr if output.as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
     if journal is not None and not output.as_json:
         stderr.print(f"[dim]journal:[/] {escape(str(journal.path))}")
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
+
+
+def density_of(session: Session, output: Output) -> Curve | None:
+    """Density of the angle at the end of a search that is drawn; None for methods without a posterior."""
+    if not output.plot or session.configuration.plan.method != "posterior":
+        return None
+    from markerseek.search.posterior import Posterior
+
+    return session.policy.density() if isinstance(session.policy, Posterior) else None
 
 
 def _print_table(result: SearchResult, *, title: str) -> None:
@@ -179,7 +206,7 @@ def _print_table(result: SearchResult, *, title: str) -> None:
 
 
 def _draw(
-    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path
+    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path, curves: Curves
 ) -> tuple[Path, ...]:
     """Write picture and page; returns their paths, none if nothing was measured."""
     from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
@@ -197,6 +224,9 @@ def _draw(
         reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
         image=_image(imaging, recorder.confirmation or recorder.samples[-1]),
+        limits=curves.limits,
+        density=curves.density,
+        recorded=curves.recorded,
     )
     save_png(draw(title=title), png)
     write_page(

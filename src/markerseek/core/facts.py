@@ -36,7 +36,9 @@ class RigFacts:
     seed
         Seed of a simulation; None of any other rig.
     probe
-        Name of the preset of the imaging chain; None, as the next three, where there are intensities only.
+        Name of the preset of the imaging chain; None, as the next four, where there are intensities only.
+    probe_settings
+        Description of the imaging chain's probe as JSON where it is one of the user's own; None for a preset of ours.
     sampling_hz
         Sampling frequency in Hz.
     sound_speed_m_s
@@ -61,6 +63,7 @@ class RigFacts:
     reference_deg: float | None = None
     seed: int | None = None
     probe: str | None = None
+    probe_settings: str | None = None
     sampling_hz: float | None = None
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None

@@ -15,6 +15,8 @@ from markerseek.drivers._light import LaserKeys
 from markerseek.drivers._ros2_settings import RosLaser, RosReceiver, RosStage
 from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
+from markerseek.signals import ProbeKeys, probe_preset
+from markerseek.wire import sonixdaq
 
 __all__ = [
     "BenchLaser",
@@ -97,8 +99,8 @@ class BenchReceiver(SonixDaqKeys):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchProbe:
-    """Properties of the probe that the imaging needs.
+class BenchProbe(ProbeKeys):
+    """Properties of the probe that the imaging needs: a preset, and the keys of `ProbeKeys` in which it differs.
 
     Attributes
     ----------
@@ -119,6 +121,10 @@ class BenchProbe:
     face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
+        if self.elements not in (None, sonixdaq.CHANNELS):
+            raise ConfigError(
+                f"probe: elements is {self.elements}, the SonixDAQ records {sonixdaq.CHANNELS} channels; leave it out"
+            )
         if self.face_radius_m is not None:
             require_range("probe: face_radius_m", self.face_radius_m, low=0, high=0.05, unit="m", open_low=True)
         if self.sound_speed_m_s is not None:
@@ -169,6 +175,8 @@ class BenchSettings:
     supervisor: BenchSupervisor = field(default_factory=BenchSupervisor)
 
     def __post_init__(self) -> None:
+        # Raises where the keys do not fit one another, before anything is opened.
+        self.probe.on(probe_preset(self.probe.preset), sampling_hz=self.receiver.sampling_hz)
         if not max(self.pulses) <= min(self.firing.pulses_per_permit, 1024):
             raise ConfigError(
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "

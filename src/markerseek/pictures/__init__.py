@@ -1,20 +1,24 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
+from markerseek.pictures.comparison_picture import ComparedSearch, comparison_figure
 from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
 from markerseek.pictures.page import write_from_template, write_page
 from markerseek.pictures.registration_picture import registration_figure
-from markerseek.pictures.search_picture import search_figure
+from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
 from markerseek.pictures.tip_picture import TipImage, tip_figure
 
 __all__ = [
     "ERROR_BARS",
+    "ComparedSearch",
+    "Curve",
     "TipImage",
     "b_mode_figure",
     "bank_figure",
+    "comparison_figure",
     "frame_figure",
     "new_figure",
     "panel_grid",

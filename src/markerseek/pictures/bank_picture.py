@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from markerseek.core import PaImage
 from markerseek.pictures.image_panel import draw_image
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ def bank_figure(
     image
         Image at the maximum; None where there are no frames.
     """
-    figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=4.8)
+    figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=5.2)
     put_heading(figure, title, fontsize=11.0)
     grid = figure.add_gridspec(1, 2 if image is not None else 1, width_ratios=(3, 2) if image is not None else None)
     axes = figure.add_subplot(grid[0, 0])
@@ -64,10 +64,11 @@ def bank_figure(
     # At least 1e-12, because Matplotlib warns of a range from 0 to 0.
     axes.set_ylim(bottom=0, top=1.08 * max(top, dark_level or 0.0, 1e-12))
     axes.set_xlabel("probe angle [deg]")
-    axes.set_ylabel("intensity (envelope peak)")
-    axes.legend(fontsize=7, framealpha=0.8)
+    axes.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
+    axes.set_xlim(angles_deg[0], angles_deg[-1])
     if image is not None:
         panel = figure.add_subplot(grid[0, 1])
         draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
         panel.set_title(f"photoacoustic image at {max_deg:.2f}°", fontsize=9)
+    shared_legend(figure, columns=4)
     return figure

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Found, PaImage, Sample
+from markerseek.core import Float64, Found, Interval, PaImage, Sample
 from markerseek.pictures.image_panel import draw_image
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 """Points and their labels."""
+
+Curve: TypeAlias = tuple[Sequence[float] | Float64[np.ndarray, " n"], Sequence[float] | Float64[np.ndarray, " n"]]
+"""Angles in degrees, and a value at each."""
+
+_LEAST_DENSITY = 1e-5
+"""Smallest density drawn, over the largest."""
 
 _ROOM = (0.013, 0.05)
 """Size of a digit relative to the width and height of the axes, in the narrower layout with an image."""
@@ -35,6 +41,9 @@ def search_figure(
     reference_deg: float | None,
     confirmation: Sample | None,
     image: PaImage | None,
+    limits: Interval,
+    density: Curve | None = None,
+    recorded: Curve | None = None,
 ) -> Figure:
     """Figure of one search.
 
@@ -54,16 +63,33 @@ def search_figure(
         The acquisition after the last move, None if there was none.
     image
         Image of the last acquisition, None where there are no channel data.
+    limits
+        Range of the search, which both axes of angles show.
+    density
+        Angles in degrees, and the posterior's density at each per degree; None for methods without one.
+    recorded
+        Angles in degrees, and the intensities recorded there, of the scan that a replay searches.
     """
-    figure = new_figure(width_in=11.0, height_in=6.4)
+    figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6)
     if title is not None:
         put_heading(figure, title)
     # Without an image the right column is narrow, not absent: the left panels are the same in both.
-    columns = figure.add_gridspec(2, 2, height_ratios=(3, 2), width_ratios=(3, 2 if image is not None else 0.001))
-    curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[1, 0])
+    rows = (3, 2) if density is None else (3, 1, 2)
+    columns = figure.add_gridspec(len(rows), 2, height_ratios=rows, width_ratios=(3, 2 if image is not None else 0.001))
+    curve, track = figure.add_subplot(columns[0, 0]), figure.add_subplot(columns[-1, 0])
+    # A little more, so that points at the ends of the range are whole.
+    margin_deg = 0.02 * limits.width_deg
+    shown = (min(limits.low_deg, start_deg) - margin_deg, max(limits.high_deg, start_deg) + margin_deg)
+    curve.set_xlim(shown)
+    track.set_ylim(shown)
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
+    if recorded is not None:
+        curve.plot(*recorded, color=QUIET, linewidth=1, zorder=1, label="recorded")
     _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation)
+    curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
+    if density is not None:
+        _draw_density(figure.add_subplot(columns[1, 0], sharex=curve), density, estimate, known=known)
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
         draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
@@ -74,6 +100,7 @@ def search_figure(
             panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
         which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
         panel.set_title(f"{which} at {last.angle_deg:.2f}°", fontsize=10)
+    shared_legend(figure, columns=4)
     return figure
 
 
@@ -104,15 +131,23 @@ def _draw_curve(
     floor = estimate.floor
     if floor is not None and floor.level is not None:
         axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
-    heights = [*intensities.tolist(), 0.0 if confirmation is None else confirmation.reading.intensity]
+    lines = [float(np.max(line.get_ydata())) for line in axes.lines if line.get_label() == "recorded"]
+    heights = [*intensities.tolist(), *lines, 0.0 if confirmation is None else confirmation.reading.intensity]
     if floor is not None and floor.level is not None:
         heights.append(floor.level)
     axes.set_ylim(bottom=0, top=1.12 * max(*heights, 1e-12))
     for place, numbers in _with_room(axes, _numbered(angles.tolist(), intensities.tolist())):
-        axes.annotate(numbers, place, xytext=(0, 5), textcoords="offset points", ha="center", fontsize=7)
+        # Beside the star, not under it.
+        near = confirmation is not None and _near(axes, place, (confirmation.angle_deg, confirmation.reading.intensity))
+        axes.annotate(
+            numbers,
+            place,
+            xytext=(-9, -3) if near else (0, 5),
+            textcoords="offset points",
+            ha="right" if near else "center",
+            fontsize=7,
+        )
     axes.set_xlabel("probe angle [deg]")
-    axes.set_ylabel("intensity (envelope peak)")
-    axes.legend(loc="best", fontsize=7, framealpha=0.8)
 
 
 def _numbered(angles_deg: list[float], intensities: list[float]) -> _Numbered:
@@ -135,6 +170,25 @@ def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
         ):
             shown.append(((x, y), text))
     return shown
+
+
+def _near(axes: Axes, place: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether a number above one point would be hidden by a star at the other."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    digit, line = _ROOM[0] * (right - left), _ROOM[1] * (top - bottom)
+    return abs(place[0] - other[0]) < 1.5 * digit and abs(place[1] - other[1]) < 2 * line
+
+
+def _draw_density(axes: Axes, density: Curve, estimate: Estimate, *, known: tuple[str, float | None]) -> None:
+    angles, per_deg = (np.asarray(each) for each in density)
+    most = float(per_deg.max())
+    # Logarithmic: at the end of a search nearly all of it lies within a tenth of a degree.
+    axes.set_yscale("log")
+    axes.set_ylim(_LEAST_DENSITY * most, 3 * most)
+    axes.fill_between(angles, 0.1 * _LEAST_DENSITY * most, per_deg, color=SIGNAL, alpha=0.4)
+    _draw_answer(axes.axvline, axes.axvspan, estimate, known)
+    axes.set_xlabel("marker angle [deg]")
+    axes.set_ylabel("posterior [1/deg]")
 
 
 def _draw_track(

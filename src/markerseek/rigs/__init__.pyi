@@ -1,6 +1,7 @@
 from .bench_rig import BenchPart, bench, bench_part
+from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
-from .replay import preset_of, replayed
+from .replay import replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
 from .scene import Scene, draw_scene, image_peak, image_reader, scaled_spot, scene_curve, scene_of
@@ -20,6 +21,8 @@ __all__ = [
     "TipRecipe",
     "bench",
     "bench_part",
+    "chosen_probe",
+    "completed_by",
     "draw_scene",
     "fingerprint",
     "image_peak",
@@ -27,6 +30,8 @@ __all__ = [
     "in_world",
     "of_intensities",
     "preset_of",
+    "probe_settings",
+    "read_probe_file",
     "read_rig_file",
     "replayed",
     "scaled_spot",

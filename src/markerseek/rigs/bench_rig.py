@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -353,11 +353,7 @@ def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
         Sampling frequency of its receiver in Hz.
     """
     preset = probe_preset(probe.preset)
-    return ImageReader(
-        replace(
-            preset,
-            sampling_hz=sampling_hz,
-            sound_speed_m_s=probe.sound_speed_m_s or preset.sound_speed_m_s,
-            trigger_offset_s=probe.trigger_offset_s,
-        )
-    )
+    # Another array or band makes another probe: a bank has to describe it in full.
+    own = (probe.pitch_m, probe.low_hz, probe.high_hz, probe.f_number, probe.pickup_samples, probe.full_scale)
+    name = None if set(own) == {None} else f"{preset.name} with own keys"
+    return ImageReader(probe.on(preset, sampling_hz=sampling_hz, name=name))

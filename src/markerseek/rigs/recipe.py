@@ -31,7 +31,7 @@ class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
     """Arguments of `markerseek.rigs.replayed`; the path is absolute."""
 
     path: str
-    probe: str | None
+    probe: str | ProbePreset | None
     reference_deg: float | None
     between: Literal["nearest", "interpolated"]
     table: TableFormat = DEFAULT_FORMAT

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, SupportsFloat
 
 import numpy as np
 
-from markerseek.core import LinearArray, RigFacts, require_range
+from markerseek.core import RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
-from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat, read_bank
+from markerseek.rigs.probe_file import completed_by, preset_of
 from markerseek.rigs.recipe import ReplayedRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import PRESET_NAMES, ImageReader, IntensityReader, ProbePreset, probe_preset
+from markerseek.signals import ImageReader, IntensityReader, ProbePreset, is_own
 from markerseek.sim import VirtualClock
 
 
 def replayed(
     path: Path | str,
     *,
-    probe: str | None = None,
+    probe: str | ProbePreset | None = None,
     reference_deg: SupportsFloat | None = None,
     between: Literal["nearest", "interpolated"] = "nearest",
     table: TableFormat = DEFAULT_FORMAT,
@@ -35,7 +35,8 @@ def replayed(
     path
         A bank: IPASC HDF5, a folder of frames, or a CSV (`markerseek.records.banks.read_bank`).
     probe
-        Preset of the imaging chain, for channel data; None: the one that the bank names, else the first of all.
+        Preset of the imaging chain, for channel data, its name, or the name of a TOML file that describes a probe;
+        None: the one that the bank names, else the first of all.
     reference_deg
         Reference angle of the marker in degrees, for comparison; None: the one in the bank.
     between
@@ -55,7 +56,7 @@ def replayed(
     reference_deg = None if reference_deg is None else float(reference_deg)
     if reference_deg is not None:
         require_range("reference_deg", reference_deg, low=-360, high=360, unit="deg")
-    bank = read_bank(path, table)
+    bank = completed_by(read_bank(path, table), probe)
     preset = preset_of(bank, probe)
     stage = ReplayStage(bank, between=between)
     laser = ReplayLaser()
@@ -105,38 +106,10 @@ def replayed(
         recipe=ReplayedRecipe(
             # Absolute, because `resume` may be started in another folder.
             path=str(path.absolute()),
-            probe=preset.name,
+            # A file of the user's own may change or go, so that the probe itself is stored.
+            probe=preset if is_own(preset) else preset.name,
             reference_deg=reference_deg,
             between=between,
             table=table,
         ),
     )
-
-
-def preset_of(bank: IntensityBank | FrameBank, probe: str | None) -> ProbePreset:
-    """Preset for imaging a bank's frames; array, sampling and sound speed of the bank replace those of the preset.
-
-    Parameters
-    ----------
-    bank
-        The bank.
-    probe
-        Name of the preset; None: the one that the bank names, else the first of all.
-
-    Raises
-    ------
-    ConfigError
-        If the preset is unknown, or does not fit the bank.
-    RecordError
-        If a frame is needed for the number of elements, and cannot be read.
-    """
-    facts = bank.facts
-    preset = probe_preset(probe or facts.probe or PRESET_NAMES[0])
-    if facts.sampling_hz is not None:
-        preset = replace(preset, sampling_hz=facts.sampling_hz)
-    if facts.sound_speed_m_s is not None:
-        preset = replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
-    if facts.pitch_m is not None and isinstance(bank, FrameBank):
-        elements = bank.frame(0).samples.shape[0]
-        preset = replace(preset, array=LinearArray(elements=elements, pitch_m=facts.pitch_m))
-    return preset

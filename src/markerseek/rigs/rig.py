@@ -13,6 +13,7 @@ from markerseek.core import Laser, Receiver, RigFacts, Stage
 from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.rigs.probe_file import probe_settings
 from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader
@@ -120,6 +121,7 @@ def with_probe(facts: RigFacts, imaging: AnyImageReader | None) -> RigFacts:
     return replace(
         facts,
         probe=preset.name,
+        probe_settings=probe_settings(preset),
         sampling_hz=preset.sampling_hz,
         sound_speed_m_s=preset.sound_speed_m_s,
         pitch_m=preset.array.pitch_m,

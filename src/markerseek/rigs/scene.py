@@ -23,7 +23,7 @@ from markerseek.acoustics import (
 )
 from markerseek.core import ChannelFrame, ConfigError, Float32, Float64, FrameHeader, LinearArray, PaImage
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
-from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
+from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
 _MOST_COUNTS = 25_000
 """Amplitude to which a noise-free frame is scaled, in counts, so that rounding to int16 has no effect on its image."""
@@ -64,10 +64,10 @@ class Scene:
         Description of the material.
     model
         Acoustic model of probe and medium.
-    marker
-        Position of the marker.
+    marker, second
+        Position of the marker, and of the second one; None where there is none.
     absorbers
-        Absorbers with strengths in counts: the spot, if there is a marker, and clutter.
+        Absorbers with strengths in counts: the spots of the markers that there are, and clutter.
     noise
         Noise of one acquisition, in counts.
     peak
@@ -83,6 +83,7 @@ class Scene:
     noise: Noise
     peak: float
     peak_counts: float
+    second: Absorber | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,9 +124,16 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     material = tissue_named(settings.tissue)
     model = _acoustic_model(settings, material)
     marker = draw_marker(settings, rng)
-    radius_m = settings.marker.source_radius_m
-    spot = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-    return scene_of(replace(material, spot=spot), marker, settings, model, rng)
+    spot = _spot_of(settings.marker, material)
+    scene = scene_of(replace(material, spot=spot), marker, settings, model, rng)
+    if not settings.second.present:
+        return scene
+    second = _draw_second(settings, marker, rng)
+    other = _spot_of(settings.second, material).draw(second, rng)
+    # As strong as the first: the same largest count with the probe on it.
+    scale = scene.peak_counts / _largest_count(other, model, second)
+    others = tuple(replace(each, strength=each.strength * scale) for each in other)
+    return replace(scene, absorbers=scene.absorbers + others, second=second)
 
 
 def scene_of(
@@ -156,6 +164,13 @@ def scene_of(
     if material.clutter is not None:
         scale = spot.peak_counts / _largest_count([marker], model, marker)
         absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
+    second = None
+    if settings.second.present:
+        second = _draw_second(settings, marker, rng)
+        other = _spot_of(settings.second, material).draw(second, rng)
+        # As strong as the first: the same largest count with the probe on it.
+        scale = spot.peak_counts / _largest_count(other, model, second)
+        absorbers += tuple(replace(each, strength=each.strength * scale) for each in other)
     return Scene(
         description=material.description,
         model=model,
@@ -164,6 +179,7 @@ def scene_of(
         noise=spot.noise,
         peak=spot.peak,
         peak_counts=spot.peak_counts,
+        second=second,
     )
 
 
@@ -278,9 +294,7 @@ def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorb
     rng
         Source of randomness.
     """
-    search = settings.limits.search
-    # Beyond the ends of the array a marker gives hardly any signal, so that it is drawn within the inner 80 %.
-    reach_m = min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
+    search, reach_m = settings.limits.search, _reach_m(settings)
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
     marker = settings.marker
     return Absorber(
@@ -288,6 +302,29 @@ def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorb
         angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
         lateral_m=lateral_m if marker.lateral_m is None else marker.lateral_m,
     )
+
+
+def _draw_second(settings: SimulatedSettings, first: Absorber, rng: np.random.Generator) -> Absorber:
+    """Second marker of strength 1, drawn after everything of the first, so that the first does not depend on it."""
+    search, second = settings.limits.search, settings.second
+    angle_deg = rng.uniform(search.low_deg, search.high_deg)
+    across_m = first.lateral_m - math.copysign(_reach_m(settings), first.lateral_m)
+    return Absorber(
+        radius_m=second.radius_m,
+        angle_deg=angle_deg if second.angle_deg is None else second.angle_deg,
+        lateral_m=across_m if second.lateral_m is None else second.lateral_m,
+    )
+
+
+def _reach_m(settings: SimulatedSettings) -> float:
+    """Farthest lateral position at which a marker is drawn; beyond the array's ends it gives hardly any signal."""
+    return min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
+
+
+def _spot_of(marker: MarkerSettings, material: Tissue) -> Spot:
+    """Spot of the material, or a single absorber where the settings name its radius."""
+    radius_m = marker.source_radius_m
+    return material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
 
 
 def scaled_spot(
@@ -346,7 +383,8 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
     """
     flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
     # One count below full scale, at which the guard takes a channel for saturated.
-    most = (Digitiser().largest - 1) / (_OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
+    markers = 2 if settings.second.present else 1
+    most = (Digitiser().largest - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
     return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
 
 

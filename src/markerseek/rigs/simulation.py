@@ -110,6 +110,8 @@ def simulated(
     imaging: AnyImageReader = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     seen: SimulatedWorld = world
     description = f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}"
+    if scene.second is not None:
+        description += f", a second marker at {scene.second.angle_deg:.2f} deg"
     if settings.receiver.data == "rf":
         focus_m = settings.receiver.receive_focus_m
         seen, imaging = RFWorld(world=world, receive_focus_m=focus_m), _spare_reader(imaging.preset, focus_m)

@@ -9,12 +9,14 @@ import numpy as np
 
 from markerseek.core import AcquisitionError, PaImage, Reading, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
-from markerseek.rigs import preset_of
+from markerseek.rigs import preset_of, probe_settings
 from markerseek.search import Curve, curve_of
-from markerseek.signals import ImageReader
+from markerseek.signals import ImageReader, ProbePreset
 
 
-def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[int] | None = None) -> Iterator[PaImage]:
+def bank_images(
+    bank: FrameBank, *, probe: str | ProbePreset | None = None, order: Sequence[int] | None = None
+) -> Iterator[PaImage]:
     """Photoacoustic images of a bank.
 
     Parameters
@@ -22,7 +24,8 @@ def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[in
     bank
         The bank.
     probe
-        Preset of the imaging chain; None: the one that the bank names, else the first of all.
+        Preset of the imaging chain, its name, or the name of a TOML file that describes a probe; None: the one that the
+        bank names, else the first of all.
     order
         Indices of the angles; None: all, in order.
 
@@ -41,7 +44,7 @@ def bank_images(bank: FrameBank, *, probe: str | None = None, order: Sequence[in
             raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
 
 
-def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Iterator[Sample]:
+def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Iterator[Sample]:
     """Acquisitions of a bank, dark ones first, with its stored intensities or those computed from its frames.
 
     Parameters
@@ -77,7 +80,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | None = None) -
         yield Sample(angle_deg=angle_deg, reading=reading, frame=frame)
 
 
-def bank_image(bank: FrameBank, index: int, *, probe: str | None = None) -> PaImage:
+def bank_image(bank: FrameBank, index: int, *, probe: str | ProbePreset | None = None) -> PaImage:
     """Image of one angle, counted from 0; arguments and errors as of `bank_images`."""
     try:
         return ImageReader(preset_of(bank, probe)).picture(bank.frame(index))
@@ -85,7 +88,7 @@ def bank_image(bank: FrameBank, index: int, *, probe: str | None = None) -> PaIm
         raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
 
 
-def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> Curve:
+def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Curve:
     """Intensity over angle; arguments and errors as of `bank_samples`."""
     if probe is None and bank.intensities and np.isfinite(bank.intensities).all():
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
@@ -93,7 +96,7 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> 
     return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
 
 
-def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> float | None:
+def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> float | None:
     """Largest intensity of the dark frames; None where there are none. Arguments as of `bank_samples`."""
     if isinstance(bank, IntensityBank) or bank.dark_frames == 0:
         return None
@@ -104,7 +107,7 @@ def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | None = None)
         raise RecordError(f"a dark frame: {problem}") from problem
 
 
-def described(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> BankFacts:
+def described(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> BankFacts:
     """Facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts
@@ -112,6 +115,7 @@ def described(bank: IntensityBank | FrameBank, *, probe: str | None = None) -> B
     return replace(
         bank.facts,
         probe=preset.name,
+        probe_settings=probe_settings(preset),
         sampling_hz=preset.sampling_hz,
         sound_speed_m_s=preset.sound_speed_m_s,
         pitch_m=preset.array.pitch_m,

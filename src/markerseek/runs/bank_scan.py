@@ -59,6 +59,7 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
     return BankFacts(
         description=description,
         probe=facts.probe,
+        probe_settings=facts.probe_settings,
         sampling_hz=facts.sampling_hz,
         sound_speed_m_s=facts.sound_speed_m_s,
         pitch_m=facts.pitch_m,

@@ -2,6 +2,7 @@ from .features import FALSE_FOUND, LEAST_CHANNELS, found_level
 from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
+from .own_probe import ProbeKeys, is_own
 from .peaks import strongest_peaks
 from .picks import common_wave
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
@@ -16,12 +17,14 @@ __all__ = [
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
+    "ProbeKeys",
     "ProbePreset",
     "SpareReader",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",
     "found_level",
+    "is_own",
     "probe_preset",
     "strongest_peaks",
 ]

@@ -16,6 +16,9 @@ SAMPLING_HZ = (1e5, 1e9)
 SOUND_SPEED_M_S = (300.0, 7000.0)
 """Slowest and fastest speed of sound in m/s, of air and of bone with room to spare; as in `markerseek.acoustics`."""
 
+MOST_FACE_RADIUS_M = 0.05
+"""Largest distance of an array's face from the axis of rotation in metres."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbePreset:
@@ -41,6 +44,9 @@ class ProbePreset:
         Time from the trigger (sample 0) to the middle of the laser's pulse, in seconds.
     full_scale
         Counts at which the converter saturates.
+    face_radius_m
+        Distance of the array's face from the axis of rotation in metres; None if not known. The imaging does not need
+        it, the position of a marker does.
     """
 
     name: str
@@ -53,6 +59,7 @@ class ProbePreset:
     pickup_samples: int = 100
     trigger_offset_s: float = 0.0
     full_scale: int = 2047
+    face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
         for name, value, (low, high), unit in (
@@ -81,6 +88,11 @@ class ProbePreset:
             raise ConfigError(f"preset {self.name}: pickup_samples is {self.pickup_samples}, it must be 0 or more")
         if not 1 <= self.full_scale <= 32767:
             raise ConfigError(f"preset {self.name}: full_scale is {self.full_scale} counts, it must be 1 to 32767")
+        if self.face_radius_m is not None and not 0 < self.face_radius_m <= MOST_FACE_RADIUS_M:
+            raise ConfigError(
+                f"preset {self.name}: face_radius_m is {self.face_radius_m} m, it must lie in "
+                f"(0, {MOST_FACE_RADIUS_M:g}] m; 0.01 is usual"
+            )
 
     @property
     def depth_step_m(self) -> float:

@@ -162,11 +162,15 @@ class SimulatedSettings:
         Angle of the probe at the start, in degrees.
     marker, probe, laser, noise, stage, receiver, b_mode, limits
         See the classes.
+    second
+        A second spot, as strong as the marker; usually not present. Where its lateral position is left open, it lies on
+        the other side of the array's middle.
     """
 
     tissue: str = "plastisol-phantom"
     start_deg: float = 0.0
     marker: MarkerSettings = field(default_factory=MarkerSettings)
+    second: MarkerSettings = field(default_factory=lambda: MarkerSettings(present=False))
     probe: Probe = field(default_factory=Probe)
     laser: LaserSettings = field(default_factory=LaserSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
@@ -184,9 +188,9 @@ class SimulatedSettings:
         turn = Interval(low_deg=-180.0, high_deg=180.0)
         if not (self.limits.travel.low_deg in turn and self.limits.travel.high_deg in turn):
             raise ConfigError(f"limits: the travel range {self.limits.travel} is more than one turn, {turn}")
-        angle_deg = self.marker.angle_deg
-        if angle_deg is not None and not -90 <= angle_deg <= 90:
-            raise ConfigError(f"marker: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
+        for name, angle_deg in (("marker", self.marker.angle_deg), ("second", self.second.angle_deg)):
+            if angle_deg is not None and not -90 <= angle_deg <= 90:
+                raise ConfigError(f"{name}: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
 
 
 def changed_settings(

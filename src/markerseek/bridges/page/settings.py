@@ -81,10 +81,10 @@ class PageSettings:
         if not simulated:
             return given
         given += ["--seed", str(self.seed), "--pace", f"{self.pace:g}"]
-        for name in ("tissue", "peak_snr_db", "readout_s"):
-            value = getattr(self, name)
+        options = {"--tissue": self.tissue, "--snr-db": self.peak_snr_db, "--readout-s": self.readout_s}
+        for name, value in options.items():
             if value is not None:
-                given += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else f"{value:g}"]
+                given += [name, value if isinstance(value, str) else f"{value:g}"]
         return given
 
     def query(self) -> str:

@@ -1,8 +1,8 @@
 """Reads banks from arrays of NumPy or MATLAB: angles with intensities, or with frames of channel data.
 
-``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (int16, angles × channels ×
-samples); and optionally ``sampling_hz`` and ``reference_angle_deg``. ``.npy`` holds two columns, angle and
-intensity, or the frames alone.
+``.npz`` and ``.mat`` hold variables by name: ``angle_deg``; ``intensity`` or ``frames`` (angles × channels × samples,
+counts, or floating-point numbers, which are scaled); and optionally ``sampling_hz`` and ``reference_angle_deg``.
+``.npy`` holds two columns, angle and intensity, or the frames alone.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from markerseek.core import MOST_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
+from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in
 
@@ -141,17 +142,17 @@ def _rising(path: Path, angles: np.ndarray) -> np.ndarray:
 
 
 def _counts(path: Path, frames: np.ndarray, angles: int) -> Int16[np.ndarray, "angles channels samples"]:
-    # No conversion from float: its scale would be unknown, and saturation could not be told.
-    if frames.ndim != 3 or frames.dtype.newbyteorder("=") != np.int16 or min(frames.shape) < 1:
+    if frames.ndim != 3 or min(frames.shape) < 1:
         raise RecordError(
-            f"{path}: frames is {frames.dtype} of shape {frames.shape}, int16 of (angles, channels, samples) expected"
+            f"{path}: frames is {frames.dtype} of shape {frames.shape}, (angles, channels, samples) expected"
         )
     # A frame has more samples than channels; the reverse is (angles, samples, channels), a common slip.
     if frames.shape[0] != angles or frames.shape[1] > frames.shape[2]:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape} for {angles} angles; (angles, channels, samples) expected"
         )
-    return np.ascontiguousarray(frames, dtype=np.int16)
+    # One scale for all angles, or their intensities could not be compared.
+    return as_counts(path, frames, scale=scale_of(path, frames))
 
 
 def _intensity(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.ndarray, " angles"]:

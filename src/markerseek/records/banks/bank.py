@@ -30,6 +30,8 @@ class BankFacts:
         What was scanned and with which device, as text; empty if unknown.
     probe
         Name of the preset by which its frames were imaged.
+    probe_settings
+        Description of that preset as JSON, where it is one of the user's own.
     sampling_hz
         Sampling frequency in Hz.
     sound_speed_m_s
@@ -58,6 +60,7 @@ class BankFacts:
 
     description: str = ""
     probe: str | None = None
+    probe_settings: str | None = None
     sampling_hz: float | None = None
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None

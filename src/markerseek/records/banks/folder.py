@@ -6,10 +6,13 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from markerseek.core import ChannelFrame, RecordError
 from markerseek.records.banks.arrays import USUAL_SAMPLING_HZ
 from markerseek.records.banks.bank import BankFacts, FrameBank, require_angles
-from markerseek.records.banks.frames import MAT_PROBE, load_frame
+from markerseek.records.banks.counts import EXACT, scale_of
+from markerseek.records.banks.frames import MAT_PROBE, load_frame, npy_samples
 from markerseek.records.sandbox import Sandbox
 
 _FRAME_FILES = (".mat", ".npy")
@@ -31,10 +34,13 @@ class FolderBank(FrameBank):
         Path of each, in the order of the angles.
     sandbox
         Process that reads the files of NumPy and MATLAB.
+    scale
+        Counts of one unit in files of NumPy, the same at all angles.
     """
 
     places: tuple[Path, ...] = field(repr=False)
     sandbox: Sandbox = field(repr=False, compare=False, default_factory=Sandbox)
+    scale: float = EXACT
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -46,7 +52,9 @@ class FolderBank(FrameBank):
         """
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         angle_deg = self.angles_deg[index]
-        return load_frame(self.places[index], sampling_hz=sampling_hz, angle_deg=angle_deg, sandbox=self.sandbox)
+        return load_frame(
+            self.places[index], sampling_hz=sampling_hz, angle_deg=angle_deg, sandbox=self.sandbox, scale=self.scale
+        )
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """Not available: such a folder holds no frames without laser."""
@@ -92,7 +100,16 @@ def read_folder(path: Path) -> FolderBank:
     require_angles(path, angles)
     places = tuple(by_angle[angle] for angle in angles)
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
-    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts)
+    sandbox = Sandbox()
+    scale = _common_scale(path, [place for place in places if place.suffix.lower() == ".npy"], sandbox)
+    return FolderBank(angles_deg=tuple(angles), places=places, facts=facts, sandbox=sandbox, scale=scale)
+
+
+def _common_scale(path: Path, places: list[Path], sandbox: Sandbox) -> float:
+    """Counts of one unit for all files of NumPy; they are all read only if the first does not hold int16."""
+    if not places or npy_samples(places[0], sandbox).dtype == np.int16:
+        return EXACT
+    return scale_of(path, (npy_samples(place, sandbox) for place in places))
 
 
 def _named(place: Path) -> tuple[str, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import MIB, open_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES
+from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_arrays import arrays_in
@@ -32,14 +34,19 @@ _MOST_CHANNEL_BYTES = 64 * MIB
 
 
 def load_frame(
-    path: Path | str, *, sampling_hz: float = 40e6, angle_deg: float = 0.0, sandbox: Sandbox | None = None
+    path: Path | str,
+    *,
+    sampling_hz: float = 40e6,
+    angle_deg: float = 0.0,
+    sandbox: Sandbox | None = None,
+    scale: float | None = None,
 ) -> ChannelFrame:
     """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
     Parameters
     ----------
     path
-        A folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of int16 (channels, samples), or a
+        A folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of (channels, samples), or a
         ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
     sampling_hz
         Sampling frequency in Hz; none of the files holds it.
@@ -47,6 +54,9 @@ def load_frame(
         Angle of the probe, for the frame's header, in degrees.
     sandbox
         Reads files of NumPy and MATLAB; None: one for this file alone.
+    scale
+        Counts of one unit of an ``.npy``; None: whole numbers of int16 are counts, any others are scaled, with a
+        warning.
 
     Raises
     ------
@@ -55,7 +65,7 @@ def load_frame(
     """
     place = Path(path)
     try:
-        samples, pulses = _load(place, sandbox)
+        samples, pulses = _load(place, sandbox, scale)
     except OSError as error:
         raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
             error
@@ -66,19 +76,42 @@ def load_frame(
     return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
 
 
-def _load(path: Path, sandbox: Sandbox | None) -> tuple[Int16[np.ndarray, "channels samples"], int]:
+def npy_samples(path: Path, sandbox: Sandbox) -> np.ndarray:
+    """Channel data of an ``.npy`` in the type that it has, shape (channels, samples).
+
+    Raises
+    ------
+    RecordError
+        If it is damaged, or holds an array of another shape.
+    OSError
+        If it cannot be opened.
+    """
+    samples = arrays_in(path, sandbox, most_bytes=_MOST_FRAME_BYTES)[""]
+    # More channels than samples is a transposed array.
+    if samples.ndim != 2 or not 1 <= samples.shape[0] <= samples.shape[1]:
+        raise RecordError(
+            f"{path}: {samples.dtype} of shape {samples.shape} found, (channels, samples) expected, with one row per "
+            "channel (of samples × channels, save the transpose)"
+            + (f"; of many angles, see 'markerseek bank import {path} scan.hdf5'" if samples.ndim == 3 else "")
+        )
+    return samples
+
+
+def _load(
+    path: Path, sandbox: Sandbox | None, scale: float | None
+) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     if not path.exists():
         raise RecordError(f"{path}: there is no such file or folder; check the name")
     if path.is_dir():
         return _load_daq_folder(path)
-    loaders = {".mat": _mat_frame, ".npy": _npy_frame}
-    loader = loaders.get(path.suffix.lower())
-    if loader is None:
+    suffix = path.suffix.lower()
+    if suffix not in (".mat", ".npy"):
         raise RecordError(f"{path}: {_otherwise(path)}")
-    if sandbox is not None:
-        return loader(path, arrays_in(path, sandbox, most_bytes=_MOST_FRAME_BYTES)), 1
-    with Sandbox() as own:
-        return loader(path, arrays_in(path, own, most_bytes=_MOST_FRAME_BYTES)), 1
+    with Sandbox() if sandbox is None else nullcontext(sandbox) as reader:
+        if suffix == ".mat":
+            return _mat_frame(path, arrays_in(path, reader, most_bytes=_MOST_FRAME_BYTES)), 1
+        samples = npy_samples(path, reader)
+    return as_counts(path, samples, scale=scale_of(path, [samples]) if scale is None else scale), 1
 
 
 def _otherwise(path: Path) -> str:
@@ -117,22 +150,6 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
     # Fortran order: the row runs fastest, so that channel c = row + 32 * bank.
     channels = frame.transpose(0, 2, 1).reshape((128, aligned), order="F")[:, : int(count.flat[0])]
     return np.ascontiguousarray(channels, dtype=np.int16)
-
-
-def _npy_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-    samples = arrays[""]
-    if (
-        samples.dtype.newbyteorder("=") != np.int16
-        or samples.ndim != 2
-        # More channels than samples is a transposed array.
-        or not 1 <= samples.shape[0] <= samples.shape[1]
-    ):
-        raise RecordError(
-            f"{path}: {samples.dtype} of shape {samples.shape} found, int16 of shape (channels, samples) expected; "
-            "convert it to ADC counts with one row per channel (of samples × channels, save the transpose)"
-            + (f"; of many angles, see 'markerseek bank import {path} scan.hdf5'" if samples.ndim == 3 else "")
-        )
-    return np.ascontiguousarray(samples, dtype=np.int16)
 
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:

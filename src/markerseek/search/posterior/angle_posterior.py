@@ -71,6 +71,10 @@ class AnglePosterior:
         """Standard deviation of the angle in degrees, the width of the grid's step included."""
         return mean_and_sigma(self.angle_deg, self.share)[1]
 
+    def density(self) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
+        """Angles in degrees, and the probability density at each, per degree; beyond the angles it is negligible."""
+        return self.angle_deg, self.share / float(self.angle_deg[1] - self.angle_deg[0])
+
     def quantile_deg(self, probability: float) -> float:
         """Angle below which the marker lies with that probability, in degrees."""
         # Each probability is uniform over one step of the grid.

@@ -11,6 +11,7 @@ from markerseek.core import (
     Ambiguous,
     ConfigError,
     Estimate,
+    Float64,
     Found,
     Interval,
     NotFound,

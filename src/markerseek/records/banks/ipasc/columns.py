@@ -144,6 +144,7 @@ def read_facts(file: UntrustedHdf5, *, ours: bool, pitch_m: float | None) -> Ban
     return BankFacts(
         description=file.text(fields.DESCRIPTION) or "",
         probe=file.text(fields.PROBE),
+        probe_settings=file.text(fields.PROBE_SETTINGS),
         sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
         sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
         pitch_m=pitch_m,

@@ -35,6 +35,7 @@ ROW_SUMS, FRAME_SUMS, DARK_SUMS = "meta_data/row_crc32", "meta_data/frame_crc32"
 POSES = "meta_data/measurement_spatial_poses"
 DARK_TAKEN = "meta_data/dark_frames_taken"
 FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
+PROBE_SETTINGS = "meta_data/probe_settings"
 SIMULATED = "meta_data/simulated"
 CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
 SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
@@ -101,6 +102,7 @@ def acquisition_fields(
         REFERENCE: facts.reference_angle_deg,
         FACE_RADIUS: facts.face_radius_m,
         PROBE: facts.probe,
+        PROBE_SETTINGS: facts.probe_settings,
         DESCRIPTION: facts.description or None,
         SIMULATED: None if facts.simulated is None else int(facts.simulated),
         CONFIGURATION: facts.configuration,

@@ -1,0 +1,174 @@
+"""A probe of the user's own, from a TOML file: ``--probe FILE.toml``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import overload
+
+import msgspec
+
+from markerseek.core import ConfigError, RecordError
+from markerseek.files import known_keys, read_toml
+from markerseek.records.banks import FrameBank, IntensityBank
+from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
+
+NEEDED = ("elements", "pitch_m", "sampling_hz", "low_hz", "high_hz", "sound_speed_m_s")
+"""Keys of a probe file that starts from no preset."""
+
+_SAME = 0.01
+"""Largest difference between the pitch of a probe and that of a bank, as a share."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ProbeFile(ProbeKeys):
+    """Keys of a probe file: those of `ProbeKeys`, the preset to start from, and the sampling frequency."""
+
+    preset: str | None = None
+    sampling_hz: float | None = None
+
+
+def read_probe_file(path: Path) -> ProbePreset:
+    """Probe that a TOML file describes; it is named after the file.
+
+    Parameters
+    ----------
+    path
+        Its keys are those of `ProbeKeys`, ``sampling_hz`` and ``preset``. Without a ``preset`` the keys of `NEEDED`
+        must be there.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, a key is unknown or missing, or a value cannot be used.
+    """
+    table = read_toml(path, what="probe file")
+    try:
+        keys = msgspec.convert(known_keys(table, _ProbeFile), _ProbeFile)
+        return keys.on(_start(keys), sampling_hz=keys.sampling_hz, name=path.name)
+    except (ConfigError, msgspec.ValidationError) as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+
+
+def _start(keys: _ProbeFile) -> ProbePreset:
+    """The preset from which a probe file starts; without one, every key that differs between probes must be given."""
+    missing = [name for name in NEEDED if getattr(keys, name) is None]
+    if keys.preset is None and missing:
+        raise ConfigError(
+            f"the key {' and '.join(missing)} is missing; add it, or name the preset that the probe differs from: "
+            f'preset = "{PRESET_NAMES[0]}"'
+        )
+    return probe_preset(keys.preset or PRESET_NAMES[0])
+
+
+@overload
+def chosen_probe(probe: str | ProbePreset) -> ProbePreset: ...
+
+
+@overload
+def chosen_probe(probe: None) -> None: ...
+
+
+@overload
+def chosen_probe(probe: str | ProbePreset | None) -> ProbePreset | None: ...
+
+
+def chosen_probe(probe: str | ProbePreset | None) -> ProbePreset | None:
+    """Preset by its name or from a TOML file; None and a preset come back as they are.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset, or the file cannot be used.
+    """
+    if not isinstance(probe, str):
+        return probe
+    return read_probe_file(Path(probe)) if probe.lower().endswith(".toml") else probe_preset(probe)
+
+
+def probe_settings(preset: ProbePreset) -> str | None:
+    """Description of a probe of the user's own as JSON, for a bank or a journal; None for a preset of ours."""
+    return msgspec.json.encode(preset).decode() if is_own(preset) else None
+
+
+def completed_by(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
+    """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset, or the file cannot be used.
+    """
+    preset = chosen_probe(probe)
+    if preset is None or not is_own(preset) or isinstance(bank, IntensityBank):
+        return bank
+    facts = bank.facts
+    return replace(
+        bank,
+        facts=replace(
+            facts,
+            sampling_hz=preset.sampling_hz if facts.sampling_hz is None else facts.sampling_hz,
+            face_radius_m=preset.face_radius_m if facts.face_radius_m is None else facts.face_radius_m,
+        ),
+    )
+
+
+def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> ProbePreset:
+    """Preset for imaging a bank's frames.
+
+    A probe of the user's own is used as it is described. In one of our presets, array, sampling and sound speed of the
+    bank replace those of the preset.
+
+    Parameters
+    ----------
+    bank
+        The bank.
+    probe
+        The preset, its name, or the name of a TOML file; None: the one that the bank names, else the first of all.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown, or does not fit the bank.
+    RecordError
+        If a frame is needed for the number of elements, and cannot be read.
+    """
+    facts = bank.facts
+    preset = chosen_probe(probe)
+    if preset is not None and is_own(preset):
+        _require_same(bank, preset)
+        return preset
+    if preset is None and facts.probe_settings is not None:
+        return _recorded(facts.probe_settings)
+    preset = preset or probe_preset(facts.probe or PRESET_NAMES[0])
+    if facts.sampling_hz is not None:
+        preset = replace(preset, sampling_hz=facts.sampling_hz)
+    if facts.sound_speed_m_s is not None:
+        preset = replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
+    if facts.pitch_m is not None and isinstance(bank, FrameBank):
+        elements = bank.frame(0).samples.shape[0]
+        preset = replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
+    return preset
+
+
+def _recorded(settings: str) -> ProbePreset:
+    try:
+        preset: ProbePreset = msgspec.json.decode(settings, type=ProbePreset)
+    except (msgspec.MsgspecError, ConfigError, RecursionError) as problem:
+        raise RecordError(f"the description of the bank's probe cannot be read: {problem}; name it by --probe") from (
+            problem
+        )
+    return preset
+
+
+def _require_same(bank: IntensityBank | FrameBank, preset: ProbePreset) -> None:
+    """Refuse a probe that contradicts the bank: a wrong rate or pitch shifts every depth and position."""
+    for name, unit, held, given in (
+        ("sampling_hz", "Hz", bank.facts.sampling_hz, preset.sampling_hz),
+        ("pitch_m", "m", bank.facts.pitch_m, preset.array.pitch_m),
+    ):
+        if held is not None and abs(held - given) > _SAME * given:
+            raise ConfigError(
+                f"probe {preset.name}: {name} is {given:g} {unit}, and the recording says {held:g} {unit}; correct the "
+                "probe's file"
+            )
