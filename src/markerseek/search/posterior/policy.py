@@ -25,7 +25,7 @@ from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
-from markerseek.search.posterior.confirmed import unconfirmed
+from markerseek.search.posterior.humps import top_deg
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.next_angle import (
     PLANNED_ANGLES,
@@ -33,6 +33,7 @@ from markerseek.search.posterior.next_angle import (
     most_informative_deg,
     planned_deg,
 )
+from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
 from markerseek.search.posterior.shapes import Shapes, family
 from markerseek.search.posterior.survey import SURVEY_TARGET, Survey, survey_of
 
@@ -111,7 +112,7 @@ class Posterior(SearchPolicy):
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
         self._single = single
-        self._candidates = Candidates(limits=limits, shapes=_family(), cues=chosen)
+        self._candidates = Candidates(limits=limits, shapes=_family(), cues=chosen, single=single)
         self._asked = 0
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
@@ -182,7 +183,12 @@ class Posterior(SearchPolicy):
                     first, self._lit, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
                 )
                 sources = ranked([first, *others])
-            self._cached = State(noise=noise, sources=sources, survey=self._survey(sources[0], noise))
+            self._cached = State(
+                noise=noise,
+                sources=sources,
+                survey=self._survey(sources[0], noise),
+                misfit=misfit_of(sources[0], _family()),
+            )
         return self._cached
 
     def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
@@ -212,6 +218,9 @@ class Posterior(SearchPolicy):
                 return self._another_look_deg(other)
             if state.survey is not None and state.survey.share < SURVEY_TARGET:
                 return state.survey.next_deg
+            doubtful_deg = self._doubtful_deg(first)
+            if doubtful_deg is not None:
+                return doubtful_deg
         if first.posterior.centre_sigma_deg > self._target_deg:
             return self._informative_deg(first)
         answer = self.estimate()
@@ -221,6 +230,21 @@ class Posterior(SearchPolicy):
         if done or (narrow and self._unconfirmed is None):
             return None
         return self._informative_deg(first)
+
+    def _doubtful_deg(self, source: Candidate) -> float | None:
+        """Angle at which the curve of a source has still to be tested, in degrees; None if at none."""
+        measured_deg = self._measured_deg()
+        misfit = unexplained(source, _family(), sigmas=DOUBT_SIGMAS)
+        if misfit is not None:
+            # Between a second hump and the first lies a dip.
+            between_deg = (misfit.angle_deg + source.posterior.mean_deg) / 2
+            if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
+                return between_deg
+        if any(sample.reading.local_maxima is None for sample in source.samples):
+            # Intensities alone do not tell two sources apart that are near one another.
+            wanted_deg = top_deg(source.posterior, measured_deg)
+            return wanted_deg if wanted_deg in self._limits else None
+        return None
 
     def _another_look_deg(self, source: Candidate) -> float:
         """Next angle for a source other than the loudest, in degrees."""
