@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core import Sample
+from markerseek.core import Float64, Sample
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 
 DIP_SIGMAS = 3.0
@@ -53,10 +53,10 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
         return None
     order = sorted(at, key=lambda sample: sample.angle_deg)
     angle_deg = np.array([sample.angle_deg for sample in order])
-    height = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
+    hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
     placed = all(sample.reading.local_maxima is not None for sample in at)
-    lower = np.minimum(np.maximum.accumulate(height)[:-2], np.maximum.accumulate(height[::-1])[::-1][2:])
-    drop = lower - height[1:-1]
+    lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
+    drop = lower - bottom[1:-1]
     least = np.maximum(
         DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if placed else LEAST_DIP) * lower
     )
@@ -64,16 +64,18 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
 
 
-def _without_outliers(angle_deg: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Intensities in the order of angles; one that a sample beside it contradicts is replaced by that."""
+def _without_outliers(
+    angle_deg: Float64[np.ndarray, " samples"], height: Float64[np.ndarray, " samples"]
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensities as those of humps and as those of dips: a burst makes no hump, and a misfire no dip."""
     near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
     np.fill_diagonal(near, False)
-    corrected = height.copy()
+    hump, bottom = height.copy(), height.copy()
     for k in np.flatnonzero(near.any(axis=1)).tolist():
-        beside = height[near[k]]
-        # Within a degree no curve changes by more than to a half, and a burst or a misfire does.
-        corrected[k] = min(max(height[k], 0.5 * beside.min()), 2.0 * beside.max())
-    return corrected
+        # Within a degree no curve changes by more than to a half.
+        hump[k] = min(height[k], 2.0 * height[near[k]].max())
+        bottom[k] = max(height[k], 0.5 * height[near[k]].min())
+    return hump, bottom
 
 
 def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float | None:

@@ -1,7 +1,7 @@
 """What may still hide: where in the range a source as loud as the one answered would have been detected.
 
-A source at θ with the amplitude A (less 3 dB) and the curve S of the one answered stays undetected if no sample i, taken
-at θ_i, exceeds the level L_i that noise reaches there, or that other sources did:
+A source at θ with the amplitude A (less 3 dB) and the curve S of the one answered stays undetected if no sample i,
+taken at θ_i, exceeds the level L_i that noise reaches there, or that other sources did:
 
     h(θ) = mean over A, S of ∏_i Φ((L_i − A·S(θ_i − θ))/s_i),       s_i² = σ² + (εA·S)².                      (13)
 
