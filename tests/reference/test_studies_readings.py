@@ -75,6 +75,42 @@ def test_readings_of_noise_are_those_of_frames(off_deg: float | None) -> None:
     assert max(max(r.coherence for r in each) for each in (cut, whole)) < 0.6  # type: ignore[type-var, operator]
 
 
+@pytest.mark.parametrize("off_deg", [0.0, 3.0, 12.0])
+def test_arrivals_and_local_maxima_are_those_of_frames(off_deg: float) -> None:
+    """As many arrivals, the first as high; the marker's block as high; the rest of the image as noisy."""
+    cut = readings(STUDY, 2, off_deg)
+    whole = readings(replace(STUDY, level="frames"), 2, off_deg)
+    found = [[float(len(reading.arrivals)) for reading in each] for each in (cut, whole)]
+    assert apart(*found, tolerance=0.2) < 1
+    on = readings(replace(STUDY, level="frames"), 2, 0.0)[0]
+    assert on.lateral_m is not None
+    assert on.depth_m is not None
+    near, noise, quantiles = [], [], []
+    for each in (cut, whole):
+        floor = float(np.median([reading.noise_sigma for reading in each]))  # type: ignore[type-var, arg-type]
+        assert all(reading.local_maxima is not None for reading in each)
+        maxima = [reading.local_maxima for reading in each if reading.local_maxima is not None]
+        at = [m.near(lateral_m=on.lateral_m, low_depth_m=on.depth_m, high_depth_m=on.depth_m + 6e-3) for m in maxima]
+        near.append([found[0] / floor for found in at if found is not None])
+        heights = np.array([np.frombuffer(m.intensities, "<f4")[: m.columns * (m.rows - 1)] for m in maxima]) / floor
+        noise.append([float(np.median(row)) for row in heights])
+        quantiles.append(np.quantile(heights[:, : 3 * maxima[0].columns], (0.5, 0.9, 0.99)))
+    assert {(m.rows, m.columns, m.first_depth_m) for m in maxima} == {
+        (m.rows, m.columns, m.first_depth_m) for m in (reading.local_maxima for reading in cut) if m is not None
+    }
+    assert apart(*near, tolerance=0.03 * float(np.mean(near[1]))) < 1
+    assert apart(*noise, tolerance=0.06) < 1
+    assert quantiles[0] == pytest.approx(quantiles[1], abs=0.15)
+
+
+def test_a_dark_frame_has_no_arrivals_and_the_local_maxima_of_noise() -> None:
+    cut = readings(STUDY, 4, None)
+    for reading in cut:
+        assert reading.arrivals == ()
+        assert reading.local_maxima is not None
+        assert np.frombuffer(reading.local_maxima.intensities, "<f4").max() == pytest.approx(reading.intensity)
+
+
 def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:
     cell = cells(STUDY)[0]
     drawn = draw_trial(STUDY, cell, 1)

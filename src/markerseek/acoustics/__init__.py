@@ -1,6 +1,6 @@
 """The forward model, from absorbers and an angle to channel data: source, medium, probe, band, noise. Pure."""
 
-from markerseek.acoustics.absorber import Absorber, Clutter
+from markerseek.acoustics.absorber import Absorber, Clutter, centroid_m
 from markerseek.acoustics.band import Band
 from markerseek.acoustics.digitise import Digitiser
 from markerseek.acoustics.echoes import Reverberation
@@ -27,4 +27,5 @@ __all__ = [
     "RectanglePulse",
     "Reverberation",
     "Source",
+    "centroid_m",
 ]

@@ -1,8 +1,9 @@
-"""Absorbers in the patient: their position and strength, and weak ones scattered at random (clutter)."""
+"""Absorbers in the patient: position and strength, centroid, and weak ones scattered at random (clutter)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,6 +47,45 @@ class Absorber:
         ):
             if not math.isfinite(value):
                 raise ConfigError(f"absorber: {name} is {value} {unit}, it must be a finite number")
+
+    @classmethod
+    def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: Source) -> Absorber:
+        """Absorber at a point of the TRUS frame (x across, y along the axis of rotation, z out of the probe at 0°)."""
+        return cls(
+            radius_m=math.hypot(x_m, z_m),
+            angle_deg=math.degrees(math.atan2(x_m, z_m)),
+            lateral_m=y_m,
+            strength=strength,
+            source=source,
+        )
+
+    @property
+    def place_m(self) -> tuple[float, float, float]:
+        """Its x, y and z in the TRUS frame, in metres."""
+        turned = math.radians(self.angle_deg)
+        return self.radius_m * math.sin(turned), self.lateral_m, self.radius_m * math.cos(turned)
+
+
+def centroid_m(absorbers: Sequence[Absorber]) -> tuple[float, float, float]:
+    """Centroid of the absorbed energy: its x, y and z in the TRUS frame, in metres.
+
+    The angle of this point is the angle of a marker that is no point. It is not the mean of the absorbers' angles.
+
+    Parameters
+    ----------
+    absorbers
+        Those of the marker, all of one kind, so that the energy that each absorbs is proportional to its strength.
+
+    Raises
+    ------
+    ConfigError
+        If there are none, or a strength is not positive.
+    """
+    energy = math.fsum(each.strength for each in absorbers)
+    if not energy > 0 or not all(each.strength >= 0 for each in absorbers):
+        raise ConfigError("centroid: the strengths of the absorbers must be positive, one at least; leave clutter out")
+    x_m, y_m, z_m = (math.fsum(each.strength * each.place_m[axis] for each in absorbers) / energy for axis in range(3))
+    return x_m, y_m, z_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,6 +46,8 @@ def show_summary(summary: Summary) -> None:
             )
         stdout.print(table)
         stdout.print(_whatever_the_answer(here, failure_deg=summary.failure_deg))
+        if any(policy.two_sources is not None for policy in here):
+            stdout.print(_two_sources(here))
     if summary.differences:
         stdout.print("\nerror of one less that of another, where both found, same trials")
         table = _table("cell", "policies", "trials", "mean difference")
@@ -107,6 +109,21 @@ def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: floa
             _rare(policy.wrong_claims),
             _share(policy.covered, interval=False),
         )
+    return table
+
+
+def _two_sources(policies: Sequence[PolicySummary]) -> Table:
+    """Answers where there is a second source."""
+    table = _table("", "stronger or ambiguous", "weaker found", "found between", "other source named")
+    for policy in policies:
+        if (two := policy.two_sources) is not None:
+            table.add_row(
+                f"[bold]{policy.policy}[/]",
+                _share(two.stronger, interval=True),
+                _rare(two.weaker),
+                _rare(two.between),
+                _share(two.named, interval=True),
+            )
     return table
 
 

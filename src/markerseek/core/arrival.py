@@ -140,7 +140,16 @@ class LocalMaxima:
         if not columns or not rows:
             return None
         largest = max(max(self._row(row * self.columns + columns.start, len(columns))) for row in rows)
-        return largest, _cells(len(rows) * len(columns) * self.noise_peaks)
+        return largest, self.cells_of(len(rows) * len(columns))
+
+    def cells_of(self, blocks: int) -> int:
+        """M for which noise stays below u·σ in this many blocks with a probability of (1 − exp(−u²/2))^M."""
+        # M = ρ(u² − 1) is not the same for all u: it is exact where the probability is one half, M·exp(−u²/2) = ln 2,
+        # so that u² = 2·ln(M/ln 2): the fixed point, by iteration.
+        square = 9.0
+        for _ in range(8):
+            square = 2 * math.log(max(blocks * self.noise_peaks * (square - 1), 2.0) / math.log(2))
+        return max(1, round(blocks * self.noise_peaks * (square - 1)))
 
     def _row(self, start: int, count: int) -> tuple[float, ...]:
         return struct.unpack_from(f"<{count}f", self.intensities, _BYTES * start)
@@ -150,12 +159,3 @@ def _touched(low_m: float, high_m: float, *, first_m: float, step_m: float, coun
     """Numbers of the blocks that an interval touches."""
     low, high = (math.floor((each - first_m) / step_m + 0.5) for each in (low_m, high_m))
     return range(max(low, 0), min(high, count - 1) + 1)
-
-
-def _cells(noise_peaks: float) -> int:
-    """M for which (1 − exp(−u²/2))^M is the probability that noise stays below u·σ, exact where that is one half."""
-    # M = ρ(u² − 1), and exp(−u²/2)·M = ln 2, so that u² = 2·ln(M/ln 2): the fixed point, by iteration.
-    square = 9.0
-    for _ in range(8):
-        square = 2 * math.log(max(noise_peaks * (square - 1), 2.0) / math.log(2))
-    return max(1, round(noise_peaks * (square - 1)))

@@ -3,7 +3,7 @@ from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
 from .replay import preset_of, replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
-from .scene import draw_scene, image_reader, scaled_spot, scene_curve
+from .scene import Scene, draw_scene, image_peak, image_reader, scaled_spot, scene_curve, scene_of
 from .simulation import USUAL_CELLS, in_world, of_intensities, simulated
 
 __all__ = [
@@ -12,10 +12,12 @@ __all__ = [
     "Recipe",
     "ReplayedRecipe",
     "Rig",
+    "Scene",
     "SimulatedRecipe",
     "bench",
     "draw_scene",
     "fingerprint",
+    "image_peak",
     "image_reader",
     "in_world",
     "of_intensities",
@@ -24,5 +26,6 @@ __all__ = [
     "replayed",
     "scaled_spot",
     "scene_curve",
+    "scene_of",
     "simulated",
 ]

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel, Band, GaussianAbsorber, Noise, RectanglePulse
-from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, PaImage
+from markerseek.core import ChannelFrame, ConfigError, Float32, Float64, FrameHeader, LinearArray, PaImage
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
 from markerseek.sim import RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
 
@@ -91,8 +91,34 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     model = _acoustic_model(settings, material)
     marker = _draw_marker(settings, rng)
     radius_m = settings.marker.source_radius_m
-    kind = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-    spot, noise, peak = scaled_spot(kind.draw(marker, rng), marker, settings, model)
+    spot = material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
+    return scene_of(replace(material, spot=spot), marker, settings, model, rng)
+
+
+def scene_of(
+    material: Tissue, marker: Absorber, settings: SimulatedSettings, model: AcousticModel, rng: np.random.Generator
+) -> Scene:
+    """Draw the spot and the clutter of a material about a marker.
+
+    Parameters
+    ----------
+    material
+        The material.
+    marker
+        Position of the marker.
+    settings
+        The simulated rig; receiver and noise are used, and whether there is a marker.
+    model
+        Acoustic model, with the reverberation of the material where there is one.
+    rng
+        Source of randomness.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of the marker reaches the receiver.
+    """
+    spot, noise, peak = scaled_spot(material.spot.draw(marker, rng), marker, settings, model)
     absorbers = spot if settings.marker.present else []
     if material.clutter is not None:
         clutter = material.clutter.draw(rng)
@@ -106,6 +132,31 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
         noise=noise,
         peak=peak,
     )
+
+
+def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
+    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of their channel data.
+
+    Parameters
+    ----------
+    absorbers
+        The sources.
+    model
+        Acoustic model.
+    angle_deg
+        Angle of the probe in degrees.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of them reaches the receiver.
+    """
+    received = model.channel_data(absorbers, angle_deg=angle_deg)
+    largest = _largest(received, absorbers[0], model)
+    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
+    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    return imaging.read(frame).intensity * largest / _MOST_COUNTS
 
 
 def scene_curve(scene: Scene, *, peak_counts: float) -> tuple[RecordedCurve, int]:
@@ -224,12 +275,9 @@ def scaled_spot(
     ConfigError
         If no signal of it reaches the receiver.
     """
-    received = model.channel_data(spot, angle_deg=marker.angle_deg)
-    largest = _largest_count(spot, model, marker)
+    gain_to_counts = settings.receiver.peak_counts / _largest_count(spot, model, marker)
+    peak = gain_to_counts * image_peak(spot, model, angle_deg=marker.angle_deg)
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
-    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
-    peak = imaging.read(frame).intensity * settings.receiver.peak_counts / _MOST_COUNTS
     # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
     share = settings.noise.coloured
@@ -243,16 +291,19 @@ def scaled_spot(
     noise = Noise(
         white_sigma=channel_sigma * white, coloured_sigma=channel_sigma * coloured, bursts=settings.noise.bursts
     )
-    gain_to_counts = settings.receiver.peak_counts / largest
     return [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in spot], noise, peak
 
 
 def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
     """Largest channel amplitude of the absorbers with the probe on the marker."""
-    largest = float(np.abs(model.channel_data(absorbers, angle_deg=marker.angle_deg)).max())
+    return _largest(model.channel_data(absorbers, angle_deg=marker.angle_deg), marker, model)
+
+
+def _largest(received: Float32[np.ndarray, "channels samples"], source: Absorber, model: AcousticModel) -> float:
+    largest = float(np.abs(received).max())
     if not largest > 0:
         raise ConfigError(
-            f"marker: at radius_m {marker.radius_m} m and lateral_m {marker.lateral_m} m its signal does not arrive "
+            f"marker: at radius_m {source.radius_m} m and lateral_m {source.lateral_m} m its signal does not arrive "
             f"within {model.samples} samples; move it nearer or record for longer"
         )
     return largest

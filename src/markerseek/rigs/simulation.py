@@ -117,6 +117,7 @@ def of_intensities(
     marker_deg: float,
     cells: int = USUAL_CELLS,
     settings: SimulatedSettings | None = None,
+    noise_stated: bool = True,
 ) -> Rig:
     """A simulated rig that returns intensities instead of frames, hundreds of times faster, for studies.
 
@@ -136,6 +137,8 @@ def of_intensities(
         Independent envelope cells of an image.
     settings
         All other settings.
+    noise_stated
+        Whether dark frames can be taken, and each frame states noise and cells; false is as a CSV of intensities.
 
     Raises
     ------
@@ -144,8 +147,10 @@ def of_intensities(
     """
     settings = settings or SimulatedSettings()
     rng = np.random.default_rng(_seed(seed))
-    world = CurveWorld.of_settings(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng)
-    return in_world(
+    world = CurveWorld.of_settings(
+        settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng, noise_stated=noise_stated
+    )
+    rig = in_world(
         world,
         settings,
         clock=VirtualClock(),
@@ -156,6 +161,7 @@ def of_intensities(
         truth_deg=marker_deg if settings.marker.present and curve is not None else None,
         rng=rng,
     )
+    return rig if noise_stated else replace(rig, dark_frames=0)
 
 
 def _seed(seed: SupportsIndex) -> int:

@@ -1,4 +1,4 @@
-from .features import LEAST_CHANNELS
+from .features import FALSE_FOUND, LEAST_CHANNELS, found_level
 from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
@@ -8,6 +8,7 @@ from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
 
 __all__ = [
+    "FALSE_FOUND",
     "LEAST_CHANNELS",
     "PRESET_NAMES",
     "FrameFindings",
@@ -17,6 +18,7 @@ __all__ = [
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",
+    "found_level",
     "probe_preset",
     "strongest_peaks",
 ]

@@ -76,7 +76,7 @@ class ImageReader:
         *,
         min_depth_m: float | None = None,
         max_depth_m: float | None = None,
-        false_found: float = 1e-3,
+        false_found: float = features.FALSE_FOUND,
     ) -> None:
         low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
         if not 0 <= low < high:

@@ -6,7 +6,7 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
-from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve
+from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.receiver import SimulatedReceiver
@@ -42,6 +42,7 @@ __all__ = [
     "Spot",
     "StageMotion",
     "Tissue",
+    "TwoHumps",
     "VirtualClock",
     "World",
     "flash_of",

@@ -55,6 +55,8 @@ class CurveWorld:
         Angle of the probe at the start, in degrees.
     rng
         Source of randomness.
+    noise_stated
+        Whether a frame states the noise and the cells; those of a CSV do not.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class CurveWorld:
         energy_jitter: float,
         start_deg: float,
         rng: np.random.Generator,
+        noise_stated: bool = True,
     ) -> None:
         for name, value in (("peak", peak), ("noise_sigma", noise_sigma)):
             if not 0 < value < math.inf:
@@ -83,6 +86,7 @@ class CurveWorld:
         self._cells = cells
         self._energy_jitter = energy_jitter
         self._rng = rng
+        self._noise_stated = noise_stated
 
     @classmethod
     def of_settings(
@@ -93,6 +97,7 @@ class CurveWorld:
         marker_deg: float,
         cells: int,
         rng: np.random.Generator,
+        noise_stated: bool = True,
     ) -> CurveWorld:
         """World under the noise, the laser and the start of these settings, in units of the noise's deviation.
 
@@ -100,7 +105,7 @@ class CurveWorld:
         ----------
         settings
             Of a rig.
-        curve, marker_deg, cells, rng
+        curve, marker_deg, cells, rng, noise_stated
             See the class.
 
         Raises
@@ -119,6 +124,7 @@ class CurveWorld:
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,
+            noise_stated=noise_stated,
         )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
@@ -138,8 +144,8 @@ class CurveWorld:
         return ReadingFrame(
             header=header,
             intensity=largest * self._noise_sigma,
-            noise_sigma=self._noise_sigma,
-            cells=self._cells,
+            noise_sigma=self._noise_sigma if self._noise_stated else None,
+            cells=self._cells if self._noise_stated else None,
         )
 
     def scans(

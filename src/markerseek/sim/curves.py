@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float64
+from markerseek.core import ConfigError, Float64, require_range
 
 
 class IntensityCurve(Protocol):
@@ -104,6 +104,34 @@ class PowerCurve:
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""
         return (1 / (1 + (2 * abs(off_plane_deg) / self.fwhm_deg) ** self.power),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwoHumps:
+    """Curve of two sources at different places of the image, of which it has a peak each.
+
+    Attributes
+    ----------
+    curve
+        Curve of the marker, and of the other source.
+    apart_deg
+        Angle of the other source less that of the marker, in degrees.
+    relative
+        Its height over the marker's.
+    """
+
+    curve: IntensityCurve
+    apart_deg: float
+    relative: float
+
+    def __post_init__(self) -> None:
+        require_range("two humps: apart_deg", self.apart_deg, low=-180.0, high=180.0, unit="deg")
+        require_range("two humps: relative", self.relative, low=0.0, high=1.0)
+
+    def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
+        """Peaks of the marker, then those of the other source."""
+        other = self.curve.peaks(off_plane_deg - self.apart_deg)
+        return (*self.curve.peaks(off_plane_deg), *(self.relative * height for height in other))
 
 
 class RecordedCurve:

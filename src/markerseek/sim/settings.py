@@ -19,7 +19,7 @@ class MarkerSettings:
     present
         Whether there is one at all.
     angle_deg
-        Angle in degrees; None draws it anywhere in the search range.
+        Angle of the centroid of the absorbed energy in degrees; None draws it anywhere in the search range.
     radius_m
         Distance from the axis of rotation in metres.
     lateral_m

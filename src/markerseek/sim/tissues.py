@@ -7,13 +7,12 @@ way, weak absorbers around it (clutter) and repeats of the arrival. The path lea
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation
-from markerseek.core import ConfigError
+from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation, Source, centroid_m
+from markerseek.core import ConfigError, Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +26,7 @@ class Spot:
     radius_m
         Radius of the disc, which lies level (across the z axis of the TRUS frame), in metres.
     depth_m
-        Mean depth of the absorbers below its surface, away from the probe, in metres; exponentially distributed.
+        Mean depth of the absorbers below the disc, away from the probe, in metres; exponentially distributed.
     grain
         Size and shape of each.
     """
@@ -35,39 +34,36 @@ class Spot:
     count: int = 1
     radius_m: float = 0.0
     depth_m: float = 0.0
-    grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
+    grain: Source = field(default_factory=GaussianAbsorber)
 
-    def draw(self, middle: Absorber, rng: np.random.Generator) -> list[Absorber]:
-        """Absorbers of a spot, their strengths adding up to that of the middle.
+    def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
+        """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength.
 
         Parameters
         ----------
-        middle
+        marker
             Place of the marker, and its strength.
         rng
             Source of randomness.
         """
         if self.count == 1:
-            return [replace(middle, source=self.grain)]
+            return [replace(marker, source=self.grain)]
         # Uniform over the disc: equal areas lie between equal steps of the squared radius.
         away_m = self.radius_m * np.sqrt(rng.uniform(size=self.count))
         around = rng.uniform(0, 2 * np.pi, self.count)
-        turned = math.radians(middle.angle_deg)
-        x_m = middle.radius_m * math.sin(turned) + away_m * np.cos(around)
-        z_m = middle.radius_m * math.cos(turned) + rng.exponential(self.depth_m, self.count)
-        y_m = middle.lateral_m + away_m * np.sin(around)
-        places = zip(x_m.tolist(), y_m.tolist(), z_m.tolist(), strict=True)
-        return [
-            Absorber(
-                radius_m=math.hypot(x, z),
-                angle_deg=math.degrees(math.atan2(x, z)),
-                lateral_m=y,
-                # Equal shares: the pulses of the grains interfere, so that the image's peak is less than the sum.
-                strength=middle.strength / self.count,
-                source=self.grain,
-            )
-            for x, y, z in places
-        ]
+        depth_m = rng.exponential(self.depth_m, self.count)
+        middle_m = np.array(marker.place_m)
+        places_m = middle_m + np.column_stack([away_m * np.cos(around), away_m * np.sin(around), depth_m])
+        # Equal shares: the pulses of the grains interfere, so that the image's peak is less than the sum.
+        share = marker.strength / self.count
+        # A few grains drawn at random have their centroid beside the middle of the disc, and below its surface.
+        drawn = [_grain(place_m, share, self.grain) for place_m in places_m]
+        return [_grain(place_m, share, self.grain) for place_m in places_m + (middle_m - centroid_m(drawn))]
+
+
+def _grain(place_m: Float64[np.ndarray, 3], strength: float, source: Source) -> Absorber:
+    x_m, y_m, z_m = place_m.tolist()
+    return Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=strength, source=source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,13 +2,14 @@ from .bound import BoundComparison, compare_with_bound, mean_bounds
 from .bound_figure import error_figure
 from .policies import PolicySettings
 from .runner import Finish, run_study
+from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .settings import Axis, CurveSettings, World
 from .statistics import Mean, Share
 from .study import Cell, Study, cells
 from .study_file import read_study
 from .summary import Difference, Summary, summarise
 from .table import columns, read_rows, values_of
-from .tally import FAILURE_DEG, PolicySummary
+from .tally import FAILURE_DEG, PolicySummary, TwoSources
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -18,16 +19,21 @@ __all__ = [
     "Axis",
     "BoundComparison",
     "Cell",
+    "ClutterAround",
     "CurveSettings",
     "Difference",
     "Finish",
     "Mean",
     "PolicySettings",
     "PolicySummary",
+    "Repeats",
     "Row",
+    "SceneSettings",
+    "SecondSource",
     "Share",
     "Study",
     "Summary",
+    "TwoSources",
     "World",
     "cells",
     "columns",

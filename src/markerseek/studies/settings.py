@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from markerseek.core import ConfigError
 from markerseek.sim import PowerCurve, SimulatedSettings
+from markerseek.studies.scene import SceneSettings
 
 Value: TypeAlias = str | float | int | bool | None
 """A setting that can be varied."""
@@ -24,12 +25,15 @@ class CurveSettings:
         Full width at half maximum in degrees and exponent of the tails, for the closed forms.
     draws
         Number of spots of a tissue that are drawn, each with its curve; a trial takes one of them.
+    noise_stated
+        Whether each intensity comes with its noise and cells, after dark frames; otherwise it is as in a CSV.
     """
 
     family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
     fwhm_deg: float = 10.0
     power: float = 1.0
     draws: int = 4
+    noise_stated: bool = True
 
     def __post_init__(self) -> None:
         # The closed forms know their own bounds.
@@ -66,3 +70,4 @@ class World:
 
     curve: CurveSettings
     rig: SimulatedSettings
+    scene: SceneSettings = field(default_factory=SceneSettings)

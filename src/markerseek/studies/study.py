@@ -27,6 +27,7 @@ from markerseek.core import ConfigError
 from markerseek.files import require_choice, require_key
 from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import PolicySettings
+from markerseek.studies.scene import SceneSettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World
 
 VERSION = 1
@@ -60,8 +61,9 @@ class Study:
         Numbers of acquisitions, rising, after which the answer of the search so far is recorded.
     stay
         Whether to leave out the move to the answer and the confirmation there.
-    curve, rig
-        Settings of the world.
+    curve, rig, scene
+        Settings of the world; what the scene holds beside the marker needs frames with everything drawn, but two humps
+        (``scene.second``) of a closed form are curves.
     vary
         Settings with several values.
     version
@@ -78,6 +80,7 @@ class Study:
     stay: bool = False
     curve: CurveSettings = field(default_factory=CurveSettings)
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    scene: SceneSettings = field(default_factory=SceneSettings)
     vary: tuple[Axis, ...] = ()
     version: int = VERSION
 
@@ -157,7 +160,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
     """
     made = []
     for index, values in enumerate(itertools.product(*(axis.values for axis in study.vary))):
-        world = World(curve=study.curve, rig=study.rig)
+        world = World(curve=study.curve, rig=study.rig, scene=study.scene)
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key.split("."), value, whole=key)
@@ -167,12 +170,43 @@ def cells(study: Study) -> tuple[Cell, ...]:
             raise ConfigError(
                 'rig.noise.coloured: readings have white noise only; leave it out, or set level = "frames"'
             )
+        _require_scene(study, world)
         if study.drawn == "everything":
-            _require_default(world.rig)
+            _require_default(world.rig, tissues=study.level == "frames")
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
-        digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
+        digest = int.from_bytes(_hashed(_described(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
+
+
+def _described(world: World) -> dict[str, typing.Any]:
+    """The settings of a world, without those that were added later and have no effect at their default."""
+    described: dict[str, typing.Any] = msgspec.to_builtins(world)
+    if world.scene == SceneSettings():
+        del described["scene"]
+    if world.curve.noise_stated:
+        del described["curve"]["noise_stated"]
+    return described
+
+
+def _require_scene(study: Study, world: World) -> None:
+    """Refuse a scene that the level of the study does not draw."""
+    if world.scene == SceneSettings():
+        return
+    if not world.rig.marker.present:
+        raise ConfigError("scene: there is nothing beside a marker that is not present; leave the scene out")
+    if study.level == "frames" and study.drawn == "everything":
+        return
+    if (
+        study.level == "curves"
+        and world.curve.family != "acoustic"
+        and world.scene == SceneSettings(second=world.scene.second)
+    ):
+        return
+    raise ConfigError(
+        'scene: a second source, clutter and repeats need level = "frames" with drawn = "everything"; the curves of a '
+        "closed form can have a second source too"
+    )
 
 
 def _require_size(study: Study) -> None:
@@ -193,11 +227,11 @@ def _require_size(study: Study) -> None:
         raise ConfigError(f"study: its table has {rows:,} rows, at most {MOST_ROWS:,} are computed; take fewer trials")
 
 
-def _require_default(rig: SimulatedSettings) -> None:
-    """Refuse settings that would have no effect because they are drawn."""
+def _require_default(rig: SimulatedSettings, *, tissues: bool) -> None:
+    """Refuse settings that would have no effect because they are drawn; frames have ``tissues``, readings a point."""
     usual = SimulatedSettings()
     given = {
-        "rig.tissue": (rig.tissue, usual.tissue),
+        "rig.tissue": (usual.tissue if tissues else rig.tissue, usual.tissue),
         "rig.probe": (rig.probe, usual.probe),
         "rig.laser.pulse_s": (rig.laser.pulse_s, usual.laser.pulse_s),
         "rig.laser.pulses": (rig.laser.pulses, usual.laser.pulses),

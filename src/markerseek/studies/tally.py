@@ -19,13 +19,26 @@ CLAIM_DEG = 1.0
 """Error beyond which the claim of a `Found` is wrong (promise P10)."""
 
 
+class TwoSources(msgspec.Struct, frozen=True, kw_only=True):
+    """Answers where the scene holds a second source, as shares of all its searches.
+
+    ``stronger`` is `Found` at the stronger source, or ambiguous; ``weaker`` and ``between`` are `Found` at the weaker
+    one, and at neither but between them; ``named``: the answer, whatever it is, names the other source too.
+    """
+
+    stronger: Share
+    weaker: Share
+    between: Share
+    named: Share
+
+
 class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     """One policy in one cell.
 
     ``error_deg``, ``failures`` are of the searches that found. The rest is of all with a marker, whatever the answer:
     ``any_error_deg`` with its root mean square ``rmse_deg``, ``off``, ``not_found``, ``missed``, ``wrong_claims``;
     ``covered`` is of those that gave an interval, ``false_found`` of those without a marker. ``marks_deg`` holds the
-    mean errors at the study's marks (numbers of acquisitions).
+    mean errors at the study's marks (numbers of acquisitions). ``two_sources`` is None where there was one source.
     """
 
     cell: int
@@ -53,6 +66,7 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     travel_deg: Mean
     elapsed_s: Mean
     refused: int
+    two_sources: TwoSources | None = None
 
 
 def failed(row: Row) -> bool:
@@ -109,6 +123,10 @@ class Tally:
         if row.truth_deg is None:
             self._counts.update(no_marker=1, false_found=found)
             return
+        if row.second_deg is not None:
+            stronger = row.answer == "ambiguous" or (found and row.nearest == "stronger")
+            self._counts.update(two=1, stronger=stronger, named=row.other_deg is not None)
+            self._counts.update({f"found {row.nearest}": found})
         # A search that a device ended has no error: it is off, and nothing was claimed.
         error_deg = math.inf if row.error_deg is None else row.error_deg
         self._counts.update(
@@ -165,4 +183,12 @@ class Tally:
             travel_deg=mean("travel"),
             elapsed_s=mean("elapsed"),
             refused=counts["refused"],
+            two_sources=None
+            if counts["two"] == 0
+            else TwoSources(
+                stronger=Share.of(counts["stronger"], counts["two"]),
+                weaker=Share.of(counts["found weaker"], counts["two"]),
+                between=Share.of(counts["found between"], counts["two"]),
+                named=Share.of(counts["named"], counts["two"]),
+            ),
         )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 
 from markerseek import rigs
-from markerseek.core import Asked, ConfigError, DeviceError, Finished, Found, Refused, Unsure
+from markerseek.core import Ambiguous, Asked, ConfigError, DeviceError, Estimate, Finished, Found, Refused, Unsure
 from markerseek.records import answer_name
 from markerseek.scan import run
 from markerseek.studies.policies import PolicySettings, build_policy
@@ -20,6 +21,10 @@ ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
 """Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
 
 
+SOURCE_DEG = 2.0
+"""Largest distance of an angle from a source of which it is the angle, in degrees."""
+
+
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One search of a study.
 
@@ -27,7 +32,11 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ``noise_seed`` are its settings, the others its result. ``settings`` holds the varied settings of the cell;
     ``acquisitions_most`` were allowed and ``acquisitions`` made. None is a missing value: the truth without a marker,
     and all results after a device failed. ``low_deg`` and ``high_deg`` are the ends of the 95 % interval, and
-    ``marks_deg`` the answers after as many acquisitions as the study's marks.
+    ``marks_deg`` the answers after as many acquisitions as the study's marks. ``surveyed`` is the answer's.
+
+    Where the scene holds a second source, ``second_deg`` is its angle and ``second_db`` its loudness over the marker's,
+    ``nearest`` says which of the two the answer's angle is that of (within `SOURCE_DEG`), and ``other_deg`` is the
+    angle that the answer names for the other source, None where it names none within `SOURCE_DEG`.
     """
 
     study: str
@@ -53,6 +62,11 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     travel_deg: float | None
     elapsed_s: float | None
+    surveyed: float | None = None
+    second_deg: float | None = None
+    second_db: float | None = None
+    nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
+    other_deg: float | None = None
 
 
 def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
@@ -76,6 +90,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
     mean_deg = estimate.mean_deg if estimate is not None else None
+    two = None if draw.scene.second is None else TwoAngles(draw.marker_deg, draw.scene.second.angle_deg)
     return Row(
         study=study.digest,
         row=(cell.index * study.trials + trial) * len(study.policies) + policy,
@@ -100,6 +115,40 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         refused=course.refused,
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
+        surveyed=None if estimate is None else estimate.surveyed,
+        second_deg=None if two is None else two.weaker_deg,
+        second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
+        nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
+        other_deg=None if two is None or estimate is None else two.other_named(estimate),
+    )
+
+
+class TwoAngles(NamedTuple):
+    """Angles of the marker, which is the stronger source, and of the weaker one, in degrees."""
+
+    stronger_deg: float
+    weaker_deg: float
+
+    def nearest(self, angle_deg: float) -> Literal["stronger", "weaker", "between", "outside"]:
+        """Return the source of which an angle is that, or whether it lies between the two or outside of them."""
+        away = abs(angle_deg - self.stronger_deg), abs(angle_deg - self.weaker_deg)
+        if min(away) <= SOURCE_DEG:
+            return "stronger" if away[0] <= away[1] else "weaker"
+        return "between" if min(self) < angle_deg < max(self) else "outside"
+
+    def other_named(self, estimate: Estimate) -> float | None:
+        """Return the angle that an answer names for the source that is not its own; None if it names none."""
+        other_deg = max(self, key=lambda angle_deg: abs(angle_deg - estimate.mean_deg))
+        named = [angle_deg for angle_deg in named_deg(estimate) if abs(angle_deg - other_deg) <= SOURCE_DEG]
+        return min(named, key=lambda angle_deg: abs(angle_deg - other_deg), default=None)
+
+
+def named_deg(estimate: Estimate) -> tuple[float, ...]:
+    """Return the angles that an answer names for other sources than its own, in degrees."""
+    modes_deg = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
+    return (
+        *(angle_deg for angle_deg in modes_deg if angle_deg != estimate.mean_deg),
+        *(other.angle_deg for other in estimate.others),
     )
 
 

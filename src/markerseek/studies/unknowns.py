@@ -120,10 +120,11 @@ def draw_unknowns(
         radius_m=float(rng.uniform(*MARKER_RADIUS_M)),
         angle_deg=marker_deg,
         lateral_m=lateral_m,
-        source=GaussianAbsorber(radius_m=_log_uniform(rng, *SOURCE_RADIUS_M)),
+        source=GaussianAbsorber(radius_m=log_uniform(rng, *SOURCE_RADIUS_M)),
     )
-    return Unknowns(model=model, marker=marker, pulses=round(_log_uniform(rng, *PULSES)))
+    return Unknowns(model=model, marker=marker, pulses=round(log_uniform(rng, *PULSES)))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number that is evenly spread in its logarithm."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, Interval
+from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, Interval, LocalMaxima
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
 
@@ -48,6 +48,8 @@ class Window:
         Independent cells of a whole image.
     share
         Share of the image's depths that is in the window.
+    blocks
+        Local maxima of a whole image without noise, whose blocks those of the window are a part of.
     """
 
     model: AcousticModel
@@ -58,6 +60,7 @@ class Window:
     peak: float
     cells: int
     share: float
+    blocks: LocalMaxima
 
 
 def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> Window:
@@ -87,6 +90,9 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     marker = replace(marker, strength=marker.strength * PEAK_COUNTS / strongest)
     frame = frame_of(on_marker * (PEAK_COUNTS / strongest), sampling_hz=preset.sampling_hz)
     reading = imaging.read(frame)
+    blocks = reading.local_maxima
+    if blocks is None:
+        raise ConfigError("the imaging chain gives no local maxima of its image")
     farthest_deg = max(abs(travel.low_deg - marker.angle_deg), abs(travel.high_deg - marker.angle_deg))
     # The path grows with the angle off the marker: the first arrival is at 0, the last at the farthest angle.
     # Beyond 90° the marker is behind the face and gives no signal.
@@ -94,12 +100,14 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     rate = preset.sampling_hz
     metres = preset.sound_speed_m_s
     low_s, high_s = min(arrivals) - _BEFORE_S, max(arrivals) + _AFTER_S
-    first = max(0, math.floor(low_s * rate) - _MARGIN_SAMPLES)
+    # The window begins with a block of the whole image, so that its blocks are some of the image's.
+    nearest_m = blocks.first_depth_m - (blocks.depth_step_m - preset.depth_step_m) / 2
+    low_m = nearest_m + max(0, math.floor((low_s * metres - nearest_m) / blocks.depth_step_m)) * blocks.depth_step_m
+    first = max(0, math.floor(low_m / metres * rate) - _MARGIN_SAMPLES)
     last = min(model.samples, math.ceil(1.04 * high_s * rate) + _MARGIN_SAMPLES)
     # The reader's least depth excludes the laser's pick-up, and the counts of a cut use all 16 bits.
     cut = replace(preset, pickup_samples=0, trigger_offset_s=preset.trigger_offset_s - first / rate, full_scale=32767)
     whole_m = (model.samples - preset.pickup_samples) / rate * metres
-    low_m = max(low_s * metres, preset.pickup_samples / rate * metres)
     high_m = min(high_s, (last - 1) / rate) * metres
     return Window(
         model=model,
@@ -110,6 +118,7 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
         peak=reading.intensity,
         cells=reading.cells or 1,
         share=min(1.0, (high_m - low_m) / whole_m),
+        blocks=blocks,
     )
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
 from markerseek import rigs
-from markerseek.acoustics import Absorber, Digitiser, Noise
+from markerseek.acoustics import Absorber, AcousticModel, Digitiser
 from markerseek.core import Reader
-from markerseek.rigs import draw_scene, image_reader, in_world, scaled_spot, scene_curve
+from markerseek.rigs import Scene, image_peak, image_reader, in_world, scene_curve, scene_of
+from markerseek.rigs import draw_scene as draw_rig_scene
 from markerseek.sim import (
     GaussianCurve,
     IntensityCurve,
@@ -20,10 +22,13 @@ from markerseek.sim import (
     SechCurve,
     SimulatedSettings,
     SimulatedWorld,
+    Spot,
+    TwoHumps,
     VirtualClock,
     World,
     tissue_named,
 )
+from markerseek.studies.scene import DrawnScene, draw_scene
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns, draw_unknowns
@@ -48,6 +53,8 @@ class Draw:
         Seed of all noise; at the level of frames also of the spot.
     unknowns
         The rig and the marker, if the study draws everything; else None.
+    scene
+        What is beside the marker.
     """
 
     marker_deg: float
@@ -55,6 +62,7 @@ class Draw:
     curve: int
     noise_seed: int
     unknowns: Unknowns | None = None
+    scene: DrawnScene = field(default_factory=DrawnScene)
 
 
 def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
@@ -82,7 +90,17 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
             sampling_hz=receiver.sampling_hz,
             samples=receiver.samples,
         )
-    return Draw(marker_deg=marker_deg, lateral_m=lateral_m, curve=curve, noise_seed=noise_seed, unknowns=unknowns)
+    # Only its angle and lateral position are known where nothing else is drawn, and nothing else is needed.
+    beside = Absorber(radius_m=marker.radius_m, angle_deg=marker_deg, lateral_m=lateral_m)
+    scene = draw_scene(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
+    return Draw(
+        marker_deg=marker_deg,
+        lateral_m=lateral_m,
+        curve=curve,
+        noise_seed=noise_seed,
+        unknowns=unknowns,
+        scene=scene,
+    )
 
 
 def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
@@ -95,29 +113,37 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     """
     settings = cell.world.rig
     if draw.unknowns is not None:
-        return _drawn_rig(study, settings, draw.unknowns, noise_seed=draw.noise_seed)
+        return _drawn_rig(study, settings, draw.unknowns, draw)
     if study.level == "frames":
         marker = replace(settings.marker, angle_deg=draw.marker_deg, lateral_m=draw.lateral_m)
         return rigs.simulated(seed=draw.noise_seed, settings=replace(settings, marker=marker))
     curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
+    second = draw.scene.second
+    if curve is not None and second is not None:
+        curve = TwoHumps(curve=curve, apart_deg=second.angle_deg - draw.marker_deg, relative=second.strength)
     return rigs.of_intensities(
-        seed=draw.noise_seed, curve=curve, marker_deg=draw.marker_deg, cells=images_cells, settings=settings
+        seed=draw.noise_seed,
+        curve=curve,
+        marker_deg=draw.marker_deg,
+        cells=images_cells,
+        settings=settings,
+        noise_stated=cell.world.curve.noise_stated,
     )
 
 
-def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *, noise_seed: int) -> rigs.Rig:
+def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn, with frames or with readings."""
-    model, rng = unknowns.model, np.random.default_rng(noise_seed)
+    model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
     settings = replace(settings, probe=model.probe, laser=replace(settings.laser, pulses=unknowns.pulses))
     imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
     reader: Reader
     if study.level == "frames":
-        spot, noise = _with_gain(unknowns, settings)
+        scene = _scene(unknowns, settings, draw.scene, rng)
         reader = imaging
         world: SimulatedWorld = World(
-            model=model,
-            absorbers=spot if settings.marker.present else (),
-            noise=noise,
+            model=scene.model,
+            absorbers=scene.absorbers,
+            noise=scene.noise,
             digitiser=Digitiser(),
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
@@ -144,15 +170,39 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, *,
     )
 
 
-def _with_gain(unknowns: Unknowns, settings: SimulatedSettings) -> tuple[list[Absorber], Noise]:
-    """Marker and noise in counts, with a gain that makes the rounding of the noise negligible, up to full scale."""
-    marker, model = unknowns.marker, unknowns.model
-    spot, noise, _ = scaled_spot([marker], marker, settings, model)
+def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, rng: np.random.Generator) -> Scene:
+    """Marker, tissue and what is beside them, in counts, each other source as loud as it was drawn.
+
+    The gain makes the rounding of the noise negligible, up to full scale.
+    """
+    material, marker = tissue_named(settings.tissue), unknowns.marker
+    if material.spot.count == 1:
+        material = replace(material, spot=Spot(grain=marker.source))
+    model = replace(unknowns.model, reverberation=beside.reverberation or material.reverberation)
+    scene = scene_of(material, marker, settings, model, rng)
+    drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
+    others = [_as_loud(each, model, marker_peak=scene.peak) for each in drawn]
+    noise = scene.noise
     # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it.
-    gain = max(1.0, min(2.0 / noise.white_sigma, _LARGEST_COUNTS / settings.receiver.peak_counts))
-    return [replace(each, strength=each.strength * gain) for each in spot], replace(
-        noise, white_sigma=noise.white_sigma * gain
+    total = math.hypot(noise.white_sigma, noise.coloured_sigma)
+    gain = max(1.0, min(2.0 / total, _LARGEST_COUNTS / settings.receiver.peak_counts))
+    # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image.
+    gain = min([gain, *(_LARGEST_COUNTS / _largest_count(each, model) for each in others)])
+    return replace(
+        scene,
+        absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
+        noise=replace(noise, white_sigma=noise.white_sigma * gain, coloured_sigma=noise.coloured_sigma * gain),
     )
+
+
+def _as_loud(source: Absorber, model: AcousticModel, *, marker_peak: float) -> Absorber:
+    """The source with the strength that makes its peak in the image the drawn share of the marker's."""
+    peak = image_peak([replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
+    return replace(source, strength=source.strength * marker_peak / peak)
+
+
+def _largest_count(source: Absorber, model: AcousticModel) -> float:
+    return float(np.abs(model.channel_data([source], angle_deg=source.angle_deg)).max())
 
 
 # The policies of a trial follow one another in one process: few windows are in use at a time.
@@ -215,4 +265,4 @@ def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
 @lru_cache(maxsize=256)
 def _acoustic_curve(rig: SimulatedSettings, seed: int, draw: int) -> tuple[RecordedCurve, int]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))
-    return scene_curve(draw_scene(rig, rng), peak_counts=rig.receiver.peak_counts)
+    return scene_curve(draw_rig_scene(rig, rng), peak_counts=rig.receiver.peak_counts)

@@ -1,0 +1,205 @@
+"""What a study puts beside the marker, drawn in each trial: a second source, clutter, repeats behind every source.
+
+The loudness of a source is its noise-free envelope peak in the image with the probe on it, over that of the marker with
+the probe on the marker. The marker is the loudest source: it is the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Reverberation
+from markerseek.core import ConfigError, Interval, is_whole, require_range
+from markerseek.studies.unknowns import MARKER_RADIUS_M, SOURCE_RADIUS_M, log_uniform
+
+LATERAL_M = 20e-3
+"""Largest distance of a second source from the middle of the array along it, as for the marker, in metres."""
+
+_MOST_DRAWS = 10_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondSource:
+    """A second source in the search range.
+
+    Attributes
+    ----------
+    least_apart_deg, most_apart_deg
+        Its distance from the marker in degrees, drawn evenly, to either side as the range allows.
+    least_relative, most_relative
+        Its loudness over the marker's, drawn evenly.
+    same_place
+        Whether lateral position, radius and size are those of the marker; otherwise they are drawn.
+    least_lateral_m
+        Least lateral distance from the marker in metres; 0 allows them to overlap in place.
+    """
+
+    least_apart_deg: float = 6.0
+    most_apart_deg: float = 60.0
+    least_relative: float = 0.5
+    most_relative: float = 1.0
+    same_place: bool = False
+    least_lateral_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_range("scene.second: least_apart_deg", self.least_apart_deg, low=0.0, high=90.0, unit="deg")
+        _require_after("scene.second: most_apart_deg", self.most_apart_deg, self.least_apart_deg, high=90.0, unit="deg")
+        require_range("scene.second: least_relative", self.least_relative, low=0.0, high=1.0, open_low=True)
+        _require_after("scene.second: most_relative", self.most_relative, self.least_relative, high=1.0)
+        require_range("scene.second: least_lateral_m", self.least_lateral_m, low=0.0, high=LATERAL_M, unit="m")
+        if self.same_place and self.least_lateral_m > 0:
+            raise ConfigError("scene.second: same_place is true, and least_lateral_m is above 0; leave one out")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClutterAround:
+    """Absorbers around the marker.
+
+    Attributes
+    ----------
+    count
+        Number of absorbers.
+    least_db, most_db
+        Loudness of the loudest of them over the marker's in dB, drawn evenly; the others follow an exponential law.
+    """
+
+    count: int = 8
+    least_db: float = -20.0
+    most_db: float = -3.0
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.count) or not 1 <= self.count <= 1000:
+            raise ConfigError(f"scene.clutter: count is {self.count}, it must be a whole number from 1 to 1000")
+        require_range("scene.clutter: least_db", self.least_db, low=-60.0, high=0.0, unit="dB")
+        _require_after("scene.clutter: most_db", self.most_db, self.least_db, high=0.0, unit="dB")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repeats:
+    """Repeats behind every source.
+
+    Attributes
+    ----------
+    least_delay_s, most_delay_s
+        Time from one repeat to the next in seconds, drawn evenly.
+    least_gain, most_gain
+        Amplitude of a repeat over that of the one before it, drawn evenly, with either sign as likely.
+    most_repeats
+        Number of repeats, drawn from 1 to this.
+    """
+
+    least_delay_s: float = 1e-6
+    most_delay_s: float = 20e-6
+    least_gain: float = 0.05
+    most_gain: float = 0.5
+    most_repeats: int = 3
+
+    def __post_init__(self) -> None:
+        require_range("scene.repeats: least_delay_s", self.least_delay_s, low=0.0, high=1e-3, unit="s", open_low=True)
+        _require_after("scene.repeats: most_delay_s", self.most_delay_s, self.least_delay_s, high=1e-3, unit="s")
+        require_range("scene.repeats: least_gain", self.least_gain, low=0.0, high=1.0)
+        _require_after("scene.repeats: most_gain", self.most_gain, self.least_gain, high=1.0)
+        if not is_whole(self.most_repeats) or not 1 <= self.most_repeats <= 10:
+            raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneSettings:
+    """What is drawn beside the marker; None for nothing."""
+
+    second: SecondSource | None = None
+    clutter: ClutterAround | None = None
+    repeats: Repeats | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnScene:
+    """What was drawn beside the marker.
+
+    Attributes
+    ----------
+    second
+        The second source, its strength the loudness over the marker's; None for none.
+    clutter
+        The clutter, with strengths likewise, some negative.
+    reverberation
+        The repeats; None for none.
+    """
+
+    second: Absorber | None = None
+    clutter: tuple[Absorber, ...] = ()
+    reverberation: Reverberation | None = None
+
+
+def draw_scene(settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> DrawnScene:
+    """Draw what is beside a marker.
+
+    Parameters
+    ----------
+    settings
+        What is drawn.
+    rng
+        Source of randomness.
+    marker
+        The marker.
+    limits
+        Range of the search, which holds both sources.
+
+    Raises
+    ------
+    ConfigError
+        If the range is too narrow for a second source.
+    """
+    return DrawnScene(
+        second=None if settings.second is None else _second(settings.second, rng, marker=marker, limits=limits),
+        clutter=() if settings.clutter is None else _clutter(settings.clutter, rng),
+        reverberation=None if settings.repeats is None else _repeats(settings.repeats, rng),
+    )
+
+
+def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> Absorber:
+    for _ in range(_MOST_DRAWS):
+        apart_deg = rng.uniform(settings.least_apart_deg, settings.most_apart_deg) * rng.choice((-1.0, 1.0))
+        lateral_m = float(rng.uniform(-LATERAL_M, LATERAL_M))
+        angle_deg = marker.angle_deg + float(apart_deg)
+        if angle_deg in limits and abs(lateral_m - marker.lateral_m) >= settings.least_lateral_m:
+            break
+    else:
+        raise ConfigError(
+            f"scene.second: there is no place {settings.least_apart_deg:g} to {settings.most_apart_deg:g} deg from a "
+            f"marker at {marker.angle_deg:.1f} deg in the range {limits}; widen the range"
+        )
+    loudness = float(rng.uniform(settings.least_relative, settings.most_relative))
+    radius_m, size_m = float(rng.uniform(*MARKER_RADIUS_M)), log_uniform(rng, *SOURCE_RADIUS_M)
+    if settings.same_place:
+        return replace(marker, angle_deg=angle_deg, strength=loudness)
+    return Absorber(
+        radius_m=radius_m,
+        angle_deg=angle_deg,
+        lateral_m=lateral_m,
+        strength=loudness,
+        source=GaussianAbsorber(radius_m=size_m),
+    )
+
+
+def _clutter(settings: ClutterAround, rng: np.random.Generator) -> tuple[Absorber, ...]:
+    """Clutter in the volume in which markers are drawn, and 25° beyond the range on either side."""
+    nearest_m, farthest_m = MARKER_RADIUS_M
+    around = Clutter(count=settings.count, strength=1.0, nearest_m=nearest_m, farthest_m=farthest_m).draw(rng)
+    loudest_db = float(rng.uniform(settings.least_db, settings.most_db))
+    scale = 10 ** (loudest_db / 20) / max(abs(each.strength) for each in around)
+    return tuple(replace(each, strength=each.strength * scale) for each in around)
+
+
+def _repeats(settings: Repeats, rng: np.random.Generator) -> Reverberation:
+    return Reverberation(
+        delay_s=float(rng.uniform(settings.least_delay_s, settings.most_delay_s)),
+        gain=float(rng.uniform(settings.least_gain, settings.most_gain) * rng.choice((-1.0, 1.0))),
+        repeats=int(rng.integers(1, settings.most_repeats + 1)),
+    )
+
+
+def _require_after(name: str, value: float, least: float, *, high: float, unit: str = "") -> None:
+    require_range(name, value, low=least, high=high, unit=unit, cure="the range must not descend")
