@@ -33,6 +33,9 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
+    single: Annotated[
+        bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
+    ] = False,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
@@ -92,6 +95,7 @@ def command(
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
         stay=stay,
+        single=single,
     )
     session = new_session(assembled, plan)
     recorded_curve = None

@@ -194,7 +194,11 @@ def density_of(session: Session, output: Output) -> Curve | None:
         return None
     from markerseek.search.posterior import Posterior
 
-    return session.policy.density() if isinstance(session.policy, Posterior) else None
+    belief = session.policy.belief if isinstance(session.policy, Posterior) else None
+    if belief is None:
+        return None
+    step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])
+    return belief.angles_deg, belief.probability / step_deg
 
 
 def _print_table(result: SearchResult, *, title: str) -> None:
