@@ -178,3 +178,35 @@ def test_only_what_is_found_can_be_confirmed():
     assert isinstance(policy.estimate(), NotFound)
     with pytest.raises(SearchError, match="nothing is found that a sample could confirm"):
         policy.confirm(Sample(angle_deg=0.0, reading=Reading(intensity=1.0)))
+
+
+def test_the_belief_is_the_posterior_over_the_range_and_asking_for_it_changes_nothing():
+    world = World([(-10.0, 100.0, 6.0, 5.0, 40.0)])
+    watched, alone = Posterior(), Posterior()
+    assert watched.belief is None
+    for _ in range(3):
+        dark = world.sample(0.0, dark=True)
+        watched.tell(dark)
+        alone.tell(dark)
+    while (angle_deg := watched.ask()) is not None:
+        assert alone.ask() == angle_deg
+        sample = world.sample(angle_deg)
+        watched.tell(sample)
+        alone.tell(sample)
+        belief = watched.belief
+        assert belief is not None
+        assert belief.probability.min() >= 0
+        assert 0.7 < belief.probability.sum() <= 1 + 1e-9
+    answer = watched.estimate()
+    assert isinstance(answer, Found)
+    assert belief.mean_deg == pytest.approx(answer.mean_deg)
+    assert (belief.sigma_deg, belief.interval95_deg) == (answer.sigma_deg, answer.interval95_deg)
+    # The same moments from the probabilities, to the width of their steps.
+    share = belief.probability / belief.probability.sum()
+    mean_deg = share @ belief.angles_deg
+    assert mean_deg == pytest.approx(belief.mean_deg, abs=0.02)
+    spread_deg = math.sqrt(share @ (belief.angles_deg - mean_deg) ** 2)
+    assert spread_deg == pytest.approx(math.hypot(belief.sigma_deg, 0.1 / math.sqrt(12)), rel=0.1)
+    assert belief.choice is not None
+    assert belief.choice.sigma_deg.min() < belief.sigma_deg
+    assert np.all(np.diff(belief.choice.angles_deg) > 0)

@@ -29,6 +29,9 @@ def command(
     as_published: Annotated[
         bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
     ] = False,
+    single: Annotated[
+        bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
+    ] = False,
     probe: Annotated[
         str | None,
         typer.Option(
@@ -84,6 +87,7 @@ def command(
         as_published=as_published,
         start_deg=assembled.stage.angle_deg,
         stay=stay,
+        single=single,
     )
     session = new_session(assembled, plan)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None)

@@ -132,14 +132,13 @@ def build(
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
         well enough; the other methods have no early end.
     single
-        Whether there is one source only: a posterior then looks for no other, and ends earlier. The other methods look
-        for no other in any case.
+        Whether there is one source only: a posterior then looks for no other, and ends earlier.
 
     Raises
     ------
     ConfigError
-        If the method is unknown, the number of acquisitions does not fit it, or a posterior is requested as
-        published, a form that it does not have.
+        If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
+        form that it does not have, or ``single`` of a method that looks for no other source.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
@@ -148,6 +147,8 @@ def build(
     stands_deg = None if start_deg is None else float(start_deg)
     if chosen.name == "posterior":
         return _posterior(searched, number, stands_deg, early_end, single=single, as_published=as_published)
+    if single:
+        raise ConfigError(f"{chosen.name}: single is set, but only the posterior looks for other sources; leave it out")
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:

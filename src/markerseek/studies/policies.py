@@ -62,7 +62,9 @@ class PolicySettings:
                 f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
             )
         if self.single and self.method != "posterior":
-            raise ConfigError(f"{self.method}: single is set, only the posterior looks for other sources; leave it out")
+            raise ConfigError(
+                f"{self.method}: single is set, but only the posterior looks for other sources; leave it out"
+            )
         if self.cues is not None and self.method != "posterior":
             raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
 

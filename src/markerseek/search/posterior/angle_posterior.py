@@ -73,11 +73,18 @@ class AnglePosterior:
 
     def quantile_deg(self, probability: float) -> float:
         """Angle below which the marker lies with that probability, in degrees."""
-        # Each probability is uniform over one step of the grid.
+        return float(np.interp(probability, *self._steps()))
+
+    def cumulative(self, angles_deg: Float64[np.ndarray, " ends"]) -> Float64[np.ndarray, " ends"]:
+        """Probability with which the marker lies below each angle, in degrees."""
+        probability, ends_deg = self._steps()
+        return np.asarray(np.interp(angles_deg, ends_deg, probability))
+
+    def _steps(self) -> tuple[Float64[np.ndarray, " ends"], Float64[np.ndarray, " ends"]]:
+        """Cumulative probability at the ends of the steps; each probability is uniform over one step of the grid."""
         step_deg = float(self.angle_deg[1] - self.angle_deg[0])
-        edges = np.concatenate([[0.0], np.cumsum(self.share)])
-        ends = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
-        return float(np.interp(probability, edges, ends))
+        ends_deg = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
+        return np.concatenate([[0.0], np.cumsum(self.share)]), ends_deg
 
 
 def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ...]:

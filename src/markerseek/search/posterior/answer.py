@@ -30,11 +30,14 @@ class State:
         The sources, the loudest first, at least one.
     survey
         What may still hide; None where it is not known.
+    misfit
+        Why the curve does not explain the samples of the loudest; None if it does.
     """
 
     noise: Noise
     sources: Sequence[Candidate]
     survey: Survey | None
+    misfit: str | None
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -97,7 +100,7 @@ def answer_of(
         modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
-    doubt = _uncertain(posterior) or unconfirmed or (None if single else _hidden(state))
+    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state))
     if doubt is not None:
         return Unsure(
             mean_deg=mean_deg,

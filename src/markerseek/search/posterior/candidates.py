@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from markerseek.core import Interval, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, missing_evidence
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.humps import dip_deg
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import Shapes
-from markerseek.search.posterior.sources import Source, samples_at, sources_of
+from markerseek.search.posterior.sources import Source, at_most, samples_at, sources_of
 
 MOST_OTHERS = 3
 """Most sources beside the loudest that get a posterior of their own, the strongest first."""
@@ -29,6 +31,20 @@ DOUBT_SIGMAS = 2.0
 """Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
 
 
+Side: TypeAlias = Literal["both", "low", "high"]
+"""Samples of one source: all at a place, or those on one side of a dip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Group:
+    """Samples of one source, as they are at its place; see `Candidate`."""
+
+    source: Source | None
+    side: Side
+    samples: Sequence[Sample]
+    bounds: Sequence[Sample] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
     """A source with its posterior.
@@ -37,6 +53,8 @@ class Candidate:
     ----------
     source
         Its place; None where the samples have no positions: then all of them are of one source.
+    side
+        Which of two humps at that place it is, "both" where there is one.
     samples
         The samples with the laser on, as they are at its place.
     missing
@@ -48,6 +66,7 @@ class Candidate:
     """
 
     source: Source | None
+    side: Side
     samples: Sequence[Sample]
     missing: str | None
     posterior: AnglePosterior
@@ -116,14 +135,16 @@ class Candidates:
         Family of curves.
     cues
         As for `Inference`; without "lateral" all samples are of one source.
+    single
+        Whether there is one source only, so that a dip does not divide the samples.
     """
 
-    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str]) -> None:
+    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool) -> None:
         self._limits = limits
         self._shapes = shapes
         self._cues = cues
+        self._single = single
         # Only that of the first is kept: what an answer computes of the others must not change what comes later.
-        self._place: Source | None = None
         self._first = self._new()
 
     def first(self, lit: Sequence[Sample], dark: Sequence[Sample], noise: Noise, *, particles: int) -> Candidate:
@@ -138,13 +159,14 @@ class Candidates:
         particles
             Markers to draw from its posterior.
         """
-        for place, at in self._places(lit, noise):
+        for group in self._groups(lit, noise):
             # A background that is the same at all angles may be louder than the marker, and is none.
-            if missing_evidence(at, dark=dark, noise=noise) is None:
-                return self._candidate(place, at, None, self._kept(place), noise, particles)
+            if missing_evidence(group.samples, dark=dark, noise=noise) is None:
+                return _candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
+        everything = _Group(source=None, side="both", samples=lit)
         missing = missing_evidence(lit, dark=dark, noise=noise)
-        return self._candidate(None, lit, missing, self._kept(None), noise, particles)
+        return _candidate(everything, missing, self._first, noise, particles)
 
     def others(
         self,
@@ -170,49 +192,62 @@ class Candidates:
             Most sources.
         """
         found = []
-        for place, at in self._places(lit, noise):
-            if place == first.source or _is_background(at):
+        for group in self._groups(lit, noise):
+            if (group.source, group.side) == (first.source, first.side) or _is_background(group.samples):
                 continue
-            missing = missing_evidence(at, dark=dark, noise=noise)
-            if missing is None and _seen(at, noise) < 2:
+            missing = missing_evidence(group.samples, dark=dark, noise=noise)
+            if missing is None and _seen(group.samples, noise) < 2:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
-            found.append(self._candidate(place, at, missing, self._new(), noise, particles))
+            found.append(_candidate(group, missing, self._new(), noise, particles))
             if len(found) == most:
                 break
         return found
 
-    def _places(self, lit: Sequence[Sample], noise: Noise) -> Iterator[tuple[Source, Sequence[Sample]]]:
-        """Places from which sound came, and the samples there, that of the strongest arrival first."""
-        if "lateral" not in self._cues or noise.floor.level is None:
-            return
-        sources = sources_of(lit, level=noise.floor.level)
-        for place in sources:
-            at = samples_at(lit, sources, place)
-            if not _is_burst(at, place, noise):
-                yield place, at
+    def _groups(self, lit: Sequence[Sample], noise: Noise) -> list[_Group]:
+        """The samples of each source, that of the strongest sample first."""
+        groups: list[_Group] = []
+        if "lateral" in self._cues and noise.floor.level is not None:
+            sources = sources_of(lit, level=noise.floor.level)
+            for source in sources:
+                at = samples_at(lit, sources, source)
+                if not _is_burst(at, source, noise):
+                    groups += self._divided(_Group(source=source, side="both", samples=at), noise)
+        if not groups:
+            groups = self._divided(_Group(source=None, side="both", samples=lit), noise)
+        return sorted(groups, key=lambda group: -_strongest(group.samples))
 
-    def _candidate(
-        self,
-        place: Source | None,
-        at: Sequence[Sample],
-        missing: str | None,
-        inference: Inference,
-        noise: Noise,
-        particles: int,
-    ) -> Candidate:
-        posterior = inference.posterior(at, noise, particles=particles)
-        return Candidate(source=place, samples=at, missing=missing, posterior=posterior, seen=_seen(at, noise))
-
-    def _kept(self, place: Source | None) -> Inference:
-        """The inference of the first source so far, or a new one where that is at another place."""
-        moved = (place is None) != (self._place is None)
-        if place is not None and self._place is not None:
-            moved = not place.same_place(self._place)
-        if moved:
-            self._first = self._new()
-        self._place = place
-        return self._first
+    def _divided(self, group: _Group, noise: Noise) -> list[_Group]:
+        """The group, or its two halves where a dip lies between two humps."""
+        if self._single:
+            return [group]
+        sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
+        dip = dip_deg(group.samples, sigma=sigma, level=noise.floor.level or 0.0)
+        if dip is None:
+            return [group]
+        low = [sample for sample in group.samples if sample.angle_deg < dip]
+        high = [sample for sample in group.samples if sample.angle_deg > dip]
+        middle = [at_most(sample) for sample in group.samples if sample.angle_deg == dip]
+        # Beyond the dip a curve is no higher than what was measured of both.
+        return [
+            _Group(source=group.source, side="low", samples=low, bounds=[*middle, *map(at_most, high)]),
+            _Group(source=group.source, side="high", samples=high, bounds=[*middle, *map(at_most, low)]),
+        ]
 
     def _new(self) -> Inference:
         return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues)
+
+
+def _candidate(group: _Group, missing: str | None, inference: Inference, noise: Noise, particles: int) -> Candidate:
+    return Candidate(
+        source=group.source,
+        side=group.side,
+        samples=group.samples,
+        missing=missing,
+        posterior=inference.posterior([*group.samples, *group.bounds], noise, particles=particles),
+        seen=_seen(group.samples, noise),
+    )
+
+
+def _strongest(at: Sequence[Sample]) -> float:
+    return max(sample.reading.intensity for sample in at)

@@ -111,6 +111,21 @@ def most_informative_deg(
 ) -> float:
     """Return the angle whose sample is expected to leave the smallest standard deviation, travel weighed in.
 
+    Parameters
+    ----------
+    posterior, shapes, measured_deg, limits, floor
+        As in `expected_sigmas_deg`.
+    """
+    candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, measured_deg, limits=limits, floor=floor)
+    travel = np.abs(candidates - measured_deg[-1])
+    return float(candidates[np.argmin(sigma_deg * (1 + travel / TRAVEL_DEG))])
+
+
+def expected_sigmas_deg(
+    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, floor: float
+) -> tuple[Float64[np.ndarray, " candidates"], Float64[np.ndarray, " candidates"]]:
+    """Return candidates for the next angle, and the standard deviation that a sample there is expected to leave.
+
     The expectation is over markers θ_j drawn from the posterior. Each in turn is the truth, and the others keep the
     weight that its sample would leave them, where d_jk is the difference of their intensities there in standard
     deviations of both,
@@ -148,8 +163,7 @@ def most_informative_deg(
         _SAMPLE_ERROR,
         variance,
     )
-    travel = np.abs(candidates - measured_deg[-1])
-    return float(candidates[np.argmin(np.sqrt(variance + 1e-6) * (1 + travel / TRAVEL_DEG))])
+    return candidates, np.sqrt(variance + 1e-6)
 
 
 def _candidates(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import lru_cache
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -14,7 +13,6 @@ from markerseek.core import (
     Found,
     Interval,
     NotFound,
-    Reading,
     Sample,
     SearchError,
     Unsure,
@@ -24,16 +22,17 @@ from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
-from markerseek.search.posterior.confirmed import unconfirmed
-from markerseek.search.posterior.inference import Inference
+from markerseek.search.posterior.humps import top_deg
+from markerseek.search.posterior.loading import loaded_family
 from markerseek.search.posterior.next_angle import (
     PLANNED_ANGLES,
     most_detectable_deg,
     most_informative_deg,
     planned_deg,
 )
-from markerseek.search.posterior.shapes import Shapes, family
+from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
 from markerseek.search.posterior.survey import SURVEY_TARGET, Survey, survey_of
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
@@ -50,11 +49,6 @@ PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 
 FLOOR_SNR = 4.2
 """Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
-
-
-@lru_cache(maxsize=1)
-def _family() -> Shapes:
-    return family()
 
 
 class Posterior(SearchPolicy):
@@ -105,13 +99,13 @@ class Posterior(SearchPolicy):
         chosen = frozenset(cues)
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
-        _load_kernels()
+        self._shapes = loaded_family()
         self._limits = limits
         self._budget = acquisitions
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
         self._single = single
-        self._candidates = Candidates(limits=limits, shapes=_family(), cues=chosen)
+        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single)
         self._asked = 0
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
@@ -147,7 +141,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._first()
-        self._unconfirmed = unconfirmed(first, sample, _family())
+        self._unconfirmed = unconfirmed(first, sample, self._shapes)
         self._lit.append(sample)
         self._next = None
         self._cached_noise = self._cached_first = self._cached = None
@@ -158,6 +152,21 @@ class Posterior(SearchPolicy):
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
             self._lit, self._state(), limits=self._limits, single=self._single, unconfirmed=self._unconfirmed
+        )
+
+    @property
+    def belief(self) -> Belief | None:
+        """What is believed of the marker's angle, for a picture of it; None before the first sample."""
+        if not self._lit:
+            return None
+        source = self._state().sources[0]
+        return belief_of(
+            source.posterior,
+            self._shapes,
+            self._measured_deg(),
+            limits=self._limits,
+            floor=FLOOR_SNR,
+            detected=self._detected(),
         )
 
     def _noise(self) -> Noise:
@@ -182,14 +191,19 @@ class Posterior(SearchPolicy):
                     first, self._lit, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
                 )
                 sources = ranked([first, *others])
-            self._cached = State(noise=noise, sources=sources, survey=self._survey(sources[0], noise))
+            self._cached = State(
+                noise=noise,
+                sources=sources,
+                survey=self._survey(sources[0], noise),
+                misfit=misfit_of(sources[0], self._shapes),
+            )
         return self._cached
 
     def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
         """What may still hide beside a source; None while its angle is not known."""
         if source.missing is not None or source.posterior.sigma_deg > SIGMA_LIMIT_DEG:
             return None
-        return survey_of(source, _family(), self._lit, noise, limits=self._limits)
+        return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
     def _next_deg(self) -> float | None:
         if self._asked >= self._budget:
@@ -212,6 +226,9 @@ class Posterior(SearchPolicy):
                 return self._another_look_deg(other)
             if state.survey is not None and state.survey.share < SURVEY_TARGET:
                 return state.survey.next_deg
+            doubtful_deg = self._doubtful_deg(first)
+            if doubtful_deg is not None:
+                return doubtful_deg
         if first.posterior.centre_sigma_deg > self._target_deg:
             return self._informative_deg(first)
         answer = self.estimate()
@@ -221,6 +238,21 @@ class Posterior(SearchPolicy):
         if done or (narrow and self._unconfirmed is None):
             return None
         return self._informative_deg(first)
+
+    def _doubtful_deg(self, source: Candidate) -> float | None:
+        """Angle at which the curve of a source has still to be tested, in degrees; None if at none."""
+        measured_deg = self._measured_deg()
+        misfit = unexplained(source, self._shapes, sigmas=DOUBT_SIGMAS)
+        if misfit is not None:
+            # Between a second hump and the first lies a dip.
+            between_deg = (misfit.angle_deg + source.posterior.mean_deg) / 2
+            if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
+                return between_deg
+        if any(sample.reading.local_maxima is None for sample in source.samples):
+            # Intensities alone do not tell two sources apart that are near one another.
+            wanted_deg = top_deg(source.posterior, measured_deg)
+            return wanted_deg if wanted_deg in self._limits else None
+        return None
 
     def _another_look_deg(self, source: Candidate) -> float:
         """Next angle for a source other than the loudest, in degrees."""
@@ -232,7 +264,7 @@ class Posterior(SearchPolicy):
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(
-            source.posterior, _family(), self._measured_deg(), limits=self._limits, floor=FLOOR_SNR
+            source.posterior, self._shapes, self._measured_deg(), limits=self._limits, floor=FLOOR_SNR
         )
 
     def _detection_deg(self) -> float:
@@ -242,7 +274,9 @@ class Posterior(SearchPolicy):
         if len(measured_deg) < PLANNED_ANGLES or noise.floor.level is None or not noise.sigma:
             return planned_deg(measured_deg, limits=self._limits, descending=self._descending)
         level = noise.floor.level / noise.sigma
-        return most_detectable_deg(self._first().posterior, _family(), measured_deg, limits=self._limits, level=level)
+        return most_detectable_deg(
+            self._first().posterior, self._shapes, measured_deg, limits=self._limits, level=level
+        )
 
     def _measured_deg(self) -> list[float]:
         return [sample.angle_deg for sample in self._lit]
@@ -254,28 +288,3 @@ class Posterior(SearchPolicy):
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
         return max(intensities) > level
-
-
-@lru_cache(maxsize=1)
-def _load_kernels() -> None:
-    """Decide once on three synthetic samples, so that no decision of a search waits for the compiled kernels."""
-    # From disk they take a quarter of a second.
-    lit = [
-        Sample(
-            angle_deg=angle_deg,
-            reading=Reading(
-                intensity=intensity,
-                lateral_m=0.0,
-                centroid_s=33e-6,
-                spread_s=0.2e-6,
-                noise_sigma=1.0,
-                cells=10_000,
-                coherence=0.9,
-            ),
-        )
-        for angle_deg, intensity in ((-5.0, 20.0), (0.0, 60.0), (5.0, 20.0))
-    ]
-    inference = Inference(limits=PAPER_RANGE, shapes=_family(), cues=CUES)
-    posterior = inference.posterior(lit, noise_of(lit), particles=8)
-    measured_deg = [sample.angle_deg for sample in lit]
-    most_informative_deg(posterior, _family(), measured_deg, limits=PAPER_RANGE, floor=FLOOR_SNR)

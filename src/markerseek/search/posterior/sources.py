@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from markerseek.core import Arrival, Reading, Sample
+from markerseek.search.floor import FEWEST_CELLS
 
 POINT_M = 1.5e-3
 """Largest distance between arrivals of one point along the array, in metres."""
@@ -136,7 +137,7 @@ def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source)
     """Return the samples as they are at the place of one source: its strongest arrival, or the image there.
 
     A sample without positions, as of a file of intensities, is returned as it is. One in which another source covers
-    the place is left out.
+    the place says only how loud this one is at most (`at_most`).
 
     Parameters
     ----------
@@ -170,8 +171,7 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> Sam
         high_depth_m=source.depth_m + NEAR_M + source.moveout_m(angle_deg),
         within_m=NEAR_M,
     )
-    covered = any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere)
-    if covered or looked_up is None:
+    if looked_up is None:
         return None
     weak = replace(
         reading,
@@ -184,7 +184,21 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> Sam
         spread_s=None,
         coherence=None,
     )
-    return replace(sample, reading=weak, frame=None)
+    here_then = replace(sample, reading=weak, frame=None)
+    covered = any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere)
+    return at_most(here_then) if covered else here_then
+
+
+def at_most(sample: Sample) -> Sample:
+    """Return a sample that says only that a source is no louder than this: all of it may be of another source.
+
+    Another source is as noise of which the largest cell is that loud (3).
+    """
+    reading = sample.reading
+    cells = max(2, reading.cells or FEWEST_CELLS)
+    noise_sigma = max(reading.noise_sigma or 0.0, reading.intensity / math.sqrt(2 * math.log(cells)))
+    bound = replace(reading, noise_sigma=noise_sigma, cells=cells, lateral_m=None, depth_m=None, coherence=None)
+    return replace(sample, reading=replace(bound, arrival_s=None, centroid_s=None, spread_s=None), frame=None)
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:

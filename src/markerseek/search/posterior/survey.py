@@ -1,7 +1,7 @@
 """What may still hide: where in the range a source as loud as the one answered would have been detected.
 
-A source at θ with the amplitude A and the curve S of the one answered stays undetected if no sample i, taken at θ_i,
-exceeds the level L_i that noise reaches there, or that other sources did:
+A source at θ with the amplitude A (less 3 dB) and the curve S of the one answered stays undetected if no sample i,
+taken at θ_i, exceeds the level L_i that noise reaches there, or that other sources did:
 
     h(θ) = mean over A, S of ∏_i Φ((L_i − A·S(θ_i − θ))/s_i),       s_i² = σ² + (εA·S)².                      (13)
 
@@ -11,6 +11,7 @@ drawn from the posterior, so that both are as uncertain as the samples leave the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ from markerseek.core import Float64, Interval, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.predictive import predicted
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 
 SURVEYED = 0.99
@@ -28,6 +30,9 @@ SURVEYED = 0.99
 
 SURVEY_TARGET = 0.993
 """Share at which a search ends; more than `SURVEYED`, because one more sample changes the amplitude by a little."""
+
+QUIETER = math.log(10) / 20 * 3.0
+"""Ln of how much quieter than the source answered a hidden one is taken to be, 3 dB: its curve may be narrower."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; and candidates for the next sample."""
@@ -87,13 +92,16 @@ def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: N
     hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg).prod(axis=1)
     if not listed.all():
         # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
-        hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg] = 0.0
+        hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
     left = hidden.mean(axis=0)
     share, hidden_deg = 1 - float(left.mean()), float(angles_deg[np.argmax(left)])
     if share >= SURVEY_TARGET:
         return Survey(share=share, hidden_deg=hidden_deg, next_deg=hidden_deg)
     # What a sample at each candidate leaves hidden, of all that is.
-    there = undetected(posterior, shapes, angles_deg, np.full(SURVEY_ANGLES, level / posterior.sigma), angles_deg)
+    expected = np.full(SURVEY_ANGLES, level / posterior.sigma)
+    if not listed.all():
+        expected = np.maximum(expected, np.exp(predicted(posterior, shapes, angles_deg).mean(axis=0)))
+    there = undetected(posterior, shapes, angles_deg, expected, angles_deg)
     gained = left.mean() - (hidden[:, None] * there).mean(axis=(0, 2))
     travel = np.abs(angles_deg - measured_deg[-1])
     return Survey(
@@ -127,6 +135,8 @@ def undetected(
     drawn = np.linspace(0, posterior.theta_deg.size - 1, SURVEY_PARTICLES).astype(np.int64)
     steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
     away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
-    log_height = posterior.log_snr[drawn, None, None] + shapes.log_curve[posterior.member[drawn, None, None], away]
+    log_height = (
+        posterior.log_snr[drawn, None, None] - QUIETER + shapes.log_curve[posterior.member[drawn, None, None], away]
+    )
     height = np.exp(np.minimum(log_height, 50.0))
     return np.asarray(ndtr((needed[:, None] - height) / np.hypot(1.0, MODEL_ERROR * height)))

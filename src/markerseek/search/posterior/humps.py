@@ -1,0 +1,96 @@
+"""Two humps: whether the samples at one place are of one curve, or of two with a dip between them.
+
+A curve rises to its top and falls again. Where samples on both sides of another are stronger by more than noise and the
+laser's energy explain, there are two curves, and the samples are divided at the dip into those of either. Only a source
+in the near field of an element has a dip of its own, a quarter deep at most (2): in a frame, which tells places apart,
+a dip must be deeper than that. In a file of intensities either is possible, and the answer is `Ambiguous`.
+
+A dip shows only if it was measured: `top_deg` names the angles at which that is still to be done.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from markerseek.core import Float64, Sample
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+
+DIP_SIGMAS = 3.0
+"""Standard deviations of noise and laser by which a dip must be deeper than both humps."""
+
+SAMPLE_ERROR = 0.03
+"""Relative error of one sample by itself, the laser's energy."""
+
+LEAST_DIP, NEAR_FIELD_DIP = 0.1, 0.35
+"""Least depth of a dip over the lower hump, for intensities alone, and for frames, where the near field is excluded."""
+
+ALIKE_DEG = 1.0
+"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither hump nor dip."""
+
+TOP_SHARES = (-0.35, 0.0, 0.35)
+"""Angles about the answer, over the full width at half maximum, at which a dip would show."""
+
+TOP_REACH = 0.25
+"""Distance from such an angle, over the same width, at which a sample serves as well."""
+
+
+def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None:
+    """Return the angle of the deepest dip between two humps, in degrees; None without one.
+
+    Parameters
+    ----------
+    at
+        Samples at one place.
+    sigma
+        Noise of one intensity, in its unit.
+    level
+        Largest intensity that noise reaches; both humps must be above it.
+    """
+    if len(at) < 3:
+        return None
+    order = sorted(at, key=lambda sample: sample.angle_deg)
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
+    placed = all(sample.reading.local_maxima is not None for sample in at)
+    lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
+    drop = lower - bottom[1:-1]
+    least = np.maximum(
+        DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if placed else LEAST_DIP) * lower
+    )
+    deep = np.where((drop > least) & (lower > level), drop, 0.0)
+    return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
+
+
+def _without_outliers(
+    angle_deg: Float64[np.ndarray, " samples"], height: Float64[np.ndarray, " samples"]
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensities as those of humps and as those of dips: a burst makes no hump, and a misfire no dip."""
+    near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
+    np.fill_diagonal(near, False)
+    hump, bottom = height.copy(), height.copy()
+    for k in np.flatnonzero(near.any(axis=1)).tolist():
+        # Within a degree no curve changes by more than to a half.
+        hump[k] = min(height[k], 2.0 * height[near[k]].max())
+        bottom[k] = max(height[k], 0.5 * height[near[k]].min())
+    return hump, bottom
+
+
+def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float | None:
+    """Return an angle at which a dip in the top of the curve has still to be looked for; None if it would have shown.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the source.
+    measured_deg
+        Angles measured so far, in degrees.
+    """
+    for share in TOP_SHARES:
+        angle_deg = posterior.mean_deg + share * posterior.fwhm_deg
+        apart = min((abs(angle_deg - each) for each in measured_deg), default=math.inf)
+        if apart > TOP_REACH * posterior.fwhm_deg:
+            return angle_deg
+    return None

@@ -1,0 +1,127 @@
+"""The posterior predictive check: whether samples are as strong as the posterior of their source predicts.
+
+The intensity that is predicted at an angle is that of the markers drawn from the posterior, ln A + ln S(t); its spread
+is theirs, the error of the curve (`symmetry.TEMPLATE_SIGMAS`), the laser's, and noise, added as squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from markerseek.core import Float64, Sample
+from markerseek.search.floor import MOST_CELLS
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+from markerseek.search.posterior.sources import samples_at
+from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS
+
+PREDICTION_SIGMAS = 3.0
+"""Standard deviations of the prediction by which a confirmation may be weaker."""
+
+DOUBT_SIGMAS, MISFIT_SIGMAS = 2.0, 2.5
+"""Standard deviations of the prediction beyond which a sample makes the curve doubtful, and is not explained by it."""
+
+LASER_ERROR = 0.04
+"""Relative error of a sample by itself, the laser's energy."""
+
+
+def predicted(
+    posterior: AnglePosterior, shapes: Shapes, angles_deg: Float64[np.ndarray, " angles"]
+) -> Float64[np.ndarray, "particles angles"]:
+    """Return ln of the intensity over σ that each marker drawn from a posterior has at angles of the probe.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    shapes
+        Family of curves.
+    angles_deg
+        Angles of the probe, in degrees.
+    """
+    steps = np.rint(np.abs(angles_deg - posterior.theta_deg[:, None]) / STEP_DEG).astype(np.int64)
+    away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
+    return np.asarray(posterior.log_snr[:, None] + shapes.log_curve[posterior.member[:, None], away])
+
+
+def unconfirmed(source: Candidate, confirmation: Sample, shapes: Shapes) -> str | None:
+    """Return why an acquisition at the angle of a source does not confirm it, with both numbers; None if it does.
+
+    Parameters
+    ----------
+    source
+        The source, with its posterior before that acquisition.
+    confirmation
+        The acquisition.
+    shapes
+        Family of curves.
+    """
+    here = confirmation
+    if source.source is not None:
+        here = next(iter(samples_at([confirmation], [source.source], source.source)), confirmation)
+    height, spread = _prediction(source.posterior, shapes, [here])
+    if here.reading.intensity >= height[0] - PREDICTION_SIGMAS * spread[0]:
+        return None
+    return (
+        f"the acquisition at the angle found has an intensity of {here.reading.intensity:.4g}, {height[0]:.4g} ± "
+        f"{spread[0]:.2g} was predicted; search again, and check laser, receiver and probe"
+    )
+
+
+def unexplained(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample | None:
+    """Return the sample that the curve of a source explains least, if it does not; None if it explains all.
+
+    Parameters
+    ----------
+    source
+        The source, with its posterior.
+    shapes
+        Family of curves.
+    sigmas
+        Standard deviations of the prediction that are allowed.
+    """
+    height, spread = _prediction(source.posterior, shapes, source.samples)
+    measured = np.array([sample.reading.intensity for sample in source.samples])
+    away = np.abs(measured - height) / spread
+    worst = int(np.argmax(away))
+    return source.samples[worst] if away[worst] > sigmas else None
+
+
+def misfit_of(source: Candidate, shapes: Shapes) -> str | None:
+    """Return why the curve of a source does not explain its samples, in words; None if it does.
+
+    Parameters
+    ----------
+    source
+        The source, with its posterior.
+    shapes
+        Family of curves.
+    """
+    sample = unexplained(source, shapes, sigmas=MISFIT_SIGMAS)
+    if sample is None:
+        return None
+    height, spread = _prediction(source.posterior, shapes, [sample])
+    return (
+        f"one curve does not explain the sample at {sample.angle_deg:.2f} deg: its intensity is "
+        f"{sample.reading.intensity:.4g}, {height[0]:.4g} ± {spread[0]:.2g} was predicted; there may be two sources"
+    )
+
+
+def _prediction(
+    posterior: AnglePosterior, shapes: Shapes, samples: Sequence[Sample]
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensity that a posterior predicts of samples, and its standard deviation."""
+    log_height = predicted(posterior, shapes, np.array([sample.angle_deg for sample in samples]))
+    mean = log_height.mean(axis=0)
+    fallen = float(np.mean(posterior.log_snr)) - mean
+    error = np.interp(fallen, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
+    signal = np.exp(np.minimum(mean, 50.0))
+    # A weak sample is as high as noise is by itself.
+    noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MOST_CELLS))) for sample in samples])
+    height = np.hypot(signal, noise)
+    spread = np.sqrt((signal * log_height.std(axis=0)) ** 2 + (error**2 + LASER_ERROR**2) * height**2 + 1)
+    return posterior.sigma * height, posterior.sigma * spread

@@ -1,0 +1,107 @@
+"""A dip between two humps, and the angles at which one would show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample
+from markerseek.search.posterior import Posterior
+from markerseek.search.posterior.humps import dip_deg
+from markerseek.search.posterior.shapes import log_curve, log_humps
+
+BLOCKS = LocalMaxima(
+    first_lateral_m=0.0,
+    first_depth_m=0.0,
+    lateral_step_m=2e-3,
+    depth_step_m=2e-3,
+    columns=1,
+    noise_peaks=10.0,
+    intensities=b"\0\0\0\0",
+)
+
+
+def samples(angles_deg, intensities, *, frames=False):
+    return [
+        Sample(angle_deg=angle, reading=Reading(intensity=value, local_maxima=BLOCKS if frames else None))
+        for angle, value in zip(angles_deg, intensities, strict=True)
+    ]
+
+
+def test_a_dip_divides_two_humps():
+    at = samples([0.0, 3.0, 6.0, 9.0, 12.0], [50.0, 100.0, 40.0, 80.0, 30.0])
+    assert dip_deg(at, sigma=1.0, level=6.0) == 6.0
+    assert dip_deg(at[::-1], sigma=1.0, level=6.0) == 6.0
+    # As deep as noise makes it, or below what noise reaches, it is none.
+    assert dip_deg(at, sigma=20.0, level=6.0) is None
+    assert dip_deg(at, sigma=1.0, level=90.0) is None
+
+
+def test_a_burst_and_a_misfire_are_contradicted_by_the_sample_beside_them():
+    rising = [0.0, 3.0, 6.0, 9.0, 12.0, 12.5]
+    assert dip_deg(samples(rising, [10.0, 20.0, 40.0, 90.0, 30.0, 31.0]), sigma=1.0, level=6.0) is None
+    assert dip_deg(samples(rising, [60.0, 90.0, 40.0, 20.0, 95.0, 11.0]), sigma=1.0, level=6.0) is None
+    assert dip_deg(samples(rising, [60.0, 90.0, 40.0, 20.0, 95.0, 90.0]), sigma=1.0, level=6.0) == 9.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    middle_deg=st.floats(-20, 20),
+    fwhm_deg=st.floats(2.5, 20),
+    tail=st.floats(1.0, 3.0),
+    knee=st.floats(2.0, 5.0),
+    angles=st.lists(st.floats(-35, 35), min_size=3, max_size=16),
+)
+def test_no_curve_of_the_family_has_one(middle_deg, fwhm_deg, tail, knee, angles):
+    heights = 100 * np.exp(log_curve(np.array(angles) - middle_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee))
+    assert dip_deg(samples(angles, heights.tolist()), sigma=1.0, level=6.0) is None
+
+
+def test_in_the_near_field_of_an_element_a_frame_has_one_source_and_intensities_may_have_two():
+    angles = np.linspace(-6, 6, 25)
+    heights = (100 * np.exp(log_humps(angles, fwhm_deg=8.0, fresnel_number=1.5))).tolist()
+    assert dip_deg(samples(angles.tolist(), heights, frames=True), sigma=1.0, level=6.0) is None
+    assert dip_deg(samples(angles.tolist(), heights), sigma=1.0, level=6.0) == pytest.approx(0.0, abs=0.6)
+
+
+@pytest.mark.parametrize("apart_deg", [6.0, 9.0])
+def test_two_humps_in_a_file_of_intensities_are_ambiguous(apart_deg):
+    """Before, every second of these was Found between the two."""
+    answers = []
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        low_deg, ratio = rng.uniform(-25, 15), rng.uniform(0.7, 1.0)
+        markers_deg = (low_deg, low_deg + apart_deg)
+
+        def sample(angle_deg, dark=False, markers_deg=markers_deg, ratio=ratio):
+            curves = [
+                height * float(np.exp(log_curve(np.array([angle_deg - each]), fwhm_deg=5.0, tail=1.5, knee=2.2)[0]))
+                for each, height in zip(markers_deg, (100.0, 100.0 * ratio), strict=True)
+            ]
+            signal = 0.0 if dark else max(curves) * (1 + 0.0125 * rng.standard_normal())
+            envelope = max(abs(signal + complex(*rng.standard_normal(2))), 4.3 + 0.3 * rng.standard_normal())
+            return Sample(
+                angle_deg=angle_deg, reading=Reading(intensity=envelope, noise_sigma=1.0, cells=12_800), dark=dark
+            )
+
+        policy = Posterior()
+        for _ in range(3):
+            policy.tell(sample(0.0, dark=True))
+        while True:
+            while (angle_deg := policy.ask()) is not None:
+                policy.tell(sample(angle_deg))
+            answer = policy.estimate()
+            if not isinstance(answer, Found):
+                break
+            policy.confirm(sample(answer.mean_deg))
+            if policy.ask() is None:
+                answer = policy.estimate()
+                break
+        if isinstance(answer, Found):
+            assert min(abs(answer.mean_deg - each) for each in markers_deg) < 1
+        if isinstance(answer, Ambiguous):
+            assert all(min(abs(mode - each) for mode in answer.modes_deg) < 1 for each in markers_deg)
+        answers.append(answer)
+    assert sum(isinstance(answer, Ambiguous) for answer in answers) >= 7
