@@ -11,7 +11,7 @@ BENCH ?=
 .PHONY: help demo test check bench faults failures kills mutants peers ros2 docs figures lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out

@@ -1,4 +1,5 @@
-from .bench_rig import BenchPart, bench, bench_part
+from .bench_part import BenchPart, bench_part
+from .bench_rig import bench
 from .recipe import BenchRecipe, Recipe, ReplayedRecipe, SimulatedRecipe
 from .replay import preset_of, replayed
 from .rig import Rig, fingerprint

@@ -152,8 +152,11 @@ class Network:
         if enclave is not None:
             arguments += ["--enclave", enclave]
         self.context = Context()
-        # Signals stay with the command: it stops the rig first.
-        rclpy.init(args=arguments, context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            # Signals stay with the command: it stops the rig first.
+            rclpy.init(args=arguments, context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as problem:
+            raise _as_config_error(problem) from problem
         self.executor = SingleThreadedExecutor(context=self.context)
         self.handled = 0
         self.nodes = 0
@@ -224,7 +227,10 @@ class RosNode:
                 notify(False)
                 return TransitionCallbackReturn.SUCCESS
 
-        self._node = _Node(name, context=self.network.context)
+        try:
+            self._node = _Node(name, context=self.network.context)
+        except RuntimeError as problem:
+            raise _as_config_error(problem) from problem
         self._declare(parameters or {})
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
@@ -360,6 +366,15 @@ class RosNode:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _as_config_error(problem: RuntimeError) -> ConfigError:
+    """An error of rcl, which names no cure; most come from the environment variables of ROS."""
+    reason = " ".join(str(problem).split())
+    cure = "check the environment variables ROS_*, RMW_IMPLEMENTATION and FASTDDS_*"
+    if "security libraries" in reason:
+        cure = "the wheels of PyPI have no SROS 2: use the ROS 2 of a distribution"
+    return ConfigError(f"ROS 2 cannot start: {reason}; {cure}")
 
 
 def _quality(*, latched: bool) -> Any:
