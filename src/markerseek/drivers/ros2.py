@@ -26,7 +26,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers._ros2_settings import RosReceiver, RosStage
-from markerseek.ros import RosNode, joint_angle_deg, messages, topics
+from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
 _SLICE_S = 0.02
 """Longest time between two beats of the clock while a message is awaited, in seconds."""
@@ -121,8 +121,7 @@ class Ros2Stage:
                 )
 
     def _on_number(self, message: Any) -> None:
-        degrees = message.data if self._settings.unit == "deg" else math.degrees(message.data)
-        self._take(degrees)
+        self._take(message.data if self._settings.unit == "deg" else degrees(message.data))
 
     def _on_joint(self, message: Any) -> None:
         if self._in_degrees:

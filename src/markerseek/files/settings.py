@@ -101,7 +101,7 @@ def known_keys(table: dict[str, object], settings: type, *, prefix: str = "") ->
     hints = typing.get_type_hints(settings)
     known: dict[str, object] = {}
     for key, value in table.items():
-        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)], value)
+        part = _dataclass_in(hints[require_key(key, settings, prefix=prefix)], value, name=prefix + key)
         if isinstance(value, dict) and part is not None:
             known[key] = known_keys(value, part, prefix=f"{prefix}{key}.")
         else:
@@ -203,7 +203,7 @@ def convert_settings(table: object, settings: type[_Settings]) -> _Settings:
     hints = typing.get_type_hints(settings)
     parts: list[typing.Any] = []
     for field in dataclasses.fields(settings):  # type: ignore[arg-type]
-        chosen = _dataclass_in(hints[field.name], table.get(field.name)) or hints[field.name]
+        chosen = _dataclass_in(hints[field.name], table.get(field.name), name=field.name) or hints[field.name]
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         parts.append((field.name, chosen) if required else (field.name, chosen | msgspec.UnsetType, msgspec.UNSET))
     # msgspec knows no union of dataclasses: it converts to a struct in which the choices are made.
@@ -215,7 +215,7 @@ def convert_settings(table: object, settings: type[_Settings]) -> _Settings:
 _Settings = typing.TypeVar("_Settings")
 
 
-def _dataclass_in(hint: object, value: object) -> type | None:
+def _dataclass_in(hint: object, value: object, *, name: str) -> type | None:
     """The dataclass that a type hint allows, if any; of several, the first that has the driver of this table."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     kinds = [kind for kind in choices if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
@@ -223,5 +223,5 @@ def _dataclass_in(hint: object, value: object) -> type | None:
         return kinds[0] if kinds else None
     drivers = {name: kind for kind in kinds for name in typing.get_args(typing.get_type_hints(kind)["driver"])}
     if value["driver"] not in drivers:
-        raise ConfigError(f"driver is {value['driver']!r}, it must be one of: {', '.join(drivers)}")
+        raise ConfigError(f"{name}.driver is {value['driver']!r}, it must be one of: {', '.join(drivers)}")
     return drivers[value["driver"]]

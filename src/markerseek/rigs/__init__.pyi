@@ -1,4 +1,5 @@
-from .bench_rig import BenchPart, bench, bench_part
+from .bench_part import BenchPart, bench_part
+from .bench_rig import bench
 from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed

@@ -1,13 +1,15 @@
 from . import messages, topics
-from .node import RosNode, Security, local_transport
-from .stamps import MOST_AGE_S, MOST_AHEAD_S, StampedCommands, joint_angle_deg
+from .node import Network, RosNode, Security, local_transport
+from .stamps import MOST_AGE_S, MOST_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 
 __all__ = [
     "MOST_AGE_S",
     "MOST_AHEAD_S",
+    "Network",
     "RosNode",
     "Security",
     "StampedCommands",
+    "degrees",
     "joint_angle_deg",
     "local_transport",
     "messages",

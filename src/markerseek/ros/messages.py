@@ -124,7 +124,8 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     """State of a stage node, as crtk_msgs/OperatingState has it, and the last command that was refused.
 
-    ``angle_deg`` is the angle at rest as the stage gave it: rounded to radians, a search could decide otherwise.
+    ``angle_deg`` is the angle at rest as the stage gave it: on its way over radians it would be rounded, and a search
+    can then decide otherwise.
     """
 
     state: str

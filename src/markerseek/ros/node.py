@@ -125,6 +125,43 @@ def _native(value: object) -> object:
     return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
+class Network:
+    """What the nodes of one process share: connection, executor, and the number of messages received.
+
+    Parameters
+    ----------
+    enclave
+        Name of its keys, where security is enforced.
+
+    Raises
+    ------
+    MissingExtraError
+        If ROS 2 is not installed.
+    """
+
+    def __init__(self, enclave: str | None = None) -> None:
+        local_transport()
+        try:
+            import rclpy
+            from rclpy.context import Context
+            from rclpy.executors import SingleThreadedExecutor
+            from rclpy.signals import SignalHandlerOptions
+        except ImportError as problem:
+            raise MissingExtraError(package="rclpy", extra="ros2", purpose="ROS 2") from problem
+        arguments = ["--ros-args", "--disable-rosout-logs", "--log-level", "error"]
+        if enclave is not None:
+            arguments += ["--enclave", enclave]
+        self.context = Context()
+        try:
+            # Signals stay with the command: it stops the rig first.
+            rclpy.init(args=arguments, context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as problem:
+            raise _as_config_error(problem) from problem
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.handled = 0
+        self.nodes = 0
+
+
 class RosNode:
     """A lifecycle node, active as soon as it is made; use it as a context manager.
 
@@ -132,12 +169,12 @@ class RosNode:
 
     Attributes
     ----------
+    network
+        What it shares with other nodes of its process.
     name
         Its name.
     kinds
         Classes of messages by name.
-    handled
-        Number of messages that were received so far.
 
     Parameters
     ----------
@@ -149,6 +186,8 @@ class RosNode:
         Called with True and False when somebody activates or deactivates it.
     enclave
         Name of its keys, where security is enforced.
+    network
+        That of another node of this process, which is then spun for both; None for one of its own.
 
     Raises
     ------
@@ -163,24 +202,13 @@ class RosNode:
         parameters: Mapping[str, float | str | int | bool] | None = None,
         on_active: Callable[[bool], None] | None = None,
         enclave: str | None = None,
+        network: Network | None = None,
     ) -> None:
-        local_transport()
-        try:
-            import rclpy
-            from rclpy.context import Context
-            from rclpy.executors import SingleThreadedExecutor
-            from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-            from rclpy.signals import SignalHandlerOptions
-        except ImportError as problem:
-            raise MissingExtraError(package="rclpy", extra="ros2", purpose="ROS 2") from problem
+        self.network = network or Network(enclave)
         self.kinds = Kinds()
         self.name = name
-        self._context = Context()
-        arguments = ["--ros-args", "--disable-rosout-logs", "--log-level", "error"]
-        if enclave is not None:
-            arguments += ["--enclave", enclave]
-        # Signals stay with the command: it stops the rig first.
-        rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
         notify = on_active or (lambda _active: None)
 
         class _Node(LifecycleNode):  # type: ignore[misc,unused-ignore]
@@ -199,13 +227,15 @@ class RosNode:
                 notify(False)
                 return TransitionCallbackReturn.SUCCESS
 
-        self._node = _Node(name, context=self._context)
+        try:
+            self._node = _Node(name, context=self.network.context)
+        except RuntimeError as problem:
+            raise _as_config_error(problem) from problem
         self._declare(parameters or {})
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self.network.executor.add_node(self._node)
+        self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
         self._subscriptions: list[Any] = []
-        self.handled = 0
         # `rclpy` creates its own publishers for `LifecycleNode.create_lifecycle_publisher`; ours publish in any state.
         self._node.trigger_configure()
         self._node.trigger_activate()
@@ -243,7 +273,7 @@ class RosNode:
         """Call a function with each message of a topic, while the node is spun."""
 
         def count(message: Any) -> None:
-            self.handled += 1
+            self.network.handled += 1
             callback(message)
 
         self._subscriptions.append(
@@ -279,13 +309,17 @@ class RosNode:
         try:
             future = client.call_async(client.srv_type.Request()) if client.wait_for_service(timeout_s) else None
             if future is not None:
-                self._executor.spin_until_future_complete(future, timeout_sec=timeout_s)
+                self.network.executor.spin_until_future_complete(future, timeout_sec=timeout_s)
             if future is None or not future.done():
                 raise RecordError(f"nobody answers on {service} within {timeout_s:g} s; start the node first")
             answer: Any = future.result()
             return bool(answer.success), str(answer.message)
         finally:
             self._node.destroy_client(client)
+
+    def deactivate(self) -> None:
+        """Deactivate it, as a lifecycle manager would."""
+        self._node.trigger_deactivate()
 
     def matched(self, topic: str) -> bool:
         """Whether somebody listens to a topic that this node publishes."""
@@ -297,12 +331,17 @@ class RosNode:
 
     def spin(self, timeout_s: float) -> None:
         """Carry out what has arrived; waits for it at most so long."""
-        self._executor.spin_once(timeout_sec=timeout_s)
+        self.network.executor.spin_once(timeout_sec=timeout_s)
+
+    @property
+    def handled(self) -> int:
+        """Number of messages that were received so far, also by other nodes of its network."""
+        return self.network.handled
 
     def wake(self) -> None:
         """Let `spin` return now; allowed in any thread."""
         if self._open:
-            self._executor.wake()
+            self.network.executor.wake()
 
     def now_s(self) -> float:
         """Seconds since 1970 on the clock of ROS."""
@@ -313,9 +352,12 @@ class RosNode:
         if not self._open:
             return
         self._open = False
-        self._executor.shutdown()
+        self.network.executor.remove_node(self._node)
         self._node.destroy_node()
-        self._context.try_shutdown()
+        self.network.nodes -= 1
+        if self.network.nodes == 0:
+            self.network.executor.shutdown()
+            self.network.context.try_shutdown()
 
     def __enter__(self) -> Self:
         return self
@@ -324,6 +366,15 @@ class RosNode:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _as_config_error(problem: RuntimeError) -> ConfigError:
+    """An error of rcl, which names no cure; most come from the environment variables of ROS."""
+    reason = " ".join(str(problem).split())
+    cure = "check the environment variables ROS_*, RMW_IMPLEMENTATION and FASTDDS_*"
+    if "security libraries" in reason:
+        cure = "the wheels of PyPI have no SROS 2: use the ROS 2 of a distribution"
+    return ConfigError(f"ROS 2 cannot start: {reason}; {cure}")
 
 
 def _quality(*, latched: bool) -> Any:

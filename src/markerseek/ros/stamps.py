@@ -69,4 +69,9 @@ def joint_angle_deg(message: Any) -> float | None:
     names = list(message.name)
     if names not in ([], [JOINT]) or len(message.position) != 1 or not is_finite(message.position[0]):
         return None
-    return math.degrees(message.position[0])
+    return degrees(message.position[0])
+
+
+def degrees(angle_rad: float) -> float:
+    """An angle in degrees, to 1e-9 degrees: the end of a range stays in the range on its way over radians."""
+    return round(math.degrees(angle_rad), 9)

@@ -16,7 +16,7 @@ from markerseek.core import Estimate, Interval, MarkerseekError, NotFound, Permi
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
 from markerseek.rigs import Rig
-from markerseek.rigs.bench_rig import DARK_ALARM
+from markerseek.rigs.bench_devices import DARK_ALARM
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.scan import RunLimits, Scanner
 from markerseek.search import build

@@ -17,7 +17,7 @@ from markerseek.core import (
     Receiver,
 )
 from markerseek.guard import Guard
-from markerseek.ros import RosNode, StampedCommands, messages, topics
+from markerseek.ros import RosNode, StampedCommands, degrees, messages, topics
 from markerseek.scan import DeadMan
 
 _TEXT = "std_msgs/msg/String"
@@ -61,6 +61,7 @@ class AcquisitionNode:
         self._acquiring = False
         self._cancelled = False
         self._settled = False
+        self._active = True
         self._frames = self._errors = 0
         self._diagnose_s = -math.inf
         node.advertise(topics.ACQUIRED, _TEXT)
@@ -88,6 +89,7 @@ class AcquisitionNode:
     def set_active(self, active: bool) -> None:
         """Follow the lifecycle: a node that is deactivated ends its acquisition, and is disarmed until a new start."""
         if not active:
+            self._active = False
             self._wanted, self._cancelled = None, self._acquiring
             self._guard.disarm()
 
@@ -119,7 +121,9 @@ class AcquisitionNode:
         except Interrupted:
             self._make_safe()
             self._guard.disarm()
-            self._guard.arm(by=self._by)
+            if self._active:
+                # In the name of the same person: a cancellation does not end the session for which the node was armed.
+                self._guard.arm(by=self._by)
             self._answer(request, error="it was cancelled")
         except (AcquisitionError, LimitError) as error:
             # The state is unchanged: the frame may be taken again, and a refused request fired nothing.
@@ -132,7 +136,7 @@ class AcquisitionNode:
             self._acquiring = False
 
     def _acquire(self, request: messages.AcquireRequest) -> None:
-        angle_deg = math.degrees(request.angle_rad)
+        angle_deg = degrees(request.angle_rad)
         # Only the search knows where the stage is; the guard here checks that the angle is one of its range.
         self._guard.limits.require_travel(angle_deg)
         if not self._settled:

@@ -41,17 +41,17 @@ class Beat:
 
     def __call__(self) -> None:
         """Handle a few messages, without waiting, and end what the device does if one asks for it."""
+        for _ in range(_MOST_MESSAGES if self.served else 0):
+            before = self.served[0].node.handled
+            self.served[0].node.spin(0.0)
+            if self.served[0].node.handled == before:
+                break
         for each in self.served:
-            for _ in range(_MOST_MESSAGES):
-                before = each.node.handled
-                each.node.spin(0.0)
-                if each.node.handled == before:
-                    break
             each.beat()
 
 
 def serve(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
-    """Serve nodes until told to stop.
+    """Serve nodes that share a network, until told to stop.
 
     Parameters
     ----------
@@ -61,6 +61,7 @@ def serve(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
         Asked between two steps, at least every 20 ms unless a device works.
     """
     while not until():
+        # One of them is spun for all: they share a network.
+        served[0].node.spin(_IDLE_S)
         for each in served:
-            each.node.spin(_IDLE_S / len(served))
             each.step()

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from markerseek.bridges.ros2.interrupted import Interrupted
 from markerseek.core import Clock, LimitError, MarkerseekError, Stage
 from markerseek.guard import Guard, State
-from markerseek.ros import MOST_AGE_S, RosNode, StampedCommands, joint_angle_deg, messages, topics
+from markerseek.ros import MOST_AGE_S, RosNode, StampedCommands, degrees, joint_angle_deg, messages, topics
 from markerseek.scan import DeadMan
 
 _JOINT, _NUMBER, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Empty"
@@ -84,6 +84,7 @@ class StageNode:
         self._stopped = False
         self._refused = ("", 0)
         self._moves = self._stops = 0
+        self._active = True
         self._angle_deg = math.nan
         self._due_s = self._diagnose_s = -math.inf
         for topic in (topics.MEASURED_JS, topics.SETPOINT_JS):
@@ -116,7 +117,7 @@ class StageNode:
 
     def _on_number(self, message: Any) -> None:
         assert self._plain is not None  # noqa: S101  its topic is subscribed to only then
-        angle_deg = message.data if self._plain.unit == "deg" else math.degrees(message.data)
+        angle_deg = message.data if self._plain.unit == "deg" else degrees(message.data)
         reason = self._refusal_of(angle_deg, servo=False)
         if reason is not None:
             self._refuse(reason, 0)
@@ -153,6 +154,7 @@ class StageNode:
     def set_active(self, active: bool) -> None:
         """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
         if not active:
+            self._active = False
             self.stop()
             self._guard.disarm()
 
@@ -196,10 +198,11 @@ class StageNode:
         try:
             self._turn(wanted.angle_deg)
         except Interrupted:
-            # Disarmed and armed again in the name of the same person: a stop ends the move, not the session.
             self._make_safe()
             self._guard.disarm()
-            self._guard.arm(by=self._by)
+            if self._active:
+                # In the name of the same person: a stop ends the move, not the session for which the node was armed.
+                self._guard.arm(by=self._by)
         except MarkerseekError as error:
             self._guard.fail(f"{type(error).__name__}: {error}")
             self._make_safe()

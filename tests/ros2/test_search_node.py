@@ -1,0 +1,153 @@
+"""The search node: its services, its topics, its answer, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from ros_processes import MARKERSEEK, Start, answer_of
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+from markerseek.ros import RosNode, topics
+
+TEXT = "std_msgs/msg/String"
+SEARCH = ("--method", "ternary", "--acquisitions", "5", "--seed", "2")
+
+
+class Listener:
+    """A client of the search node, with all that it heard."""
+
+    def __init__(self, node: RosNode) -> None:
+        self.node = node
+        self.heard: dict[str, list[Any]] = {}
+        for topic, kind, latched in (
+            (topics.RESULT, TEXT, True),
+            (topics.BANK, TEXT, True),
+            (topics.SAMPLE, TEXT, False),
+            (topics.INTENSITY, "std_msgs/msg/Float64", False),
+            (topics.MEASURED_JS, "sensor_msgs/msg/JointState", False),
+            (topics.ENVELOPE, "sensor_msgs/msg/Image", False),
+            (topics.PICTURE, "sensor_msgs/msg/Image", False),
+            (topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", False),
+        ):
+            self.heard[topic] = []
+            node.subscribe(topic, kind, self.heard[topic].append, latched=latched)
+
+    def drain(self) -> None:
+        """Take what is still on its way: topics are not in step with one another."""
+        for _ in range(40):
+            before = self.node.handled
+            self.node.spin(0.1)
+            if self.node.handled == before:
+                return
+
+    def wait_for(self, state: str) -> dict[str, Any]:
+        for _ in range(3000):
+            self.node.spin(0.05)
+            results = [json.loads(each.data) for each in self.heard[topics.RESULT]]
+            if results and results[-1]["state"] == state:
+                self.drain()
+                return results[-1]
+        raise AssertionError(f"the search never was {state}")
+
+
+@pytest.fixture
+def listener() -> Iterator[Listener]:
+    with RosNode("listener") as node:
+        yield Listener(node)
+
+
+def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start, listener: Listener) -> None:
+    start(*MARKERSEEK, "ros2", "search", *SEARCH)
+    listener.wait_for("idle")
+    accepted, sentence = listener.node.call(topics.RUN, timeout_s=10)
+    assert accepted
+    assert topics.RESULT in sentence
+    refused, sentence = listener.node.call(topics.RUN, timeout_s=10)
+    assert not refused
+    assert sentence == "a search is running; cancel it, or wait for its result"
+    ended = listener.wait_for("ended")
+    code, alone = answer_of("search", *SEARCH, "--no-journal", "--json")
+    assert ended["exit_code"] == code
+    assert ended["result"] == alone
+    samples = [json.loads(each.data) for each in listener.heard[topics.SAMPLE]]
+    searched = [each for each in samples if each["role"] == "search"]
+    assert [each["angle_deg"] for each in searched] == [each["angle_deg"] for each in alone["samples"]]
+    assert [each["intensity"] for each in searched] == [each["intensity"] for each in alone["samples"]]
+    angles = [each.position[0] for each in listener.heard[topics.MEASURED_JS]]
+    assert angles[3:8] == pytest.approx([math.radians(each["angle_deg"]) for each in searched])
+    known = json.loads(listener.heard[topics.BANK][-1].data)
+    assert known["rig"] == "simulated"
+    assert "recipe" not in known
+    assert listener.heard[topics.ENVELOPE][-1].encoding == "32FC1"
+    pictures = listener.heard[topics.PICTURE]
+    # White is the brightest of the search so far.
+    assert max(max(each.data) for each in pictures) == 255
+    assert all(len(each.data) == each.height * each.width for each in pictures)
+    # Latched: who comes later gets the answer too.
+    with RosNode("late") as node:
+        late = Listener(node)
+        assert late.wait_for("ended") == ended
+
+
+def test_a_search_is_cancelled_and_the_next_may_begin(start: Start, listener: Listener) -> None:
+    start(*MARKERSEEK, "ros2", "search", *SEARCH, "--pace", "0.1")
+    listener.wait_for("idle")
+    assert listener.node.call(topics.CANCEL, timeout_s=10) == (False, "no search is running")
+    listener.node.call(topics.RUN, timeout_s=10)
+    while not listener.heard[topics.SAMPLE]:
+        listener.node.spin(0.05)
+    assert listener.node.call(topics.CANCEL, timeout_s=10) == (True, "the search is being stopped")
+    ended = listener.wait_for("ended")
+    assert ended["exit_code"] == 130
+    assert ended["message"] == "stopped by SIGINT"
+    assert listener.node.call(topics.RUN, timeout_s=10)[0]
+
+
+def test_nobody_at_the_terminal_of_the_search_node_means_not_armed(
+    start: Start, listener: Listener, tmp_path: Any
+) -> None:
+    rig = tmp_path / "rig.toml"
+    start(*MARKERSEEK, "ros2", "sim", "--write-rig", rig)
+    start(*MARKERSEEK, "ros2", "search", "--rig", rig)
+    listener.wait_for("idle")
+    listener.node.call(topics.RUN, timeout_s=10)
+    ended = listener.wait_for("ended")
+    assert ended["exit_code"] == 4
+    assert ended["message"].startswith("not armed: nothing moved and nothing was fired")
+    assert listener.heard[topics.SAMPLE] == []
+
+
+def test_a_search_node_that_is_killed_takes_its_search_along(start: Start, listener: Listener) -> None:
+    node = start(*MARKERSEEK, "ros2", "search", *SEARCH, "--pace", "0.2")
+    listener.wait_for("idle")
+    listener.node.call(topics.RUN, timeout_s=10)
+    child = os.pidfd_open(listener.wait_for("running")["process_id"])
+    while not listener.heard[topics.SAMPLE]:
+        listener.node.spin(0.05)
+    node.send_signal(signal.SIGKILL)
+    assert select.select([child], [], [], 30)[0], "the search goes on without the node that was asked for it"
+    os.close(child)
+
+
+def test_diagnostics_count_searches_and_acquisitions(start: Start, listener: Listener) -> None:
+    start(*MARKERSEEK, "ros2", "search", *SEARCH)
+    listener.wait_for("idle")
+    listener.node.call(topics.RUN, timeout_s=10)
+    result = listener.wait_for("ended")["result"]
+    for _ in range(100):
+        listener.node.spin(0.05)
+    status = listener.heard[topics.DIAGNOSTICS][-1].status[0]
+    values = {each.key: each.value for each in status.values}
+    assert (status.name, status.message, status.level) == ("pa_search", "ok", b"\x00")
+    assert values["searches"] == "1"
+    # Three dark frames, and the confirmation where there is one.
+    assert int(values["acquisitions"]) == 3 + result["acquisitions"] + (result["confirmation"] is not None)
+    assert values["lost lines"] == values["lost frames"] == "0"

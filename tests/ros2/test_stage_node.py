@@ -1,0 +1,301 @@
+"""The stage node: what it refuses, how it is stopped, and what it tells."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+from markerseek.bridges.ros2 import Beat, Interrupted, PlainTopics, StageNode
+from markerseek.core import Interval, MoveError
+from markerseek.drivers import SystemClock
+from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+from markerseek.ros import RosNode, messages, topics
+
+JOINT, NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
+SPEED_DEG_S = 20.0
+
+
+class SlowStage:
+    """A stage that turns at 20 degrees per second of real time, and notes what it is asked."""
+
+    def __init__(self, clock: SystemClock) -> None:
+        self.angle_deg = 0.0
+        self.limits = Interval(low_deg=-36.5, high_deg=36.5)
+        self.asked: list[float] = []
+        self.stops = 0
+        self.stuck = False
+        self._clock = clock
+
+    def move_to(self, angle_deg: float) -> float:
+        self.asked.append(angle_deg)
+        if self.stuck:
+            raise MoveError("stage: it does not turn")
+        while (left_deg := angle_deg - self.angle_deg) != 0:
+            self._clock.wait(0.02)
+            step_deg = SPEED_DEG_S * 0.02
+            self.angle_deg = (
+                angle_deg if abs(left_deg) <= step_deg else self.angle_deg + math.copysign(step_deg, left_deg)
+            )
+        return self.angle_deg
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+class Bench:
+    """A stage node and its client in one process and thread: the node is served whenever the client waits."""
+
+    def __init__(self) -> None:
+        self.beat = Beat()
+        self.clock = SystemClock(beat=self.beat)
+        self.stage = SlowStage(self.clock)
+        self.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
+        self.guard.arm(by="a test")
+        self.node = RosNode("trus_stage", on_active=self._set_active)
+        self.client = RosNode("client", network=self.node.network)
+        self.heard: dict[str, list[Any]] = {}
+        for topic, kind in (
+            (topics.MEASURED_JS, JOINT),
+            (topics.SETPOINT_JS, JOINT),
+            (topics.OPERATING_STATE, "std_msgs/msg/String"),
+            (topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray"),
+            ("/angle", NUMBER),
+        ):
+            self.heard[topic] = []
+            self.client.subscribe(topic, kind, self.heard[topic].append)
+        for topic in (topics.MOVE_JP, topics.SERVO_JP):
+            self.client.advertise(topic, JOINT)
+        self.client.advertise(topics.STOP, "std_msgs/msg/Empty")
+        self.client.advertise("/goto", NUMBER)
+        self.served = StageNode(
+            node=self.node,
+            stage=self.stage,
+            guard=self.guard,
+            clock=self.clock,
+            by="a test",
+            plain=PlainTopics(command="/goto", reached="/angle", unit="deg"),
+        )
+        self.beat.served = [self.served]
+        self.during: Callable[[], None] | None = None
+        self.until(lambda: self.client.matched(topics.MOVE_JP) and self.client.matched(topics.SERVO_JP))
+        self.until(lambda: self.client.matched(topics.STOP) and bool(self.heard[topics.MEASURED_JS] and self.states))
+
+    def _set_active(self, active: bool) -> None:
+        if self.beat.served:
+            self.served.set_active(active)
+
+    def until(self, ended: Callable[[], bool], *, most_s: float = 20.0) -> None:
+        ends_s = self.clock.now_s() + most_s
+        while not ended():
+            assert self.clock.now_s() < ends_s, (self.states[-1:], self.stage.asked, self.stage.angle_deg)
+            self.node.spin(0.01)
+            self.served.step()
+
+    def serve(self, duration_s: float) -> None:
+        ends_s = self.clock.now_s() + duration_s
+        self.until(lambda: self.clock.now_s() >= ends_s)
+
+    def send(self, topic: str, angle_deg: float, *, stamp_s: float | None = None) -> None:
+        time_s = self.client.now_s() if stamp_s is None else stamp_s
+        self.client.publish(topic, JOINT, messages.joint_state(self.client.kinds, time_s=time_s, angle_deg=angle_deg))
+
+    @property
+    def states(self) -> list[dict[str, Any]]:
+        return [json.loads(each.data) for each in self.heard[topics.OPERATING_STATE]]
+
+    def dropped(self) -> dict[str, str]:
+        self.heard[topics.DIAGNOSTICS].clear()
+        self.until(lambda: bool(self.heard[topics.DIAGNOSTICS]))
+        values = {each.key: each.value for each in self.heard[topics.DIAGNOSTICS][-1].status[0].values}
+        return {key.removeprefix("dropped: "): value for key, value in values.items() if key.startswith("dropped: ")}
+
+    def close(self) -> None:
+        self.beat.served = []
+        self.served.close()
+        self.client.close()
+        self.node.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+def test_a_command_is_carried_out_and_the_state_is_busy_and_then_idle(bench: Bench) -> None:
+    bench.heard[topics.OPERATING_STATE].clear()
+    bench.send(topics.MOVE_JP, 4.0)
+    bench.until(lambda: bench.stage.angle_deg == 4.0 and not bench.states[-1]["is_busy"])
+    busy = [state["is_busy"] for state in bench.states]
+    assert busy.index(True) < len(busy) - 1
+    assert bench.states[-1]["angle_deg"] == 4.0
+    bench.until(lambda: math.degrees(bench.heard[topics.MEASURED_JS][-1].position[0]) == pytest.approx(4.0))
+    assert list(bench.heard[topics.MEASURED_JS][-1].name) == ["trus_roll"]
+    assert math.degrees(bench.heard[topics.SETPOINT_JS][-1].position[0]) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "said", "counted"),
+    [
+        (None, "it carries no stamp", "no stamp"),
+        (-0.4, "s old, at most 0.3 s are accepted", "too old"),
+        (5.0, "s ahead; compare the computers' clocks", "from the future"),
+    ],
+)
+def test_a_command_with_a_wrong_stamp_is_dropped_and_counted(
+    bench: Bench, offset_s: float | None, said: str, counted: str
+) -> None:
+    bench.send(topics.MOVE_JP, 4.0, stamp_s=0.0 if offset_s is None else bench.client.now_s() + offset_s)
+    bench.until(lambda: said in bench.states[-1].get("refused", ""))
+    bench.serve(0.3)
+    assert bench.stage.asked == []
+    assert bench.dropped() == {counted: "1"}
+
+
+def test_a_command_that_is_sent_twice_is_carried_out_once(bench: Bench) -> None:
+    stamp_s = bench.client.now_s()
+    bench.send(topics.MOVE_JP, 1.0, stamp_s=stamp_s)
+    bench.until(lambda: bench.stage.asked == [1.0])
+    bench.send(topics.MOVE_JP, 2.0, stamp_s=stamp_s)
+    bench.until(lambda: "it is a repetition" in bench.states[-1].get("refused", ""))
+    assert bench.stage.asked == [1.0]
+
+
+@pytest.mark.parametrize("angle_deg", [35.01, -90.0, math.nan, math.inf])
+def test_an_angle_outside_of_the_limits_is_refused_and_never_clamped(bench: Bench, angle_deg: float) -> None:
+    bench.send(topics.MOVE_JP, angle_deg)
+    bench.client.publish("/goto", NUMBER, messages.number(bench.client.kinds, angle_deg))
+    bench.until(lambda: bool(bench.states[-1].get("refused")))
+    bench.serve(0.3)
+    assert bench.stage.asked == []
+    assert bench.guard.state is State.ARMED
+
+
+def test_another_joint_is_refused(bench: Bench) -> None:
+    message = messages.joint_state(bench.client.kinds, time_s=bench.client.now_s(), angle_deg=1.0)
+    message.name = ["outer_yaw"]
+    bench.client.publish(topics.MOVE_JP, JOINT, message)
+    bench.until(lambda: "no position of the joint trus_roll alone" in bench.states[-1].get("refused", ""))
+    assert bench.stage.asked == []
+
+
+def test_a_stop_ends_the_move_and_the_next_command_is_carried_out(bench: Bench) -> None:
+    bench.send(topics.MOVE_JP, 30.0)
+    stop = messages.empty(bench.client.kinds)
+    sent: list[float] = []
+
+    def stop_soon() -> None:
+        if bench.stage.angle_deg > 2.0 and not sent:
+            sent.append(bench.stage.angle_deg)
+            bench.client.publish(topics.STOP, "std_msgs/msg/Empty", stop)
+        bench.beat()
+
+    bench.clock._beat = stop_soon
+    bench.until(lambda: bool(bench.stage.asked) and bench.stage.stops > 0)
+    # 0.2 s at 20 degrees a second: a beat, a message, a beat.
+    assert sent[0] <= bench.stage.angle_deg < sent[0] + 4.0
+    assert bench.guard.state is State.ARMED
+    bench.clock._beat = bench.beat
+    here_deg = bench.stage.angle_deg
+    bench.serve(0.2)
+    assert bench.stage.angle_deg == here_deg
+    bench.send(topics.MOVE_JP, 0.0)
+    bench.until(lambda: bench.stage.angle_deg == 0.0)
+
+
+def test_a_servo_command_that_is_not_renewed_stops_after_three_tenths_of_a_second(bench: Bench) -> None:
+    bench.send(topics.SERVO_JP, 30.0)
+    bench.until(lambda: bench.stage.stops > 0)
+    # 0.3 s at 20 degrees a second are 6 degrees.
+    assert 4.0 < bench.stage.angle_deg < 12.0
+    assert bench.guard.state is State.ARMED
+
+
+def test_a_servo_command_that_is_renewed_arrives(bench: Bench) -> None:
+    due = [0.0]
+
+    def renew() -> None:
+        if bench.clock.now_s() >= due[0]:
+            due[0] = bench.clock.now_s() + 0.1
+            bench.send(topics.SERVO_JP, 10.0)
+        bench.beat()
+
+    bench.clock._beat = renew
+    bench.send(topics.SERVO_JP, 10.0)
+    bench.until(lambda: bench.stage.angle_deg == 10.0)
+    assert bench.stage.stops == 0
+
+
+def test_a_second_move_is_refused_while_the_stage_turns(bench: Bench) -> None:
+    bench.send(topics.MOVE_JP, 6.0)
+    sent: list[bool] = []
+
+    def ask_again() -> None:
+        if bench.stage.angle_deg > 1.0 and not sent:
+            sent.append(True)
+            bench.send(topics.MOVE_JP, -20.0)
+        bench.beat()
+
+    bench.clock._beat = ask_again
+    bench.until(lambda: bench.stage.angle_deg == 6.0)
+    bench.until(lambda: "the stage is turning" in bench.states[-1].get("refused", ""))
+    assert bench.stage.asked == [6.0]
+
+
+def test_a_stage_that_fails_is_in_fault_and_no_message_leaves_it(bench: Bench) -> None:
+    bench.stage.stuck = True
+    bench.send(topics.MOVE_JP, 4.0)
+    bench.until(lambda: bench.states[-1]["state"] == "FAULT")
+    bench.stage.stuck = False
+    bench.send(topics.MOVE_JP, 5.0)
+    bench.client.publish(topics.STOP, "std_msgs/msg/Empty", messages.empty(bench.client.kinds))
+    bench.until(lambda: "it does not turn" in bench.states[-1].get("refused", ""))
+    assert bench.stage.asked == [4.0]
+    assert bench.guard.state is State.FAULT
+    bench.heard[topics.DIAGNOSTICS].clear()
+    bench.until(lambda: bool(bench.heard[topics.DIAGNOSTICS]))
+    status = bench.heard[topics.DIAGNOSTICS][-1].status[0]
+    assert status.level == b"\x02"
+    assert "it does not turn" in status.message
+
+
+def test_a_number_moves_as_a_whole_and_is_answered_with_the_angle_reached(bench: Bench) -> None:
+    bench.client.publish("/goto", NUMBER, messages.number(bench.client.kinds, 2.5))
+    bench.until(lambda: bool(bench.heard["/angle"]))
+    assert bench.heard["/angle"][-1].data == 2.5
+
+
+def test_a_node_that_is_deactivated_stops_and_takes_no_command(bench: Bench) -> None:
+    bench.send(topics.MOVE_JP, 20.0)
+    done: list[bool] = []
+
+    def deactivate() -> None:
+        if bench.stage.angle_deg > 1.0 and not done:
+            done.append(True)
+            bench.node.deactivate()
+        bench.beat()
+
+    bench.clock._beat = deactivate
+    bench.until(lambda: bench.stage.stops > 0)
+    assert bench.stage.angle_deg < 5.0
+    bench.clock._beat = bench.beat
+    bench.send(topics.MOVE_JP, 1.0)
+    bench.until(lambda: "the stage node is disarmed" in bench.states[-1].get("refused", ""))
+    assert len(bench.stage.asked) == 1
+    assert bench.guard.state is State.DISARMED
+
+
+def test_nothing_interrupts_a_stage_that_rests(bench: Bench) -> None:
+    bench.client.publish(topics.STOP, "std_msgs/msg/Empty", messages.empty(bench.client.kinds))
+    try:
+        bench.serve(0.3)
+    except Interrupted:
+        pytest.fail("a stop of a stage at rest interrupts nothing")
+    assert bench.stage.stops == 0
