@@ -106,7 +106,7 @@ def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: 
     known = {"source_covariances_m2": from_source, "target_covariances_m2": from_target, "refined": refined}
     predicted = register_points(source, target, **known)
     fre, off, misfits = [], [], []
-    runs = 3000
+    runs = 2000
     roots = [np.linalg.cholesky(covariances) for covariances in (from_source, from_target)]
     for _ in range(runs):
         draws = [np.einsum("nij,nj->ni", root, rng.standard_normal((count, 3))) for root in roots]
@@ -120,27 +120,47 @@ def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: 
         assert np.mean(misfits) == pytest.approx(1.0, rel=0.03)
 
 
-def test_the_refinement_is_the_minimum_that_a_general_optimiser_finds() -> None:
-    rng = np.random.default_rng(5)
-    true = some_transform(2)
-    long = np.diag([0.02e-3, 0.02e-3, 0.5e-3]) ** 2
-    covariances = np.tile(long, (9, 1, 1))
-    source = true.inverse().apply(POINTS_M) + rng.normal(size=(9, 3)) @ np.sqrt(long)
-    target = POINTS_M + rng.normal(scale=0.05e-3, size=(9, 3))
-    even = np.tile(np.eye(3) * 0.05e-3**2, (9, 1, 1))
-    found = register_points(source, target, source_covariances_m2=covariances, target_covariances_m2=even)
-    # The noise is that at the solution: both must find a fixed point of the same weighted least squares.
-    noise = found.transform.rotation @ long @ found.transform.rotation.T + even[0]
-    root = np.linalg.cholesky(np.linalg.inv(noise)).T
+@pytest.mark.parametrize("seed", range(4))
+def test_the_refinement_is_the_minimum_that_a_general_optimiser_finds(seed: int) -> None:
+    """Over the transform and the true points together, as in a bundle adjustment."""
+    rng = np.random.default_rng(seed)
+    true = some_transform(seed)
+    long_m, even_m = np.array([0.02e-3, 0.02e-3, 1e-3]), 0.05e-3
+    source = true.inverse().apply(POINTS_M) + rng.normal(size=(9, 3)) * long_m
+    target = POINTS_M + rng.normal(scale=even_m, size=(9, 3))
+    found = register_points(
+        source,
+        target,
+        source_covariances_m2=np.tile(np.diag(long_m**2), (9, 1, 1)),
+        target_covariances_m2=np.tile(np.eye(3) * even_m**2, (9, 1, 1)),
+    )
 
     def residual(parameters: np.ndarray) -> np.ndarray:
-        turned = source @ Rotation.from_rotvec(parameters[:3]).as_matrix().T + 1e-3 * parameters[3:]
-        return ((turned - target) @ root.T).ravel()
+        turn, points = Rotation.from_rotvec(parameters[:3]), 1e-3 * parameters[6:].reshape(9, 3)
+        seen = turn.inv().apply(points - 1e-3 * parameters[3:6])
+        return np.concatenate([((seen - source) / long_m).ravel(), ((points - target) / even_m).ravel()])
 
-    start = [*Rotation.from_matrix(true.rotation).as_rotvec(), *(1e3 * true.translation_m)]
-    best = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-    np.testing.assert_allclose(Rotation.from_rotvec(best[:3]).as_matrix(), found.transform.rotation, atol=1e-6)
-    np.testing.assert_allclose(1e-3 * best[3:], found.transform.translation_m, atol=1e-7)
+    start = [*Rotation.from_matrix(true.rotation).as_rotvec(), *(1e3 * true.translation_m), *(1e3 * target.ravel())]
+    best = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert 2 * best.cost == pytest.approx(found.misfit * 21, rel=1e-6)
+    np.testing.assert_allclose(Rotation.from_rotvec(best.x[:3]).as_matrix(), found.transform.rotation, atol=1e-5)
+    np.testing.assert_allclose(1e-3 * best.x[3:6], found.transform.translation_m, atol=1e-6)
+
+
+def test_the_refinement_ends_also_with_wrong_pairs_and_three_far_points() -> None:
+    rng = np.random.default_rng(1)
+    long = np.tile(np.diag([0.02e-3, 0.02e-3, 2e-3]) ** 2, (9, 1, 1))
+    for seed in range(30):
+        source = some_transform(seed).inverse().apply(POINTS_M) + rng.normal(size=(9, 3)) * [0.02e-3, 0.02e-3, 2e-3]
+        for target, count in ((rng.permutation(POINTS_M), 9), (POINTS_M, 3)):
+            found = register_points(
+                source[[0, 2, 7, 1, 3, 4, 5, 6, 8]][:count],
+                target[[0, 2, 7, 1, 3, 4, 5, 6, 8]][:count],
+                source_covariances_m2=long[:count],
+                target_covariances_m2=np.tile(np.eye(3) * 0.05e-3**2, (count, 1, 1)),
+            )
+            assert np.isfinite(found.transform.matrix).all()
+            assert np.isfinite(found.misfit)
 
 
 def test_without_sigmas_the_residuals_say_how_large_the_errors_are() -> None:

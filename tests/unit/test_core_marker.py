@@ -61,10 +61,29 @@ def test_strong_frames_of_the_same_source_count_by_the_square_of_their_intensity
     assert marker is not None
     weights = np.array([60.0, 80.0, 100.0, 90.0]) ** 2
     assert marker.position_m[1] == pytest.approx(7e-3 + 0.2e-3 * weights[3] / weights.sum(), rel=1e-9)
-    quiet = marker_position(FOUND, SAMPLES, FACTS)
-    assert quiet is not None
-    assert marker.sigma_m[1] > 2 * quiet.sigma_m[1] > 0
-    assert marker.sigma_m[2] == pytest.approx(quiet.sigma_m[2], rel=0.2)
+
+
+def test_an_incoherent_source_is_uneven_and_its_place_less_certain() -> None:
+    sigmas = []
+    for coherence in (1.0, 0.97, 0.6, None):
+        samples = [replace(each, reading=replace(each.reading, coherence=coherence)) for each in SAMPLES]
+        marker = marker_position(FOUND, samples, FACTS)
+        assert marker is not None
+        sigmas.append(marker.sigma_m[1:])
+    assert sigmas[0] == pytest.approx((0.01e-3, 0.006e-3))
+    assert sigmas[1] == pytest.approx((0.03e-3, 0.018e-3))
+    # Without a coherence the spot may be a wide stained one.
+    assert sigmas[2] == sigmas[3] == pytest.approx((0.4e-3, 0.24e-3))
+
+
+def test_the_covariance_lies_along_turn_axis_and_depth() -> None:
+    marker = marker_position(FOUND, SAMPLES, FACTS)
+    assert marker is not None
+    for axis, sigma_m in zip(marker.axes, marker.sigma_m, strict=True):
+        assert axis @ marker.covariance_m2 @ axis == pytest.approx(sigma_m**2)
+    # Away from the axis of the probe, and right-handed: turn × axis × away.
+    x, _, z = marker.position_m
+    assert marker.axes[2] == pytest.approx(np.array([x, 0, z]) / np.hypot(x, z))
 
 
 def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:

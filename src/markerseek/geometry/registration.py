@@ -31,8 +31,11 @@ MOST_SPREAD_M = 1.0
 LEAST_WIDTH = 0.1
 """Least width of the points over their length (root mean squares), below which they count as on a line."""
 
-_STEPS = 100
-"""Most steps of the refinement; some five are usual."""
+_STEPS = 200
+"""Most steps of the refinement; some six are usual."""
+
+_SMALL = 1e-8
+"""A step with which the refinement ends, in rad and m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +128,7 @@ def register_points(
     weights = 3 / total if known else np.ones(len(source_m))
     rotation, translation_m = best_rotation(source_m, target_m, weights)
     if known and refined:
-        rotation, translation_m = _refine(source_m, target_m, rotation, translation_m, noise_at)
+        rotation, translation_m = _refine(source_m, target_m, rotation, translation_m, from_target, noise_at)
     transform = RigidTransform(source=source, target=target, rotation=rotation, translation_m=translation_m)
     residuals_m = transform.apply(source_m) - target_m
     freedom = 3 * len(source_m) - 6
@@ -147,26 +150,42 @@ def _refine(
     target_m: Float64[np.ndarray, "points 3"],
     rotation: Float64[np.ndarray, "3 3"],
     translation_m: Float64[np.ndarray, " 3"],
+    target_noise: Float64[np.ndarray, "points 3 3"],
     noise_at: Callable[[Float64[np.ndarray, "3 3"]], Float64[np.ndarray, "points 3 3"]],
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
-    """Maximum likelihood by Gauss-Newton steps; the noise of the source points turns with them."""
+    """Maximum likelihood by Gauss-Newton steps; the noise of the source points turns with them.
+
+    The derivative is taken at the most likely true points, between the two measurements of each: that of the whole
+    likelihood, in which also the noise depends on the rotation. At the measured points it would not converge where a
+    camera's depth is poor.
+    """
+
+    def misfit_of(turned: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, " 3"]) -> float:
+        residual = source_m @ turned.T + shift_m - target_m
+        return float(np.einsum("ni,nij,nj->", residual, np.linalg.inv(noise_at(turned)), residual))
+
+    misfit = misfit_of(rotation, translation_m)
     for _ in range(_STEPS):
-        moved = source_m @ rotation.T + translation_m
-        middle = moved.mean(axis=0)
-        effect = effect_of_motion(moved - middle)
-        weighted = np.linalg.inv(noise_at(rotation)) @ effect
-        normal = np.einsum("nij,nik->jk", effect, weighted)
-        step = -np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved - target_m))
-        turn = Rotation.from_rotvec(step[:3]).as_matrix()
-        rotation = turn @ rotation
-        translation_m = turn @ (translation_m - middle) + middle + step[3:]
-        # A nanoradian and a nanometre.
-        if np.abs(step).max() < 1e-9:
-            return rotation, translation_m
-    raise ConfigError(
-        f"the registration did not converge in {_STEPS} steps: the residuals are far larger than the sigmas; check the "
-        "sigmas, and that each pair is one point"
-    )
+        inverse = np.linalg.inv(noise_at(rotation))
+        pull = np.einsum("nij,nj->ni", inverse, source_m @ rotation.T + translation_m - target_m)
+        likely = target_m + np.einsum("nij,nj->ni", target_noise, pull)
+        middle = likely.mean(axis=0)
+        effect = effect_of_motion(likely - middle)
+        normal = np.einsum("nij,nik,nkl->jl", effect, inverse, effect)
+        step = -np.linalg.solve(normal, np.einsum("nij,ni->j", effect, pull))
+        # Shorter steps where a whole one overshoots; the last bits of the misfit are rounding.
+        while True:
+            turn = Rotation.from_rotvec(step[:3]).as_matrix()
+            turned, shift_m = turn @ rotation, turn @ (translation_m - middle) + middle + step[3:]
+            reached = misfit_of(turned, shift_m)
+            if reached <= misfit * (1 + 1e-9) or np.abs(step).max() < _SMALL:
+                break
+            step = step / 2
+        rotation, translation_m, misfit = turned, shift_m, reached
+        if np.abs(step).max() < _SMALL:
+            break
+    # Three points far from a camera can leave a flat valley: every step was downhill, and the end is as good as any.
+    return rotation, translation_m
 
 
 def _require_points(points_m: Float64[np.ndarray, "points 3"], frame: str) -> None:

@@ -2,7 +2,7 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
-from .points import read_marker, read_points
+from .points import PointRow, read_marker, read_points
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
@@ -17,6 +17,7 @@ from .simulated_registration import (
     SimulatedTruth,
     simulate_registration,
 )
+from .stereo_file import StereoSettings, read_stereo
 
 __all__ = [
     "GRID_STEP_M",
@@ -25,10 +26,12 @@ __all__ = [
     "Calibration",
     "PointPair",
     "PointReport",
+    "PointRow",
     "RegistrationReport",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
+    "StereoSettings",
     "bank_curve",
     "bank_image",
     "bank_images",
@@ -43,6 +46,7 @@ __all__ = [
     "plan_on",
     "read_marker",
     "read_points",
+    "read_stereo",
     "rebuild_policy",
     "rebuild_reader",
     "rebuild_rig",

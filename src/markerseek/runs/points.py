@@ -16,8 +16,15 @@ from markerseek.files import MIB, open_input, read_input
 from markerseek.records import SearchResult
 from markerseek.records.journal import is_journal, read_journal, result_of
 
-TRUS, CAMERA = "trus", "camera"
-"""First words of the columns: in the frame of the probe, and in that of the camera."""
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
+    "camera_m": ("camera_x_m", "camera_y_m", "camera_z_m"),
+    "pixels": ("left_x_px", "left_y_px", "right_x_px", "right_y_px"),
+    "trus_sigma_m": ("trus_sigma_x_m", "trus_sigma_y_m", "trus_sigma_z_m"),
+    "camera_sigma_m": ("camera_sigma_x_m", "camera_sigma_y_m", "camera_sigma_z_m"),
+    "spot_sigma_px": ("spot_sigma_px",),
+}
+"""Columns of a table of points by what they hold: all of a kind or none."""
 
 _LARGEST_BYTES = 8 * MIB
 
@@ -34,21 +41,25 @@ class PointRow:
         From the column ``name``, or the number of the row.
     trus_m, camera_m
         The point in the two frames, in metres.
+    pixels
+        The spot in both cameras, (left x, left y, right x, right y), in pixels.
     trus_sigma_m, camera_sigma_m
         Standard deviations of the coordinates, in metres.
+    spot_sigma_px
+        Standard deviation of the pixels, that of the calibration apart.
     """
 
     name: str
-    trus_m: Triple | None
-    camera_m: Triple | None
-    trus_sigma_m: Triple | None
-    camera_sigma_m: Triple | None
+    trus_m: tuple[float, ...] | None
+    camera_m: tuple[float, ...] | None
+    pixels: tuple[float, ...] | None
+    trus_sigma_m: tuple[float, ...] | None
+    camera_sigma_m: tuple[float, ...] | None
+    spot_sigma_px: tuple[float, ...] | None
 
 
 def read_points(path: Path) -> list[PointRow]:
-    """Rows of a CSV with the columns ``trus_x_m … trus_z_m, camera_x_m … camera_z_m``, in metres.
-
-    ``trus_sigma_x_m …``, ``camera_sigma_x_m …`` and ``name`` are optional; other columns are ignored.
+    """Rows of a CSV with the columns of `COLUMNS` and ``name``; other columns are ignored.
 
     Parameters
     ----------
@@ -70,49 +81,36 @@ def read_points(path: Path) -> list[PointRow]:
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
-            f"{', '.join(_names(TRUS) + _names(CAMERA))}"
+            f"{', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}"
         ) from problem
-
-
-def _names(frame: str, *, sigma: bool = False) -> list[str]:
-    return [f"{frame}_{'sigma_' if sigma else ''}{axis}_m" for axis in "xyz"]
 
 
 def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
     heading = [name.strip() for name in next(lines, [])]
+    if not heading:
+        raise RecordError(f"{path}: it is empty; its first line must name the columns, as in examples/points.csv")
     doubled = next((name for name in heading if heading.count(name) > 1), None)
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
-    present = {
-        (frame, sigma): _present(path, heading, _names(frame, sigma=sigma))
-        for frame in (TRUS, CAMERA)
-        for sigma in (False, True)
-    }
+    present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[PointRow] = []
     for line, cells in enumerate(lines, start=2):
         # Spreadsheets append empty rows.
         if not any(cell.strip() for cell in cells):
             continue
         row = dict(zip(heading, cells, strict=False))
-        where = f"{path}, line {line}"
-        numbers = {
-            key: _triple(where, row, _names(key[0], sigma=key[1]), positive=key[1]) if there else None
-            for key, there in present.items()
-        }
-        rows.append(
-            PointRow(
-                name=row.get("name", "").strip() or str(len(rows) + 1),
-                trus_m=numbers[TRUS, False],
-                camera_m=numbers[CAMERA, False],
-                trus_sigma_m=numbers[TRUS, True],
-                camera_sigma_m=numbers[CAMERA, True],
+        numbers: dict[str, tuple[float, ...] | None] = dict.fromkeys(COLUMNS)
+        for kind, names in present.items():
+            numbers[kind] = tuple(
+                _number(f"{path}, line {line}", name, row.get(name, "").strip(), positive="sigma" in kind)
+                for name in names
             )
-        )
+        rows.append(PointRow(name=row.get("name", "").strip() or str(len(rows) + 1), **numbers))
     return rows
 
 
-def _present(path: Path, heading: Sequence[str], names: list[str]) -> bool:
-    """Whether the columns are there: all three or none."""
+def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:
+    """Whether the columns are there: all or none."""
     missing = [name for name in names if name not in heading]
     if missing and len(missing) < len(names):
         raise RecordError(
@@ -121,20 +119,16 @@ def _present(path: Path, heading: Sequence[str], names: list[str]) -> bool:
     return not missing
 
 
-def _triple(where: str, row: dict[str, str], names: list[str], *, positive: bool) -> Triple:
-    values = []
-    for name in names:
-        text = row.get(name, "").strip()
-        try:
-            value = float(text)
-        except ValueError:
-            raise RecordError(f"{where}: {name} is {text!r}, it must be a number of metres") from None
-        if not math.isfinite(value):
-            raise RecordError(f"{where}: {name} is {value}, it must be finite; leave that point out")
-        if positive and not value > 0:
-            raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0 m")
-        values.append(value)
-    return values[0], values[1], values[2]
+def _number(where: str, name: str, text: str, *, positive: bool) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise RecordError(f"{where}: {name} is {text!r}, it must be a number") from None
+    if not math.isfinite(value):
+        raise RecordError(f"{where}: {name} is {value}, it must be finite; leave that point out")
+    if positive and not value > 0:
+        raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
+    return value
 
 
 def read_marker(path: Path) -> MarkerPosition:

@@ -1,0 +1,24 @@
+from .cameras import Camera, StereoCameras
+from .errors import RegistrationErrors, registration_errors
+from .horn import best_rotation, mirror_image_fre
+from .leave_one_out import LeftOut, leave_one_out
+from .registration import LEAST_POINTS, Registration, register_points
+from .transform import RigidTransform
+from .triangulation import Triangulated, triangulate
+
+__all__ = [
+    "LEAST_POINTS",
+    "Camera",
+    "LeftOut",
+    "Registration",
+    "RegistrationErrors",
+    "RigidTransform",
+    "StereoCameras",
+    "Triangulated",
+    "best_rotation",
+    "leave_one_out",
+    "mirror_image_fre",
+    "register_points",
+    "registration_errors",
+    "triangulate",
+]

@@ -1,0 +1,89 @@
+"""Reads the calibration of a stereo endoscope from a TOML file, in the conventions of OpenCV's ``stereoCalibrate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import ConfigError, require_range
+from markerseek.files import known_keys, read_toml
+from markerseek.geometry import Camera, RigidTransform, StereoCameras
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoSettings:
+    """Keys of the file.
+
+    Attributes
+    ----------
+    left, right
+        The cameras.
+    rotation_vector
+        Rotation from the left camera's frame to the right one's as ``cv2.Rodrigues`` gives it, in radians.
+    translation_m
+        Translation from the left camera's frame to the right one's, in metres (OpenCV gives it in the unit of the
+        calibration target).
+    calibration_sigma_px
+        Standard deviation of the error of the calibration, in pixels: the reprojection error of points that were not
+        used for it.
+    """
+
+    left: Camera
+    right: Camera
+    rotation_vector: tuple[float, float, float]
+    translation_m: tuple[float, float, float]
+    calibration_sigma_px: float
+
+    def __post_init__(self) -> None:
+        require_range(
+            "calibration_sigma_px",
+            self.calibration_sigma_px,
+            low=0,
+            high=100,
+            unit="px",
+            open_low=True,
+            cure="0.2 is usual",
+        )
+        if not np.isfinite(self.rotation_vector).all():
+            raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
+
+    @property
+    def cameras(self) -> StereoCameras:
+        """The pair of cameras."""
+        return StereoCameras(
+            left=self.left,
+            right=self.right,
+            left_to_right=RigidTransform(
+                source="Left",
+                target="Right",
+                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
+                translation_m=np.array(self.translation_m, dtype=float),
+            ),
+        )
+
+
+def read_stereo(path: Path) -> StereoSettings:
+    """Calibration of a stereo endoscope.
+
+    Parameters
+    ----------
+    path
+        TOML file; ``examples/stereo.toml`` shows all keys.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, a key is unknown or missing, or a value is out of range.
+    """
+    table = read_toml(path, what="stereo calibration")
+    try:
+        settings = msgspec.convert(known_keys(table, StereoSettings), StereoSettings)
+        # The base is checked with the pair.
+        settings.cameras  # noqa: B018
+    except (ConfigError, msgspec.ValidationError) as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+    return settings

@@ -1,0 +1,231 @@
+"""``markerseek register``: from a CSV, from searches, on the simulated rig, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from markerseek.sim import endoscope
+
+Shell = Callable[..., tuple[int, str, str]]
+
+TRUS_M = (
+    np.array([[-20, -20, 60.8], [20, -20, 58.9], [20, 20, 61.7], [-20, 20, 59.4], [0, 0, 62.1], [10, -5, 57]]) * 1e-3
+)
+TURN = Rotation.from_euler("xz", [184, 33], degrees=True).as_matrix()
+MOVE_M = np.array([0.002, -0.004, 0.158])
+CAMERA_M = (TRUS_M - MOVE_M) @ TURN
+EXAMPLE = Path(__file__).parents[2] / "examples" / "points.csv"
+TRUS, CAMERA = "trus_x_m,trus_y_m,trus_z_m", "camera_x_m,camera_y_m,camera_z_m"
+
+
+def table(
+    path: Path, trus_m: np.ndarray = TRUS_M, camera_m: np.ndarray = CAMERA_M, head: str = f"{TRUS},{CAMERA}"
+) -> Path:
+    rows = [",".join(map(repr, row)) for row in np.hstack([trus_m, camera_m]).tolist()]
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: Path) -> None:
+    code, out, err = shell("register", table(tmp_path / "p.csv"), "--json")
+    assert (code, err) == (0, "")
+    report = json.loads(out)
+    expected = np.eye(4)
+    expected[:3, :3], expected[:3, 3] = TURN, MOVE_M
+    np.testing.assert_allclose(report["davinci_to_trus"], expected, atol=1e-9)
+    assert (report["registered"], report["weights"]) == (True, "equal")
+    assert report["fre_m"] == pytest.approx(0, abs=1e-9)
+    assert set(report["frames"]) == {"davinci", "trus"}
+    assert [point["name"] for point in report["points"]] == list("123456")
+    middle = TRUS_M.mean(axis=0)
+    under = np.array(report["target_trus_m"])
+    assert np.hypot(*(middle - under)[[0, 2]]) == pytest.approx(20e-3)
+    assert "simulation" not in report
+
+
+def test_sigmas_are_used_and_the_error_is_given_at_the_target_that_was_asked_for(shell: Shell) -> None:
+    near, far = (json.loads(shell("register", EXAMPLE, "--json", "--target-mm", 0, 0, depth)[1]) for depth in (60, 20))
+    assert near["weights"] == "sigmas of both"
+    assert near["target_trus_m"] == [0, 0, 0.06]
+    assert near["davinci_to_trus"] == far["davinci_to_trus"]
+    assert near["tre_m"] < far["tre_m"]
+    # The camera's depth is known to 0.53 mm only.
+    assert 0.3e-3 < near["expected_fre_m"] < 0.6e-3
+    assert near["tre_m"] < near["expected_fre_m"]
+
+
+def test_the_table_names_every_point_and_the_picture_is_drawn(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("register", EXAMPLE, "--plot", "--out", tmp_path)
+    assert code == 0
+    assert "registered: points.csv, 5 points" in out
+    assert "expected TRE" in out
+    assert (tmp_path / "register.png").read_bytes().startswith(b"\x89PNG")
+
+
+def changed(row: int, column: int, value: float) -> np.ndarray:
+    points = TRUS_M.copy()
+    points[row, column] = value
+    return points
+
+
+@pytest.mark.parametrize(
+    ("trus_m", "camera_m", "words"),
+    [
+        (TRUS_M[:2], CAMERA_M[:2], "2 points in DaVinci, it must be 3"),
+        (TRUS_M[[0, 2, 4]] * [1, 1, 0], TRUS_M[[0, 2, 4]] * [1, 1, 0], "lie on a line"),
+        (changed(1, 2, np.nan), CAMERA_M, "line 3: trus_z_m is nan, it must be finite; leave that point out"),
+        (1e3 * TRUS_M, 1e3 * CAMERA_M, "give metres, not millimetres"),
+        (TRUS_M, 1e3 * CAMERA_M, "give metres, not millimetres"),
+    ],
+    ids=["two points", "on a line", "NaN", "millimetres", "one in millimetres"],
+)
+def test_points_that_cannot_be_used_are_refused(
+    shell: Shell, tmp_path: Path, trus_m: np.ndarray, camera_m: np.ndarray, words: str
+) -> None:
+    code, out, err = shell("register", table(tmp_path / "p.csv", trus_m, camera_m), "--json")
+    assert code == 2
+    assert words in json.loads(out)["error"]
+    assert words.split(";", maxsplit=1)[0] in err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"{TRUS}\n0,0,0\n", "the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px"),
+        (f"{CAMERA}\n0,0,0\n", "the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches"),
+        (f"{TRUS},camera_x_m\n0,0,0,0\n", "the column camera_y_m and camera_z_m is missing beside"),
+        (f"{TRUS},{CAMERA}\n0,0,0,0,0,a\n", "line 2: camera_z_m is 'a', it must be a number"),
+        (f"{TRUS},{CAMERA},{CAMERA}\n", "appears more than once"),
+        (f"{TRUS},{CAMERA}\n", "0 points in DaVinci"),
+        ("", "it is empty; its first line must name the columns"),
+        (
+            f"{TRUS},{CAMERA},camera_sigma_x_m,camera_sigma_y_m,camera_sigma_z_m\n0,0,0,0,0,0,1e-4,0,1e-4\n",
+            "line 2: camera_sigma_y_m is 0.0, a standard deviation must be above 0",
+        ),
+    ],
+)
+def test_tables_that_cannot_be_read_are_refused(shell: Shell, tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "p.csv"
+    file.write_text(text, encoding="utf-8")
+    code, out, _ = shell("register", file, "--json")
+    assert code == 2
+    assert words in json.loads(out)["error"]
+
+
+def test_a_point_that_does_not_fit_is_named_and_nothing_is_registered(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("register", table(tmp_path / "p.csv", changed(3, 0, 10e-3)), "--json")
+    report = json.loads(out)
+    assert code == 3
+    assert (report["registered"], report["davinci_to_trus"], report["worst"]) == (False, None, "4")
+    assert "at most 5 mm is accepted; point 4 fits worst" in report["reason"]
+
+
+def test_a_mirror_image_that_fits_better_is_reported(shell: Shell, tmp_path: Path) -> None:
+    code, out, _ = shell("register", table(tmp_path / "p.csv", TRUS_M, CAMERA_M * [-1, 1, 1]), "--json")
+    report = json.loads(out)
+    assert code == 3
+    assert "a mirror image fits better" in report["reason"]
+    assert "point" in report["reason"]
+    assert report["mirror_image_fre_m"] < 1e-6
+
+
+def test_markers_come_from_journals_and_results_of_searches(shell: Shell, tmp_path: Path) -> None:
+    camera = np.array([[-0.02, -0.02, 0.1], [0.02, -0.02, 0.1], [0.0, 0.02, 0.103]])
+    file = tmp_path / "camera.csv"
+    file.write_text("\n".join([CAMERA, *(",".join(map(repr, row)) for row in camera.tolist())]), encoding="utf-8")
+    searches, markers = [], []
+    for seed, kind in ((1, "journal"), (2, "json"), (3, "journal")):
+        path = tmp_path / f"{seed}.{kind}"
+        kept = ["--journal", path] if kind == "journal" else ["--no-journal"]
+        _, out, _ = shell("search", "--seed", seed, "--json", *kept)
+        if kind == "json":
+            path.write_text(out, encoding="utf-8")
+        markers.append(json.loads(out)["marker_trus_m"])
+        searches += ["--journal", path]
+    # The camera points are none of these markers: the command reads them, and says that they do not fit.
+    code, out, _ = shell("register", file, *searches, "--json")
+    report = json.loads(out)
+    assert code == 3
+    assert [point["trus_m"] for point in report["points"]] == markers
+    code, out, _ = shell("register", file, *searches[:4], "--json")
+    assert code == 2
+    assert "2 searches and 3 rows" in json.loads(out)["error"]
+
+
+def test_pixels_are_triangulated_with_the_calibration_of_the_endoscope(shell: Shell, tmp_path: Path) -> None:
+    stereo = Path(__file__).parents[2] / "examples" / "stereo.toml"
+    left, right = endoscope().project(CAMERA_M)
+    head = (
+        f"{TRUS},trus_sigma_x_m,trus_sigma_y_m,trus_sigma_z_m,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px"
+    )
+    rows = np.hstack([TRUS_M, np.full((6, 3), 5e-5), left, right, np.full((6, 1), 0.06)])
+    file = tmp_path / "pixels.csv"
+    file.write_text("\n".join([head, *(",".join(map(repr, row)) for row in rows.tolist())]), encoding="utf-8")
+    code, out, _ = shell("register", file, "--cameras", stereo, "--json")
+    report = json.loads(out)
+    assert code == 0
+    assert report["weights"] == "sigmas of both"
+    np.testing.assert_allclose(np.array(report["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
+    assert 0.2e-3 < report["expected_fre_m"] < 0.8e-3
+    assert report["tre_m"] < 0.3e-3
+    for words, said in (
+        (("--cameras", EXAMPLE), "is not valid TOML"),
+        ((), "it has pixels; name the calibration of the endoscope by --cameras FILE"),
+    ):
+        code, out, _ = shell("register", file, *words, "--json")
+        assert code == 2
+        assert said in json.loads(out)["error"]
+    code, out, _ = shell("register", EXAMPLE, "--cameras", stereo, "--json")
+    assert "--cameras needs the columns left_x_px" in json.loads(out)["error"]
+
+
+def test_a_search_without_a_position_says_how_to_calibrate(shell: Shell, tmp_path: Path) -> None:
+    _, out, _ = shell("search", "--seed", 1, "--no-journal", "--json")
+    for changes, words in (
+        ({"marker_trus_m": None, "marker_sigma_m": None}, "markerseek calibrate point.hdf5', put face_radius_m into"),
+        ({"found": False, "answer": "not found", "reason": "noise"}, "its search found no marker (not found: noise)"),
+        ({"seed": "x"}, "it is neither a journal nor the result of a search as JSON"),
+    ):
+        result = tmp_path / "result.json"
+        result.write_text(json.dumps(json.loads(out) | changes), encoding="utf-8")
+        file = tmp_path / "camera.csv"
+        file.write_text(f"{CAMERA}\n0,0,0.1\n", encoding="utf-8")
+        code, said, _ = shell("register", file, "--journal", result, "--json")
+        assert code == 2
+        assert words in json.loads(said)["error"]
+
+
+def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
+    pytest.importorskip("cv2")
+    code, out, _ = shell("register", "--simulate", "--markers", 3, "--frames", 5, "--seed", 2, "--json")
+    report = json.loads(out)
+    assert code == 0
+    simulation = report["simulation"]
+    assert simulation["simulated"] is True
+    assert [search["answer"] for search in simulation["searches"]] == ["found"] * 3
+    assert all(search["error_m"] < 0.3e-3 for search in simulation["searches"])
+    assert simulation["target_error_m"] < min(4 * report["tre_m"], 1.5e-3)
+    assert simulation["without_readout_s"] < simulation["elapsed_s"]
+    assert simulation["by_hand_s"] == [120, 420]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["register"], "no points: name a CSV, or add --simulate"),
+        (["register", EXAMPLE, "--simulate"], "--simulate makes its own points"),
+        (["register", EXAMPLE, "--seed", 3], "--seed and --tissue are for --simulate"),
+        (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
+        (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(shell: Shell, words: list[object], said: str) -> None:
+    code, out, _ = shell(*words, "--json")
+    assert code == 2
+    assert said in json.loads(out)["error"]
