@@ -9,7 +9,7 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Cell, Duration, Section, Table
+    from markerseek.studies.paper import Cell, Duration, Reproduction, Section, Table
 
 NAME = "reproduce"
 EXAMPLES = (
@@ -84,7 +84,7 @@ def command(
         # Before hours of computation, not after them.
         require_room_for_pictures(out)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
-        names = list(reproduction.makers) if what == "all" else [what]
+        names = _names(reproduction) if what == "all" else [what]
         sections, files, durations = [], [], []
         for section in reproduction.sections(names):
             sections.append(section)
@@ -99,6 +99,19 @@ def command(
     for section, duration in zip(sections, durations, strict=True):
         _print(section, duration)
     stdout.print(f"[dim]report:[/] {page}")
+
+
+def _names(reproduction: Reproduction) -> list[str]:
+    """All sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
+    from importlib.util import find_spec
+
+    from markerseek.cli.terminal import print_warning
+
+    names = list(reproduction.makers)
+    if find_spec("cv2") is None:
+        print_warning("fig9 is left out, it needs OpenCV; install it with: pip install 'markerseek[vision]'")
+        names.remove("fig9")
+    return names
 
 
 def _require_frames(bank: Path, probe: str) -> None:

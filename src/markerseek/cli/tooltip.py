@@ -269,7 +269,7 @@ def _draw(measured: SensitiveRange, series: ImageSeries, angles_deg: list[float]
             pixels=pixels[frame.angle_deg],
             centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
             intensity=None if frame.tip is None else frame.tip.intensity,
-            level=None if frame.tip is None else frame.tip.level,
+            level=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.level,
         )
         for frame in measured.frames
     ]

@@ -31,7 +31,7 @@ class TipImage:
     centroid
         Row and column of the tip; None where it is not seen.
     intensity, level
-        Grey value at the centroid, and the one that it must exceed; None where it was not looked for.
+        Grey value at the centroid, and the one that it must exceed; None where it is not known.
     """
 
     angle_deg: float
@@ -70,12 +70,10 @@ def tip_figure(
         axes.set_title(f"{each.angle_deg:g}°", fontsize=9)
         axes.set_axis_off()
     axes = figure.add_subplot(grid[1, :])
-    known = [each for each in images if each.intensity is not None]
-    angles = [each.angle_deg for each in known]
-    grey = [each.intensity or 0.0 for each in known]
-    level = [each.level or 0.0 for each in known]
-    axes.plot(angles, grey, color=SIGNAL, marker="o", label="grey value of the tip")
-    axes.plot(angles, level, color=QUIET, linestyle="--", label="tissue, mean + 3 sd")
+    seen = {each.angle_deg: each.intensity for each in images if each.intensity is not None}
+    level = {each.angle_deg: each.level for each in images if each.level is not None}
+    axes.plot(list(seen), list(seen.values()), color=SIGNAL, marker="o", label="grey value of the tip")
+    axes.plot(list(level), list(level.values()), color=QUIET, linestyle="--", label="tissue, mean + 3 sd")
     if low_deg is not None and high_deg is not None:
         axes.axvspan(low_deg, high_deg, color=ACCENT, alpha=0.12, label=f"seen, {low_deg:g}° to {high_deg:g}°")
     axes.set_xlabel("angle of the probe [deg]")

@@ -12,7 +12,7 @@ from markerseek.core import ConfigError
 from markerseek.files import replace_file
 from markerseek.pictures import png_data_uri, save_png, save_svg, write_from_template
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
-from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
+from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Comparison, Section, Table, table_of
 
 REPORT = "report.html"
@@ -79,7 +79,6 @@ def write_report(
         made_with=f"markerseek {__version__}"
         + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
         sections=list(zip_longest(sections, durations)),
-        sensitive=paper_number("sensitive"),
         limitations=_limitations(),
         shown=shown,
         comparison_table=comparison_table,
