@@ -91,12 +91,24 @@ class Watched:
     def wait_for(self, css: str, pattern: str, timeout_ms: float = WAIT_MS) -> None:
         sync_api.expect(self.tab.locator(css)).to_have_text(re.compile(pattern), timeout=timeout_ms)
 
-    def search(self) -> None:
+    def search(self, name: str = "Start") -> None:
         """Start a search and wait until it is over."""
-        self.press("Start")
-        start = self.tab.get_by_role("button", name="Start", exact=True)
-        sync_api.expect(start).to_be_disabled(timeout=WAIT_MS)
+        start = self.tab.get_by_role("button", name=name, exact=True)
+        self.start(name)
         sync_api.expect(start).to_be_enabled(timeout=WAIT_MS)
+
+    def start(self, name: str = "Start") -> None:
+        """Start a search; a busy machine may let a page go stale, which then has to be asked again."""
+        start = self.tab.get_by_role("button", name=name, exact=True)
+        for _ in range(5):
+            sync_api.expect(start).to_be_enabled(timeout=WAIT_MS)
+            start.click(timeout=WAIT_MS)
+            try:
+                sync_api.expect(start).to_be_disabled(timeout=5000)
+            except AssertionError:
+                continue
+            return
+        raise AssertionError(f"{name} was pressed five times without effect")
 
     def press(self, name: str) -> None:
         self.tab.get_by_role("button", name=name, exact=True).click(timeout=WAIT_MS)

@@ -37,10 +37,8 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        tasks = [
-            asyncio.create_task(_stop_unwatched(desk, unwatched_s)),
-            asyncio.create_task(asyncio.to_thread(warm_up)),
-        ]
+        running = (_stop_unwatched(desk, unwatched_s), asyncio.to_thread(warm_up))
+        tasks = [asyncio.create_task(each) for each in running]
         yield
         for task in tasks:
             task.cancel()
