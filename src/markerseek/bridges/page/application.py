@@ -42,6 +42,8 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
         yield
         for task in tasks:
             task.cancel()
+        # Before the server hands its signal on, which may end the process at once.
+        await asyncio.to_thread(desk.close)
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
 
