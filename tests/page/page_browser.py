@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -23,6 +24,16 @@ WAIT_MS = 60_000
 """Longest wait for anything: a busy machine is no fault."""
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+
+
+def command_result(*arguments: str) -> dict:
+    """What `markerseek search` gives for the same arguments."""
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "search", *arguments, "--no-journal", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    return json.loads(done.stdout)
 
 
 @dataclass

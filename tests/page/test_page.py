@@ -5,26 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 
 import pytest
-from page_browser import needs_browser
+from page_browser import command_result, needs_browser
 
 from markerseek.records.journal import Interrupted, read_journal
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS, ANGLE, LOG, RESULT = ".ms-status", ".ms-angle", ".ms-log", ".ms-foot >> text=/ at /"
-
-
-def command_result(*arguments):
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "search", *arguments, "--no-journal", "--json"],
-        capture_output=True,
-        check=False,
-    )
-    return json.loads(done.stdout)
 
 
 def downloaded(watched, name):

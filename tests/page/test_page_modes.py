@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from page_browser import needs_browser, open_tab, served
+from page_browser import command_result, needs_browser, open_tab, served
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -33,11 +33,11 @@ def test_race_on_the_same_scene(opened):
     watched.search("Start the race")
     watched.wait_for(STATUS, "^over$")
     watched.tab.wait_for_selector("text=posterior is first")
-    angles = [float(text.split("°")[0]) for text in watched.tab.locator(ANGLE).all_inner_texts()]
-    truth_deg = 0.828
-    assert angles == [pytest.approx(truth_deg, abs=0.2), pytest.approx(truth_deg, abs=0.5)]
+    results = [command_result("--seed", "1", "--method", method) for method in ("posterior", "ternary")]
+    angles = [f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°" for each in results]
+    assert watched.tab.locator(ANGLE).all_inner_texts() == angles
     counts = watched.tab.locator(".ms-counts").all_inner_texts()
-    assert [int(text.split()[0]) for text in counts] == [7, 28]
+    assert [int(text.split()[0]) for text in counts] == [each["acquisitions"] for each in results]
 
 
 def test_your_turn_by_keys(opened):
