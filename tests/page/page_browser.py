@@ -62,12 +62,12 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *arguments: str) -> Iterator[Served]:
+def served(folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL) -> Iterator[Served]:
     """A page on a free port, with a data folder of its own; ended as by Ctrl-C."""
     errors = (folder / "page.stderr").open("w")
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "markerseek", "page", "--port", "0", *arguments],
-        stdin=subprocess.DEVNULL,
+        stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=errors,
         text=True,
