@@ -62,6 +62,7 @@ figures: .venv/dev  ## draw the pictures of README and map
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures
 	rm docs/figures/search.html
 	$(BIN)/python docs/explanation/draw_map.py
+	$(BIN)/python docs/figures/draw_page.py
 
 lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
 	$(PIP) install pip-tools

@@ -15,6 +15,7 @@ PICTURE = Path(__file__).parent / "figures/map.png"
 SHORT = {
     "cli": "one file a command",
     "studies": "many searches, one table; the paper",
+    "bridges": "others watch a search",
     "runs": "journalled search, resume, bank scan",
     "emulators": "the devices' other side, byte for byte",
     "rigs": "puts a rig together",

@@ -5,26 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 
 import pytest
-from page_browser import needs_browser
+from page_browser import command_result, needs_browser
 
 from markerseek.records.journal import Interrupted, read_journal
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS, ANGLE, LOG, RESULT = ".ms-status", ".ms-angle", ".ms-log", ".ms-foot >> text=/ at /"
-
-
-def command_result(*arguments):
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "search", *arguments, "--no-journal", "--json"],
-        capture_output=True,
-        check=False,
-    )
-    return json.loads(done.stdout)
 
 
 def downloaded(watched, name):
@@ -71,7 +60,7 @@ def test_everything_is_on_the_first_screen(opened):
 
 def test_stop_in_mid_move(opened, page):
     watched = opened(query="&seed=5&pace=1&readout_s=0.1")
-    watched.press("Start")
+    watched.start()
     watched.wait_for(LOG, "acquisition 1 at")
     watched.tab.locator(".ms-stop").click()
     watched.wait_for(STATUS, "^stopped by SIGINT", timeout_ms=5000)
@@ -82,7 +71,7 @@ def test_stop_in_mid_move(opened, page):
 
 def test_pause_and_go_on_gives_the_same_result(opened):
     watched = opened(query="&seed=4&pace=0.02")
-    watched.press("Start")
+    watched.start()
     watched.wait_for(LOG, "acquisition 3:")
     watched.press("Pause")
     watched.wait_for(STATUS, "^stopped by SIGINT")
@@ -95,7 +84,7 @@ def test_pause_and_go_on_gives_the_same_result(opened):
 
 def test_killed_child_is_said_and_can_go_on(opened, page):
     watched = opened(query="&seed=6&pace=0.02")
-    watched.press("Start")
+    watched.start()
     watched.wait_for(LOG, "acquisition 2:")
     for child in page.children():
         os.kill(child, signal.SIGKILL)

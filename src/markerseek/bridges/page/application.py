@@ -37,13 +37,13 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        tasks = [
-            asyncio.create_task(_stop_unwatched(desk, unwatched_s)),
-            asyncio.create_task(asyncio.to_thread(warm_up)),
-        ]
+        running = (_stop_unwatched(desk, unwatched_s), asyncio.to_thread(warm_up))
+        tasks = [asyncio.create_task(each) for each in running]
         yield
         for task in tasks:
             task.cancel()
+        # Before the server hands its signal on, which may end the process at once.
+        await asyncio.to_thread(desk.close)
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
 

@@ -102,8 +102,7 @@ class PolicyMirror:
             return None
         estimate = self._policy.estimate()
         if isinstance(self._policy, Posterior):
-            angles_deg, density = _density(self._policy)
-            return Belief(estimate=estimate, angles_deg=angles_deg, density_per_deg=density)
+            return _posterior_belief(self._policy, estimate)
         bracket = None if self._bracket is None else self._bracket.bracket
         return Belief(
             estimate=estimate,
@@ -123,17 +122,25 @@ def _weights(intensities: list[float]) -> tuple[float, ...]:
     return tuple(share if share >= THRESHOLD else 0.0 for share in shares)
 
 
-def _density(policy: Posterior) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
-    """Density over the whole range: the fine grid where there is one, the coarse grid on both sides of it."""
-    posterior = policy._state().sources[0].posterior  # noqa: SLF001  until the posterior has a public belief
-    fine_deg, coarse_deg = posterior.angle_deg, posterior.coarse_deg
-    outside = (coarse_deg < fine_deg[0]) | (coarse_deg > fine_deg[-1])
-    angles_deg = np.concatenate([coarse_deg[outside], fine_deg])
-    density = np.concatenate(
-        [
-            posterior.coarse_share[outside] / (coarse_deg[1] - coarse_deg[0]),
-            posterior.share / (fine_deg[1] - fine_deg[0]),
-        ]
+def _posterior_belief(policy: Posterior, estimate: Estimate) -> Belief:
+    public = policy.belief
+    if public is None:
+        return Belief(estimate=estimate)
+    angles_deg, density = _thinned(public.angles_deg, public.probability / np.diff(public.angles_deg[:2]))
+    choice = public.choice
+    return Belief(
+        estimate=estimate,
+        angles_deg=angles_deg,
+        density_per_deg=density,
+        choice_deg=_NONE if choice is None else choice.angles_deg,
+        choice_sigma_deg=_NONE if choice is None else choice.sigma_deg,
     )
-    order = np.argsort(angles_deg)
-    return angles_deg[order], density[order]
+
+
+def _thinned(
+    angles_deg: Float64[np.ndarray, " angles"], density_per_deg: Float64[np.ndarray, " angles"]
+) -> tuple[Float64[np.ndarray, " kept"], Float64[np.ndarray, " kept"]]:
+    """The density without the angles between two where it vanishes; most of a sharp posterior is nothing."""
+    seen = density_per_deg > 1e-4 * density_per_deg.max()
+    kept = seen | np.append(seen[1:], True) | np.append(True, seen[:-1])
+    return angles_deg[kept], density_per_deg[kept]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
-from markerseek.bridges.page.live import Child, LiveRun
+from markerseek.bridges.page.live import Child, Launch, LiveRun
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
@@ -66,7 +66,7 @@ class Desk:
         data folder.
     """
 
-    def __init__(self, launch: Launcher, rig: PageRig, named: Sequence[Path] = ()) -> None:
+    def __init__(self, launch: Launch, rig: PageRig, named: Sequence[Path] = ()) -> None:
         self.rig = rig
         self.search: LiveRun | None = None
         self.race: tuple[LiveRun, ...] = ()
@@ -101,28 +101,27 @@ class Desk:
             self.search = LiveRun(self._launch, [*arguments, "--journal", str(journal)], journal=journal)
 
     def go_on(self) -> None:
-        """Continue the search that was stopped.
+        """Continue the search that was stopped, on a simulated rig.
 
         Raises
         ------
         SearchError
-            If one runs, or there is none to continue.
+            If one runs, there is none to continue, or the rig is of devices, which only the terminal can arm again.
         """
         with self._lock:
             self._require_idle()
             before = self.search
             if before is None or before.journal is None or not self.paused:
-                raise SearchError("there is no search to go on with; start one")
-            arguments = ["resume", str(before.journal)]
-            # A simulated rig emits no light. A rig of devices is armed in the terminal, never from here.
-            arguments += ["--arm"] if self.rig.simulated else self._rig_arguments()
+                raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
+            # Armed at once: nothing here emits light.
+            arguments = ["resume", str(before.journal), "--arm"]
             self.search = LiveRun(self._launch, arguments, journal=before.journal, before=before.run)
 
     @property
     def paused(self) -> bool:
-        """Whether the last search was stopped before its end and can go on."""
+        """Whether the last search was stopped before its end and can go on here."""
         last = self.search
-        if last is None or last.status != "ended" or last.run is None or last.journal is None:
+        if not self.rig.simulated or last is None or last.status != "ended" or last.run is None or last.journal is None:
             return False
         return last.run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
 

@@ -20,8 +20,9 @@ TICK_S = 0.1
 BEAT_TICKS = 4
 """Updates between two beats."""
 
-SILENT_S = 1.0
-"""Age of the news on a page beyond which its commands are refused, in seconds."""
+STALE_S = 2.0
+"""Age of the news behind a command beyond which it is refused, in seconds: the second after which the browser itself
+switches commands off, and one for the way."""
 
 _BANNERS: dict[RigKind, str] = {
     "simulated": "SIMULATED: no hardware is involved",
@@ -115,9 +116,9 @@ class Frame:
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")
 
     def is_fresh(self, beat: object) -> bool:
-        """Whether the beat that a browser saw last is less than `SILENT_S` old."""
+        """Whether the beat that a browser saw last is less than `STALE_S` old."""
         sent_s = next((at_s for number, at_s in self._beats if number == beat), None)
-        return sent_s is not None and time.monotonic() - sent_s <= SILENT_S
+        return sent_s is not None and time.monotonic() - sent_s <= STALE_S
 
     def _toggle_dark(self) -> None:
         self._dark.value = not self._dark.value

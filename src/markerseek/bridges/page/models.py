@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from markerseek.bridges.page.picture import RANGE_DB, Picture
 from markerseek.bridges.page.state import Point, Snapshot
 from markerseek.core import Interval, RigFacts
@@ -227,9 +229,20 @@ def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str,
         ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g}"),
         ("pulses", str(snapshot.pulses)),
     ]
+    expected_deg = _expected_sigma_deg(snapshot)
+    if expected_deg is not None:
+        rows.append(("expected next", f"± {expected_deg:.3f}°"))
     if pulse_j is not None:
         rows.append(("light", f"{snapshot.pulses * pulse_j * 1e3:.3g} mJ"))
     return rows
+
+
+def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
+    """Standard deviation expected after the acquisition on its way, in degrees; None where none was weighed up."""
+    belief = snapshot.belief
+    if belief is None or snapshot.target_deg is None or not belief.choice_deg.size:
+        return None
+    return float(np.interp(snapshot.target_deg, belief.choice_deg, belief.choice_sigma_deg))
 
 
 def angle_text(snapshot: Snapshot) -> str:

@@ -104,6 +104,8 @@ class Panels:
         self._image_note.set_text("grey background: drawn, not simulated" if simulated else "")
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:
+        for name in self._rows.keys() - dict(rows).keys():
+            self._rows[name].set_text("–")
         for name, value in rows:
             if name not in self._rows:
                 with self._table:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import msgspec
 from nicegui import run, ui
 
 from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
@@ -11,11 +14,12 @@ from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
 from markerseek.bridges.page.panels import Panels
+from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.timeline import Timeline
 from markerseek.bridges.page.watched import WatchedRun, watched_journal
 from markerseek.core import MarkerseekError
-from markerseek.records.journal import is_journal, read_journal
+from markerseek.records.journal import is_journal, read_journal, result_of, run_state
 
 
 class ReplayPage:
@@ -31,6 +35,8 @@ class ReplayPage:
         self._desk = desk
         self._run: WatchedRun | None = None
         self._live: LiveRun | None = None
+        self._answer: Mapping[str, Any] | None = None
+        self._journal: Path | None = None
         self._message = "choose a recording"
         self._frame = Frame(desk, "/replay")
         # Names only: the browser never sends a path.
@@ -47,20 +53,23 @@ class ReplayPage:
         self._frame.on_click(search, self._search_bank)
         self._panels = Panels()
         self._timeline = Timeline(playable=True)
+        self._results = ResultRow()
         self._frame.run(self._update)
 
     async def _choose(self) -> None:
         path = self._recordings[self._chosen.value]
         is_run = is_journal(path)
         self._methods.visible = not is_run
-        self._run = self._live = None
+        self._run = self._live = self._answer = self._journal = None
         self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
         if not is_run:
             return
         try:
-            # In a thread: images of all acquisitions are formed.
-            self._run = await run.io_bound(_read, path)
-            self._message = "" if self._run is None else self._run.configuration.facts.description
+            # In a thread: images of all acquisitions are formed. None while the program ends.
+            read = await run.io_bound(_read, path)
+            if read is not None:
+                self._run, self._answer = read
+                self._journal, self._message = path, self._run.configuration.facts.description
         except MarkerseekError as problem:
             self._message = str(problem)
 
@@ -71,11 +80,16 @@ class ReplayPage:
         if self._live is not None:
             self._run = self._live.run
             self._message = self._live.message or self._live.status
+            self._answer = None if self._live.outcome is None else self._live.outcome.answer
         self._frame.status.set_text(self._message)
+        self._results.show(self._answer, self._journal)
         if self._run is not None:
             self._frame.show_kind(self._run.configuration.facts.kind)
             self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
 
 
-def _read(path: Path) -> WatchedRun:
-    return watched_journal(read_journal(path))
+def _read(path: Path) -> tuple[WatchedRun, dict[str, Any] | None]:
+    """The run of a journal, and its result where it is over."""
+    held = read_journal(path)
+    finished = run_state(held.entries).state == "finished"
+    return watched_journal(held), msgspec.to_builtins(result_of(held)[1]) if finished else None

@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from nicegui import run, ui
-
-from markerseek.bridges.page.live import LiveRun
 
 REPORT_S = 120.0
 """Longest time to draw a report, in seconds."""
@@ -46,54 +46,50 @@ class ResultRow:
     """Buttons of a finished search."""
 
     def __init__(self) -> None:
-        self._live: LiveRun | None = None
+        self._answer: dict[str, Any] | None = None
+        self._journal: Path | None = None
         self._reports: dict[Path, dict[str, bytes]] = {}
         with ui.element("div").classes("ms-foot") as self._bar:
             self._text = ui.label("").mark("result")
-            for suffix in ("html", "png", "json"):
-                ui.button(
-                    f"report {suffix.upper()}",
-                    icon="download",
-                    on_click=lambda name=f"search.{suffix}": self._give(name),
-                ).props("flat dense").mark(f"report-{suffix}")
-            ui.button("copy the angle", icon="content_copy", on_click=self._copy).props("flat dense").mark("copy")
+            with ui.element("span") as self._pictures:
+                self._button("search.html")
+                self._button("search.png")
+            self._button("search.json")
+            ui.button("copy the angle", icon="content_copy", on_click=self._copy).props("flat dense")
         self._bar.visible = False
 
-    def show(self, live: LiveRun) -> None:
-        """Show the buttons once there is a result."""
-        self._live = live
-        answer = _answer(live)
-        self._bar.set_visibility(answer is not None)
-        if answer is not None:
-            self._text.set_text(f"{answer['answer']} at {answer['angle_deg']:.3f}°")
+    def _button(self, name: str) -> None:
+        text = f"report {name.rpartition('.')[2].upper()}"
+        ui.button(text, icon="download", on_click=lambda: self._give(name)).props("flat dense")
+
+    def show(self, answer: Mapping[str, Any] | None, journal: Path | None) -> None:
+        """Show the buttons once there is a result; pictures only of a search with a journal."""
+        self._answer = None if answer is None or "angle_deg" not in answer else dict(answer)
+        self._journal = journal
+        self._bar.set_visibility(self._answer is not None)
+        self._pictures.set_visibility(journal is not None)
+        if self._answer is not None:
+            self._text.set_text(f"{self._answer['answer']} at {self._answer['angle_deg']:.3f}°")
 
     async def _give(self, name: str) -> None:
-        answer = None if self._live is None else _answer(self._live)
-        if self._live is None or self._live.journal is None or answer is None:
-            return
         if name == "search.json":
-            ui.download.content(msgspec.json.format(msgspec.json.encode(answer), indent=2), name)
+            ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), name)
             return
-        journal = self._live.journal
+        journal = self._journal
+        if journal is None:
+            return
         if journal not in self._reports:
             made = await run.io_bound(make_report, journal)
             # None while the program ends.
             if made is None:
                 return
             self._reports = {journal: made}
-        report = self._reports[journal]
-        if name in report:
-            ui.download.content(report[name], name)
+        if name in self._reports[journal]:
+            ui.download.content(self._reports[journal][name], name)
         else:
             ui.notify("pictures need Matplotlib: pip install 'markerseek[plot]'", type="warning")
 
     def _copy(self) -> None:
-        answer = None if self._live is None else _answer(self._live)
-        if answer is not None:
-            ui.clipboard.write(f"{answer['angle_deg']:.4f}")
+        if self._answer is not None:
+            ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")
             ui.notify("the angle is in the clipboard")
-
-
-def _answer(live: LiveRun) -> dict[str, object] | None:
-    answer = None if live.outcome is None else live.outcome.answer
-    return answer if answer is not None and "angle_deg" in answer else None

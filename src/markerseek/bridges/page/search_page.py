@@ -37,7 +37,7 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
         run = live.run
         snapshot = timeline.snapshot(run)
         panels.show(run, snapshot, reveal=run.snapshots[-1].phase == "finished")
-        results.show(live)
+        results.show(None if live.outcome is None else live.outcome.answer, live.journal)
 
     frame.run(update)
 

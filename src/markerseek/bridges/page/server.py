@@ -7,6 +7,7 @@ import os
 import secrets
 import socket
 import ssl
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -152,7 +153,6 @@ def serve(
         on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
         # Of this thread, and so of all that it makes; that of the launcher stays as it was.
         os.nice(NICENESS)
-        try:
+        # Ctrl-C is the ordinary end of the page.
+        with suppress(KeyboardInterrupt):
             asyncio.run(uvicorn.Server(config).serve(sockets=[listener]))
-        finally:
-            desk.close()

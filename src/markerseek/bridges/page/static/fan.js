@@ -107,6 +107,9 @@ export default {
       const most = Math.max(...v.density, 0);
       if (!(most > 0)) return;
       const [r, green, b] = colour.glow;
+      // The glow grows with what is known: faint while the marker may be anywhere, strong once its degree is known.
+      const known = Math.min(1, Math.max(0, Math.log10(most * (v.high - v.low)) / 2));
+      const strength = 0.25 + 0.6 * known;
       const inside = (deg) => Math.min(Math.max(deg, v.low), v.high);
       for (let i = 0; i < v.angles.length; i++) {
         const share = Math.sqrt(v.density[i] / most);
@@ -115,7 +118,7 @@ export default {
         const high = inside(i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i]);
         // The posterior reaches beyond the limits; the fan does not.
         if (!(high > low)) continue;
-        c.fillStyle = `rgba(${r},${green},${b},${0.85 * share})`;
+        c.fillStyle = `rgba(${r},${green},${b},${strength * share})`;
         wedge(low, high, g.near, g.near + (g.far - g.near) * share);
         c.fill();
         // A halo, so that a posterior sharper than the needle stays visible on both sides of it.

@@ -1,0 +1,65 @@
+"""The page on an emulated rig of devices: armed in the terminal, never in the browser."""
+
+from __future__ import annotations
+
+import os
+import select
+
+import pytest
+from page_browser import needs_browser, open_tab, served
+from test_bench import emulation
+
+from markerseek.records.journal import Interrupted, read_journal
+
+pytestmark = [pytest.mark.real_time, needs_browser]
+
+STATUS = ".ms-status"
+
+
+def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
+    with emulation(tmp_path, seed=3) as devices:
+        with served(tmp_path, "--rig", str(devices.rig)) as page:
+            watched = open_tab(browser, page)
+            assert watched.text(".ms-banner").startswith("A RIG OF DEVICES")
+            # Settings of a simulation are not on the page of a bench.
+            assert watched.tab.get_by_label("seed").count() == 0
+            watched.press("Start")
+            watched.wait_for(STATUS, "^not armed: nothing moved and nothing was fired")
+            assert page.journals() == []
+            watched.tab.context.close()
+        low_deg, high_deg, pulses = devices.end()
+    assert (low_deg, high_deg, pulses) == (0.0, 0.0, 0)
+
+
+def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
+    terminal, inside = os.openpty()
+    with emulation(tmp_path, seed=3) as devices:
+        with served(tmp_path, "--rig", str(devices.rig), stdin=inside) as page:
+            watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
+            watched.press("Start")
+            wait_for_text(page, "Arm the laser and search?")
+            os.write(terminal, b"y\n")
+            watched.wait_for(".ms-log", "acquisition 2:", timeout_ms=120_000)
+            watched.tab.locator(".ms-stop").click()
+            watched.wait_for(STATUS, "^stopped by SIG")
+            assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+            # The rig would have to be armed again, which is for the terminal.
+            assert watched.tab.get_by_role("button", name="Go on", exact=True).is_disabled()
+            watched.tab.context.close()
+            assert watched.problems == []
+        low_deg, high_deg, pulses = devices.end()
+    os.close(terminal)
+    os.close(inside)
+    # As the emulator knows in truth: inside the limits of travel, and as many pulses as two or three acquisitions have.
+    assert -36.5 <= low_deg <= high_deg <= 36.5
+    assert 2 * 16 <= pulses <= 3 * 16
+
+
+def wait_for_text(page, text):
+    """Wait until the page's process has written a text to its standard error."""
+    path = page.data / "page.stderr"
+    for _ in range(600):
+        if text in path.read_text():
+            return
+        select.select([], [], [], 0.1)
+    raise AssertionError(f"{text!r} was not asked: {path.read_text()}")

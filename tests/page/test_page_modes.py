@@ -1,0 +1,92 @@
+"""Race, your turn and replay in a headless Chromium."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from page_browser import command_result, needs_browser, open_tab, served
+
+pytestmark = [pytest.mark.real_time, needs_browser]
+
+STATUS, ANGLE = ".ms-status", ".ms-angle"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The result and the journal of a search, made by the command."""
+    journal = tmp_path_factory.mktemp("recorded") / "seed-3.journal"
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "3", "--journal", str(journal), "--json"],
+        capture_output=True,
+        check=True,
+    )
+    return json.loads(done.stdout), journal
+
+
+def test_race_on_the_same_scene(opened):
+    watched = opened("/race")
+    watched.tab.get_by_label("speed").click()
+    watched.tab.get_by_role("option", name="no waiting").click()
+    watched.search("Start the race")
+    watched.wait_for(STATUS, "^over$")
+    watched.tab.wait_for_selector("text=posterior is first")
+    results = [command_result("--seed", "1", "--method", method) for method in ("posterior", "ternary")]
+    angles = [f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°" for each in results]
+    assert watched.tab.locator(ANGLE).all_inner_texts() == angles
+    counts = watched.tab.locator(".ms-counts").all_inner_texts()
+    assert [int(text.split()[0]) for text in counts] == [each["acquisitions"] for each in results]
+
+
+def test_your_turn_by_keys(opened):
+    watched = opened("/turn")
+    watched.tab.locator("body").click(position={"x": 4, "y": 790})
+    for _ in range(3):
+        watched.tab.keyboard.press("Shift+ArrowLeft")
+    watched.wait_for(".ms-foot .ms-note >> nth=0", r"turn to -15\.0")
+    watched.tab.keyboard.press("Enter")
+    watched.wait_for(".ms-log", r"acquisition 1: -15\.0")
+    watched.press("It is here")
+    watched.wait_for(".ms-help", r"^You named -15\.0°, the marker is at -16\.69°: 1\.69° off, after 1 acquisitions")
+    watched.press("See the posterior do it")
+    watched.tab.wait_for_url("**/?seed=2*")
+    watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)
+
+
+def test_replay_of_a_journal(browser, recorded, tmp_path):
+    result, journal = recorded
+    with served(tmp_path, str(journal)) as page:
+        watched = open_tab(browser, page, "/replay")
+        watched.tab.get_by_label("recording").click()
+        watched.tab.get_by_role("option", name=journal.name).click()
+        watched.wait_for(ANGLE, f"^{result['angle_deg']:.3f}° ± {result['sigma_deg']:.3f}°$")
+        slider = watched.tab.locator(".ms-foot .q-slider__track-container").first
+        slider.focus()
+        for _ in range(3):
+            slider.press("PageDown")
+        watched.wait_for(ANGLE, "^–$")
+        watched.tab.get_by_label("play").click()
+        watched.wait_for(ANGLE, "±")
+        assert watched.text(".ms-banner").startswith("SIMULATED")
+        watched.tab.context.close()
+        assert watched.problems == []
+
+
+def test_replay_of_a_bank_is_a_search_on_it(browser, tmp_path):
+    bank = "examples/simulated_scan.csv"
+    with served(tmp_path, bank) as page:
+        watched = open_tab(browser, page, "/replay")
+        watched.tab.get_by_label("recording").click()
+        watched.tab.get_by_role("option", name="simulated_scan.csv").click()
+        watched.press("Search it")
+        watched.wait_for(STATUS, "(found|unsure|not found|at bound|ambiguous) at ")
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "markerseek", "replay", bank, "--json"], capture_output=True, check=False
+        )
+        expected = json.loads(done.stdout)
+        assert watched.text(ANGLE).startswith(f"{expected['angle_deg']:.3f}°")
+        assert watched.text(".ms-banner").startswith("REPLAYED")
+        watched.tab.context.close()
+        assert watched.problems == []

@@ -1,0 +1,146 @@
+"""The page as a process: what it refuses at its start, and what happens to a search when the page or its viewers go."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from page_browser import needs_browser, open_tab, served
+
+from markerseek.records.journal import Interrupted, read_journal
+
+pytestmark = pytest.mark.real_time
+
+
+def page_command(*arguments, env=None, start="from markerseek.cli import main; main()"):
+    return subprocess.run(
+        [sys.executable, "-P", "-c", start, "page", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | (env or {}),
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def refused(done, *words):
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert all(word in done.stderr.replace("\n", " ") for word in words), done.stderr
+
+
+def test_taken_port():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        refused(page_command("--port", str(port)), f"127.0.0.1:{port}", "already in use", "--port")
+
+
+def test_rig_file_with_a_misspelt_key(tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\ntisue = "liver"\n')
+    refused(page_command("--rig", str(rig)), "tisue", "tissue")
+
+
+def test_missing_extra():
+    start = "import sys; sys.modules['nicegui'] = None; from markerseek.cli import main; main()"
+    refused(page_command(start=start), "nicegui", "pip install 'markerseek[page]'")
+
+
+def test_no_browser():
+    refused(page_command("--open", env={"PATH": "/nowhere", "DISPLAY": "", "BROWSER": ""}), "no browser")
+
+
+def test_other_address_needs_a_certificate(tmp_path):
+    refused(page_command("--host", "0.0.0.0"), "needs TLS", "--tls-certificate")
+    refused(page_command("--host", "0.0.0.0", "--tls-certificate", "a.pem"), "both")
+    refused(page_command("--tls-certificate", "a.pem", "--tls-key", "b.pem"), "no certificate")
+
+
+def test_recording_that_does_not_exist():
+    refused(page_command("nothing.journal"), "nothing.journal", "no such file")
+
+
+def until(condition, page, tab, *, timeout_s=30):
+    """Wait for something outside of the browser."""
+    for _ in range(10 * timeout_s):
+        if condition():
+            return
+        tab.wait_for_timeout(100)
+    raise AssertionError(f"it did not happen; children {page.children()}")
+
+
+@needs_browser
+def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&seed=4&pace=0.2")
+        watched.start()
+        watched.wait_for(".ms-log", "acquisition 1:")
+        (child,) = page.children()
+        page.process.kill()
+        until(lambda: not Path(f"/proc/{child}").exists(), page, watched.tab)
+        watched.tab.context.close()
+    (journal,) = page.journals()
+    assert isinstance(read_journal(journal).entries[-1].event, Interrupted)
+    resumed = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "resume", str(journal), "--arm", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    straight = subprocess.run(
+        [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "4", "--no-journal", "--json"],
+        capture_output=True,
+        check=False,
+    )
+    assert json.loads(resumed.stdout) == json.loads(straight.stdout)
+
+
+@needs_browser
+def test_search_that_nobody_watches_is_stopped(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&seed=4&pace=1")
+        watched.start()
+        watched.wait_for(".ms-log", "dark frame 1")
+        other = open_tab(browser, page, "/")
+        watched.tab.context.close()
+        # The other tab still watches.
+        other.tab.wait_for_timeout(9000)
+        assert len(page.children()) == 1
+        other.tab.goto("about:blank")
+        until(lambda: not page.children(), page, other.tab)
+        assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+        other.tab.context.close()
+
+
+@needs_browser
+def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&pace=1")
+        watched.start()
+        watched.wait_for(".ms-log", "dark frame 1")
+        (child,) = page.children()
+        page.process.send_signal(signal.SIGINT)
+        page.process.wait(20)
+        assert not Path(f"/proc/{child}").exists()
+        # The page says that it has no news, and commands are off.
+        watched.tab.wait_for_selector(".ms-silent:visible")
+        watched.tab.context.close()
+    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+
+
+@needs_browser
+def test_search_runs_at_the_priority_of_the_terminal(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&pace=1")
+        watched.start()
+        watched.wait_for(".ms-log", "dark frame 1")
+        (child,) = page.children()
+        niceness = [os.getpriority(os.PRIO_PROCESS, each) for each in (os.getpid(), child, page.process.pid)]
+        assert niceness == [niceness[0], niceness[0], min(19, niceness[0] + 10)]
+        watched.tab.context.close()

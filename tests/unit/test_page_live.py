@@ -1,0 +1,197 @@
+"""A child that is followed: its events, its end, STOP at any time, and streams that cannot be shown."""
+
+from __future__ import annotations
+
+import queue
+import threading
+
+import pytest
+
+from markerseek import rigs
+from markerseek.bridges.child import Outcome
+from markerseek.bridges.page.desk import Desk, PageRig
+from markerseek.bridges.page.live import MOST_WAITING, LiveRun
+from markerseek.bridges.page.settings import PageSettings
+from markerseek.core import Measured, RecordError, SearchError
+from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
+from markerseek.runs import new_session, plan_on
+from markerseek.sim import GaussianCurve
+
+STOPPED = Outcome(exit_code=130, answer={"error": "stopped by SIGINT"})
+FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
+
+
+class ScriptedChild:
+    """Sends what it is given; `stop` ends it."""
+
+    def __init__(self, items=(), *, endless=False, error=None):
+        self.sent = queue.SimpleQueue()
+        for item in items:
+            self.sent.put(item)
+        if not endless:
+            self.sent.put(None)
+        self.error, self.stopped = error, threading.Event()
+
+    def items(self):
+        while (item := self.sent.get()) is not None:
+            yield item
+        if self.error is not None:
+            raise self.error
+
+    def stop(self):
+        self.stopped.set()
+        self.sent.put(None)
+
+    def outcome(self):
+        return STOPPED if self.stopped.is_set() else FOUND
+
+
+@pytest.fixture(scope="module")
+def stream():
+    """The stream of a short search."""
+    rig = rigs.of_intensities(seed=2, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
+    session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
+    items = [StreamHead(configuration=session.configuration, frames=True)]
+    for number, event in enumerate(session.events(), start=1):
+        frame = event.sample.frame if isinstance(event, Measured) else None
+        items.append(
+            StreamEvent(
+                number=number,
+                written="",
+                clock_s=rig.scanner.clock.now_s(),
+                event=event,
+                header=None if frame is None else frame.header,
+                lost_lines=0,
+                lost_frames=0,
+            )
+        )
+    return [*items, StreamEnd(lost_lines=0, lost_frames=0)]
+
+
+def test_events_become_snapshots(stream):
+    live = LiveRun(lambda _: ScriptedChild(stream), ["search"])
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "found at 1.000 deg")
+    assert len(live.run.snapshots) == len(stream) - 1
+    assert live.run.snapshots[-1].phase == "finished"
+
+
+def test_stop_ends_it(stream):
+    child = ScriptedChild(stream[:5], endless=True)
+    live = LiveRun(lambda _: child, ["search"])
+    live.stop()
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "stopped by SIGINT")
+
+
+def test_stop_before_the_child_is_there(stream):
+    begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
+
+    def launch(_):
+        begun.wait(30)
+        return child
+
+    live = LiveRun(launch, ["search"])
+    live.stop()
+    assert live.status == "stopping"
+    begun.set()
+    assert live.join(30)
+    assert child.stopped.is_set()
+
+
+def test_child_that_cannot_be_started():
+    def launch(_):
+        raise OSError("no processes left")
+
+    live = LiveRun(launch, ["search"])
+    assert live.join(30)
+    assert (live.status, live.message) == ("ended", "no processes left")
+
+
+def test_stream_that_cannot_be_read_stops_the_child(stream):
+    child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
+    live = LiveRun(lambda _: child, ["search"])
+    assert live.join(30)
+    assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
+
+
+# The thread's own error is printed, as that of any thread.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("markerseek.bridges.page.watched.WatchedRun.add", broken)
+    child = ScriptedChild(stream[:5], endless=True)
+    live = LiveRun(lambda _: child, ["search"])
+    assert live.join(30)
+    assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
+
+
+def test_frames_that_wait_are_bounded(stream, monkeypatch):
+    hold, frames = threading.Event(), []
+    monkeypatch.setattr(LiveRun, "_take", lambda _, item: (hold.wait(30), frames.append(item.event.sample.frame)))
+    lit = next(
+        each
+        for each in stream
+        if isinstance(each, StreamEvent) and isinstance(each.event, Measured) and not each.event.sample.dark
+    )
+    child = ScriptedChild([lit] * (3 * MOST_WAITING))
+    live = LiveRun(lambda _: child, ["search"])
+    while not child.sent.empty():
+        pass
+    hold.set()
+    assert live.join(30)
+    assert len(frames) == 3 * MOST_WAITING
+    assert MOST_WAITING <= sum(frame is not None for frame in frames) <= MOST_WAITING + 2
+
+
+def desk(children, tmp_path, monkeypatch, **rig):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    asked = []
+
+    def launch(arguments):
+        asked.append(list(arguments))
+        return children.pop(0)
+
+    return Desk(launch, PageRig(**rig)), asked
+
+
+def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
+    shared, asked = desk([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
+    shared.start(PageSettings(seed=4))
+    for another in (
+        lambda: shared.start(PageSettings()),
+        lambda: shared.start_race(PageSettings(), PageSettings()),
+        lambda: shared.replay("x", PageSettings()),
+        shared.go_on,
+    ):
+        with pytest.raises(SearchError, match="a search runs"):
+            another()
+    shared.close()
+    assert not shared.busy
+    assert len(asked) == 1
+    assert asked[0][:6] == ["search", "--method", "posterior", "--seed", "4", "--pace"]
+
+
+def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
+    children = [ScriptedChild(stream[:5], endless=True)]
+    shared, asked = desk(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", simulated=False)
+    shared.start(PageSettings(seed=4, tissue="liver"))
+    shared.search.journal.touch()
+    shared.close()
+    assert asked[0][:5] == ["search", "--rig", str(tmp_path / "rig.toml"), "--method", "posterior"]
+    assert not {"--arm", "--reset-fault", "--seed", "--tissue"} & set(asked[0])
+    assert not shared.paused
+    with pytest.raises(SearchError, match="resume it in the terminal"):
+        shared.go_on()
+    with pytest.raises(SearchError, match="simulated"):
+        shared.start_race(PageSettings(), PageSettings())
+
+
+def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
+    shared, asked = desk([], tmp_path, monkeypatch)
+    for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
+        with pytest.raises(SearchError, match="no such recording"):
+            shared.replay(name, PageSettings())
+    assert asked == []

@@ -1,0 +1,232 @@
+"""What the page shows of a run, compared with the result of the run itself."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markerseek import rigs
+from markerseek.bridges.page.belief import PolicyMirror
+from markerseek.bridges.page.models import (
+    angle_text,
+    answer_text,
+    curve_options,
+    fan_model,
+    image_model,
+    number_rows,
+)
+from markerseek.bridges.page.picture import BRIGHT_SIGMAS, RANGE_DB, drawn_background, picture_of, pooled_levels
+from markerseek.bridges.page.state import RunState, Snapshot
+from markerseek.bridges.page.watched import WatchedRun
+from markerseek.core import Asked, Failed, Interval, Measured, MoveError, PaImage, Refused, SearchPlan, Started
+from markerseek.records.journal import Interrupted, Resuming
+from markerseek.runs import new_session, plan_on
+from markerseek.search import BracketSearch, build
+from markerseek.sim import GaussianCurve, SimulatedSettings
+
+METHODS = ("posterior", "weighted-average", "golden-section", "golden-section-reuse", "ternary", "exhaustive", "manual")
+
+
+def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
+    """Session and events, with the rig's clock at each."""
+    rig = rigs.of_intensities(seed=seed, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=marker_deg)
+    plan = plan_on(rig, method=method, as_published=as_published, start_deg=rig.stage.angle_deg)
+    session = new_session(rig, plan)
+    return session, [(event, rig.scanner.clock.now_s()) for event in session.events()]
+
+
+def shown(session, events, **how) -> list[Snapshot]:
+    state = RunState(session.configuration)
+    return [state.add(event, clock_s=clock_s, **how) for event, clock_s in events]
+
+
+@pytest.mark.parametrize(
+    ("method", "as_published"), [(each, False) for each in METHODS] + [(each, True) for each in METHODS[1:]]
+)
+def test_last_snapshot_is_the_result(method, as_published):
+    session, events = finished_run(method, as_published=as_published)
+    last, result = shown(session, events)[-1], session.result()
+    assert (last.phase, last.belief.answer) == ("finished", result.answer)
+    assert last.belief.estimate.mean_deg == result.angle_deg
+    assert (last.belief.sigma_deg, last.belief.interval95_deg) == (result.sigma_deg, result.interval95_deg)
+    assert (last.acquisitions, last.elapsed_s) == (result.acquisitions, result.elapsed_s)
+    assert last.travel_deg == pytest.approx(result.travel_deg, abs=1e-9)
+    frames = [event.sample.frame.header.pulses for event, _ in events if isinstance(event, Measured)]
+    assert last.pulses == sum(frames) > 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_policy_that_is_told_the_same_asks_the_same(method):
+    session, events = finished_run(method)
+    mirror = PolicyMirror(session.configuration.plan, limits=session.configuration.facts.search)
+    for event, _ in events:
+        if isinstance(event, Asked) and event.role == "search":
+            assert mirror._policy.ask() == event.angle_deg
+        if isinstance(event, Measured) and event.role != "confirmation":
+            mirror.tell(event.sample)
+
+
+def test_density_of_the_posterior():
+    session, events = finished_run("posterior")
+    beliefs = [each.belief for each in shown(session, events) if each.belief is not None]
+    for belief in beliefs:
+        assert np.all(np.diff(belief.angles_deg) > 0)
+        # A second opinion on probability and mean: the trapezoidal rule over the density as it is drawn.
+        assert np.trapezoid(belief.density_per_deg, belief.angles_deg) == pytest.approx(1, abs=0.05)
+    mean_deg = np.trapezoid(beliefs[-1].density_per_deg * beliefs[-1].angles_deg, beliefs[-1].angles_deg)
+    assert mean_deg == pytest.approx(session.result().angle_deg, abs=0.05)
+    assert beliefs[-1].density_per_deg.max() > 20 * beliefs[0].density_per_deg.max()
+
+
+def test_bracket_is_that_of_the_published_search():
+    session, events = finished_run("golden-section")
+    published = build("golden-section", as_published=True)
+    assert isinstance(published, BracketSearch)
+    for (event, _), snapshot in zip(events, shown(session, events), strict=True):
+        if isinstance(event, Measured) and event.role == "search":
+            published.tell(event.sample)
+            assert snapshot.belief.bracket_deg == (published.bracket.low_deg, published.bracket.high_deg)
+
+
+def test_weights_of_the_weighted_average():
+    session, events = finished_run("weighted-average")
+    last = shown(session, events)[-1]
+    points = [point for point in last.points if point.role == "search"]
+    weights = np.array(last.belief.weights)
+    angles, intensities = (np.array([getattr(each, name) for each in points]) for name in ("angle_deg", "intensity"))
+    assert np.all((weights == 0) == (intensities < 0.2 * intensities.max()))
+    assert np.average(angles, weights=weights) == pytest.approx(session.result().angle_deg, abs=1e-9)
+
+
+def test_probe_is_expected_only_while_it_moves():
+    session, events = finished_run("posterior")
+    for (event, _), snapshot in zip(events, shown(session, events), strict=True):
+        assert (snapshot.target_deg is not None) == isinstance(event, Asked)
+        if isinstance(event, Measured):
+            assert snapshot.probe_deg == event.sample.angle_deg
+
+
+def test_lost_events_leave_no_belief_and_all_the_rest():
+    session, events = finished_run("posterior")
+    state, lost = RunState(session.configuration), events[9:11]
+    for event, clock_s in events:
+        if (event, clock_s) not in lost:
+            snapshot = state.add(event, clock_s=clock_s, lost=2 if event is events[11][0] else 0)
+            assert (snapshot.belief is None) == (len(snapshot.points) == 0 or state._mirror is None)
+    assert snapshot.phase == "finished"
+    assert snapshot.belief is None
+    assert answer_text(snapshot) == ""
+
+
+def test_states_that_end_or_interrupt_a_run():
+    session, _ = finished_run("posterior")
+    state = RunState(session.configuration)
+    limits = Interval(low_deg=-35.0, high_deg=35.0)
+    said = [
+        (Started(start_deg=1.0, limits=limits), "ready", False),
+        (Asked(role="search", index=1, angle_deg=-3.0), "moving", False),
+        (Refused(angle_deg=-3.0, reason="late"), "refused", False),
+        (Interrupted(reason="SIGINT"), "stopped", True),
+        (Resuming(by="a person", check_deg=None, fault_reset=False, versions={}), "checking", False),
+        (Failed(error=MoveError("it did not arrive")), "fault", True),
+    ]
+    for event, phase, over in said:
+        snapshot = state.add(event, clock_s=1.0)
+        assert (snapshot.phase, snapshot.over) == (phase, over)
+    assert snapshot.line == "fault: it did not arrive"
+    assert snapshot.refused == 1
+
+
+def test_angle_counts_as_found_only_at_the_end():
+    session, events = finished_run("posterior")
+    snapshots = shown(session, events)
+    before = next(each for each in reversed(snapshots) if each.phase == "measured")
+    assert answer_text(before).startswith("so far found")
+    assert answer_text(snapshots[-1]) == "found"
+    assert angle_text(snapshots[0]) == "–"
+    assert angle_text(snapshots[-1]).startswith(f"{session.result().angle_deg:.3f}° ±")
+
+
+def test_models_hold_what_a_snapshot_holds():
+    session, events = finished_run("posterior")
+    snapshot, facts = shown(session, events)[-1], session.configuration.facts
+    fan = fan_model(snapshot, facts, duration_s=0.5, known_deg=None)
+    assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, None)
+    assert [point["number"] for point in fan["points"]] == [point.number for point in snapshot.points]
+    curve = curve_options(snapshot, facts.search, known=("truth", -9.4))
+    density, dots = curve["series"]
+    assert len(density["data"]) == snapshot.belief.angles_deg.size
+    assert [dot["value"][0] for dot in dots["data"]] == [round(point.angle_deg, 3) for point in snapshot.points]
+    assert [line["xAxis"] for line in density["markLine"]["data"]] == [session.result().angle_deg, -9.4]
+    assert dict(number_rows(snapshot, pulse_j=1e-3))["light"] == f"{snapshot.pulses:.3g} mJ"
+    assert "light" not in dict(number_rows(snapshot, pulse_j=None))
+    assert "(virtual)" in dict(number_rows(snapshot, pulse_j=None))["time"]
+
+
+def test_truth_is_hidden_until_it_is_revealed():
+    session, events = finished_run("posterior")
+    snapshot = shown(session, events)[-1]
+    hidden = curve_options(snapshot, session.configuration.facts.search, known=None)
+    assert len(hidden["series"][0]["markLine"]["data"]) == 1
+
+
+def test_image_keeps_its_peak_and_noise_looks_like_noise():
+    rng = np.random.default_rng(1)
+    envelope = rng.rayleigh(1.0, (990, 12)).astype(np.float32)
+    envelope[517, 7] = 300.0
+    image = PaImage(envelope=envelope, lateral_m=np.linspace(-0.02, 0.02, 12), depth_m=np.linspace(0.004, 0.08, 990))
+    levels = pooled_levels(image, brightest=300.0)
+    assert levels.shape == (198, 12)
+    assert np.unravel_index(levels.argmax(), levels.shape) == (517 // 5, 7)
+    assert levels.max() == 255
+    # Brute force, pixel by pixel.
+    for row, column in ((0, 0), (100, 3), (197, 11)):
+        relative = envelope[5 * row : 5 * row + 5, column].max() / 300.0
+        expected = 255 * max(0.0, 1 + 20 * np.log10(relative) / RANGE_DB)
+        assert levels[row, column] == pytest.approx(expected, abs=0.5)
+    assert pooled_levels(image, brightest=BRIGHT_SIGMAS)[:50].max() < 255 * (
+        1 + 20 * np.log10(6 / BRIGHT_SIGMAS) / RANGE_DB
+    )
+
+
+def test_image_of_zeros_is_black():
+    zeros = np.zeros((7, 3), dtype=np.float32)
+    image = PaImage(envelope=zeros, lateral_m=np.arange(3.0), depth_m=np.arange(7.0))
+    assert not pooled_levels(image, brightest=0.0).any()
+
+
+def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
+    rig = rigs.simulated(seed=1, marker_deg=2.0)
+    sample = rig.scanner.measure(2.0)
+    picture = picture_of(sample, rig.imaging)
+    levels = np.frombuffer(base64.b64decode(picture.pixels), dtype=np.uint8).reshape(picture.rows, picture.columns)
+    row, column = np.unravel_index(levels.argmax(), levels.shape)
+    depth_mm = np.interp(row, (0, picture.rows - 1), picture.depth_mm)
+    lateral_mm = np.interp(column, (0, picture.columns - 1), picture.lateral_mm)
+    assert (lateral_mm, depth_mm) == (
+        pytest.approx(picture.peak_mm[0], abs=1),
+        pytest.approx(picture.peak_mm[1], abs=1),
+    )
+    assert image_model(picture)["deg"] == sample.angle_deg
+    assert image_model(None)["pixels"] == ""
+
+
+def test_background_is_the_same_each_time():
+    drawn_background.cache_clear()
+    first = drawn_background(198, 128)
+    drawn_background.cache_clear()
+    assert drawn_background(198, 128) == first
+    assert len(base64.b64decode(first)) == 198 * 128
+
+
+def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
+    rig = rigs.simulated(seed=1, settings=SimulatedSettings(), pace=0.5)
+    configuration = new_session(rig, SearchPlan(method="posterior")).configuration
+    run = WatchedRun(configuration)
+    moving = replace(run.snapshots[0], probe_deg=0.0, target_deg=-20.0)
+    # 20° at 10°/s and 10°/s²: 3 s, of which the pace leaves half.
+    assert run.move_s(moving) == pytest.approx(1.5)
+    assert run.move_s(run.snapshots[0]) == 0
