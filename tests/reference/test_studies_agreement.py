@@ -73,7 +73,7 @@ def test_searches_are_as_wrong_from_curves_as_from_frames() -> None:
             PolicySettings(method=method, acquisitions=number, as_published=True, early_end=False)
             for method, number in (("weighted-average", 15), ("ternary", 12))
         ),
-        # Not the gain that the receiver would choose: at that, the 14 trials happen to err less than 60 of them do.
+        # The former height: at the receiver's own gain these 14 trials happen to err less than 60 of them do.
         rig=SimulatedSettings(start_deg=-35.0, receiver=ReceiverSettings(peak_counts=600.0)),
         vary=(Axis(key="rig.marker.source_radius_m", values=(0.4e-3,)),),
     )

@@ -84,6 +84,13 @@ def test_the_journal_gives_the_same_answer_as_the_search(shell: Shell, tmp_path:
     assert json.loads(shell("journal", "replay", path, "--json")[1])["equal"] is True
 
 
+def test_resume_draws_the_picture_of_the_search_again(shell: Shell, tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    shell("search", "--seed", 3, "--journal", path, "--plot", "--out", tmp_path)
+    shell("resume", path, "--plot", "--out", tmp_path)
+    assert (tmp_path / "resume.png").read_bytes() == (tmp_path / "search.png").read_bytes()
+
+
 def test_the_journals_of_a_folder_are_listed_with_their_ends(shell: Shell, tmp_path: Path) -> None:
     assert json.loads(shell("journal", "list", "--json")[1])["journals"] == []
     result = json.loads(shell(*SEARCH, "--json")[1])

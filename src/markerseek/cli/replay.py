@@ -109,6 +109,6 @@ def command(
         output,
         imaging=assembled.imaging,
         journal=session.journal,
-        density=density_of(session, output),
+        density=density_of(session.policy, output),
         recorded=recorded_curve,
     )

@@ -13,9 +13,10 @@ from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, Str
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
+    from markerseek.core import Policy
     from markerseek.drivers import BenchSettings
-    from markerseek.records import Recorder
     from markerseek.records.journal import RecordedRun
+    from markerseek.runs import Session
     from markerseek.signals import AnyImageReader
 
 NAME = "resume"
@@ -55,7 +56,7 @@ def command(
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
     from markerseek.cli.open_rig import NOT_ARMED
-    from markerseek.cli.show_result import Output, conclude
+    from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.records.journal import read_journal, result_of, run_state
     from markerseek.runs import require_reset
@@ -68,14 +69,16 @@ def command(
     if state.state == "finished":
         recorder, _ = result_of(held)
         imaging = _imaging(held) if plot else None
+        policy = _policy_at_end(held) if plot else None
     else:
         require_reset(held.path, state, reset_fault=reset_fault)
         bench = _bench_named(held, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(held, bench, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        recorder, imaging = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
-    conclude(recorder, held.configuration, output, imaging=imaging)
+        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
+        recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
+    conclude(recorder, held.configuration, output, imaging=imaging, density=density_of(policy, output))
 
 
 def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSettings | None:
@@ -124,7 +127,7 @@ def _resume(
     reset_fault: bool,
     as_json: bool,
     stream: StreamOptions,
-) -> tuple[Recorder, AnyImageReader | None]:
+) -> Session:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.open_rig import person
     from markerseek.cli.session import closed_at_end, run_session
@@ -136,7 +139,7 @@ def _resume(
     with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
         session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
         run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
-    return session.recorder, rig.imaging
+    return session
 
 
 def _confirmed(held: RecordedRun, bench: BenchSettings | None, *, as_json: bool) -> bool:
@@ -186,6 +189,16 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
         lines.append("not armed: nothing moved and nothing was fired; add --arm to continue")
     for line in lines:
         stdout.print(escape(line))
+
+
+def _policy_at_end(held: RecordedRun) -> Policy:
+    """The policy of a run that is over, with all its samples, for the picture."""
+    from markerseek.runs import next_angle, rebuild_policy
+
+    policy = rebuild_policy(held.configuration)
+    # Feeds it the samples; there is no next angle.
+    next_angle(held, policy)
+    return policy
 
 
 def _imaging(held: RecordedRun) -> AnyImageReader | None:

@@ -139,5 +139,5 @@ def command(
         output,
         imaging=assembled.imaging,
         journal=session.journal,
-        density=density_of(session, output),
+        density=density_of(session.policy, output),
     )

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import Floor, Interval, OtherSource, PaImage, Sample
+from markerseek.core import Floor, Interval, OtherSource, PaImage, Policy, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -21,7 +21,6 @@ from markerseek.signals import AnyImageReader
 
 if TYPE_CHECKING:
     from markerseek.pictures import Curve
-    from markerseek.runs import Session
 
 FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
@@ -188,13 +187,13 @@ def conclude(
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 
 
-def density_of(session: Session, output: Output) -> Curve | None:
+def density_of(policy: Policy | None, output: Output) -> Curve | None:
     """Density of the angle at the end of a search that is drawn; None for methods without a posterior."""
-    if not output.plot or session.configuration.plan.method != "posterior":
+    if not output.plot or policy is None:
         return None
     from markerseek.search.posterior import Posterior
 
-    belief = session.policy.belief if isinstance(session.policy, Posterior) else None
+    belief = policy.belief if isinstance(policy, Posterior) else None
     if belief is None:
         return None
     step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])

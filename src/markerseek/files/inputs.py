@@ -47,12 +47,15 @@ def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
 
 def read_input(path: Path, *, most_bytes: int) -> bytes:
     """All bytes of a regular file; parameters and errors as of `open_input`."""
+    data = bytearray()
     with open_input(path, most_bytes=most_bytes) as file:
-        # Files of /proc say that they are empty, and one that is being written grows.
-        data = file.read(most_bytes + 1)
+        # Files of /proc say that they are empty, and one that is being written grows. In pieces, because read(n) takes
+        # memory for n bytes, however few there are.
+        while len(data) <= most_bytes and (piece := file.read(MIB)):
+            data += piece
     if len(data) > most_bytes:
         raise _too_large(path, len(data), most_bytes)
-    return data
+    return bytes(data)
 
 
 def require_input(path: Path, *, most_bytes: int) -> int:

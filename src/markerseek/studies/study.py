@@ -171,22 +171,35 @@ def cells(study: Study) -> tuple[Cell, ...]:
                 'rig.noise.coloured: readings have white noise only; leave it out, or set level = "frames"'
             )
         _require_scene(study, world)
+        if world.rig.second.present and (study.level != "frames" or study.drawn == "everything"):
+            raise ConfigError('rig.second.present: a second marker needs level = "frames" and a rig that is not drawn')
         if study.drawn == "everything":
             _require_default(world.rig, tissues=study.level == "frames")
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
-        digest = int.from_bytes(_hashed(_described(world)).digest()[:8], "big")
+        digest = int.from_bytes(_hashed(_of_the_first_version(world)).digest()[:8], "big")
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
 
 
-def _described(world: World) -> dict[str, typing.Any]:
-    """The settings of a world, without those that were added later and have no effect at their default."""
-    described: dict[str, typing.Any] = msgspec.to_builtins(world)
+def _of_the_first_version(world: World) -> dict[str, typing.Any]:
+    """Settings of a world as the first version had them, so that its trials keep their seeds, and so their markers.
+
+    A setting that came later counts only where it is used.
+    """
+    settings: dict[str, typing.Any] = msgspec.to_builtins(world)
+    rig = settings["rig"]
     if world.scene == SceneSettings():
-        del described["scene"]
+        del settings["scene"]
     if world.curve.noise_stated:
-        del described["curve"]["noise_stated"]
-    return described
+        del settings["curve"]["noise_stated"]
+    if not world.rig.second.present:
+        del rig["second"]
+    if world.rig.receiver.data == "channels":
+        del rig["b_mode"], rig["receiver"]["data"], rig["receiver"]["receive_focus_m"]
+    if world.rig.receiver.peak_counts is None:
+        # Its default then.
+        rig["receiver"]["peak_counts"] = 600.0
+    return settings
 
 
 def _require_scene(study: Study, world: World) -> None:

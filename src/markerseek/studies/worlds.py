@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser
-from markerseek.core import ConfigError, Reader
+from markerseek.core import Reader
 from markerseek.rigs import Scene, image_peak, image_reader, in_world, scene_curve, scene_of
 from markerseek.rigs import draw_scene as draw_rig_scene
 from markerseek.sim import (
@@ -111,8 +111,6 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
         The study, its cell, and what was drawn.
     """
     settings = cell.world.rig
-    if settings.second.present and (draw.unknowns is not None or study.level != "frames"):
-        raise ConfigError('study: rig.second.present is true, which needs level = "frames" and a rig that is not drawn')
     if draw.unknowns is not None:
         return _drawn_rig(study, settings, draw.unknowns, draw)
     if study.level == "frames":
