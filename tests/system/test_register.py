@@ -103,6 +103,7 @@ def test_points_that_cannot_be_used_are_refused(
         (f"{TRUS},{CAMERA}\n0,0,0,0,0,a\n", "line 2: camera_z_m is 'a', it must be a number"),
         (f"{TRUS},{CAMERA},{CAMERA}\n", "appears more than once"),
         (f"{TRUS},{CAMERA}\n", "0 points in DaVinci"),
+        (f"{TRUS},{CAMERA}\n0,0,0,0,0,1e300\n", "line 2: camera_z_m is 1e+300, it must lie within ± 1e+06"),
         ("", "it is empty; its first line must name the columns"),
         (
             f"{TRUS},{CAMERA},camera_sigma_x_m,camera_sigma_y_m,camera_sigma_z_m\n0,0,0,0,0,0,1e-4,0,1e-4\n",
@@ -220,8 +221,10 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     [
         (["register"], "no points: name a CSV, or add --simulate"),
         (["register", EXAMPLE, "--simulate"], "--simulate makes its own points"),
-        (["register", EXAMPLE, "--seed", 3], "--seed and --tissue are for --simulate"),
+        (["register", EXAMPLE, "--seed", 3], "--tissue and --seed are for --simulate"),
         (["register", "--simulate", "--markers", 5], "markers is 5, it must be one of 3, 4, 6, 9"),
+        (["register", EXAMPLE, "--frames", 25], "are for --simulate; leave them out"),
+        (["register", "--simulate", "--camera-mm", "nan"], "camera distance is nan mm"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

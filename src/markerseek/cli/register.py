@@ -56,9 +56,13 @@ def command(
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Search markers on the simulated rig, and simulate the camera.")
     ] = False,
-    markers: Annotated[int, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.")] = 4,
-    camera_mm: Annotated[float, typer.Option(help="Distance of the simulated camera from the tissue.")] = 100.0,
-    frames: Annotated[int, typer.Option(help="Simulated camera frames of each spot.")] = 25,
+    markers: Annotated[
+        int | None, typer.Option(help="Number of simulated markers: 3, 4, 6 or 9.", show_default="4")
+    ] = None,
+    camera_mm: Annotated[
+        float | None, typer.Option(help="Distance of the simulated camera from the tissue.", show_default="100")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(help="Simulated camera frames of each spot.", show_default="25")] = None,
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
@@ -83,20 +87,22 @@ def command(
     if not simulate:
         if points is None:
             raise ConfigError("no points: name a CSV, or add --simulate")
-        if seed is not None or tissue is not None:
-            raise ConfigError("--seed and --tissue are for --simulate; leave them out")
+        if any(value is not None for value in (markers, camera_mm, frames, tissue, seed)):
+            raise ConfigError(
+                "--markers, --camera-mm, --frames, --tissue and --seed are for --simulate; leave them out"
+            )
         report = register_pairs(point_pairs(points, searches=journal or [], cameras=cameras), target_trus_m=target_m)
         conclude(report, None, title=points.name, as_json=as_json, picture=picture)
     if points is not None or journal or cameras is not None:
         raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
     scene = SimulatedScene(
-        markers=markers,
-        camera_m=camera_mm / 1e3,
-        camera=EndoscopeSettings(frames=frames),
+        markers=4 if markers is None else markers,
+        camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
+        camera=EndoscopeSettings(frames=25 if frames is None else frames),
         rig=SimulatedSettings() if tissue is None else SimulatedSettings(tissue=tissue),
     )
     announce_compilation()
-    with progress_bar(markers, what="searching markers") as progress:
+    with progress_bar(scene.markers, what="searching markers") as progress:
         report, truth = simulate_registration(
             scene,
             seed=1 if seed is None else seed,

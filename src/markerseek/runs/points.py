@@ -28,6 +28,9 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 
 _LARGEST_BYTES = 8 * MIB
 
+_MOST = 1e6
+"""Largest magnitude of a number in the table, in metres or pixels."""
+
 Triple = tuple[float, float, float]
 
 
@@ -126,6 +129,9 @@ def _number(where: str, name: str, text: str, *, positive: bool) -> float:
         raise RecordError(f"{where}: {name} is {text!r}, it must be a number") from None
     if not math.isfinite(value):
         raise RecordError(f"{where}: {name} is {value}, it must be finite; leave that point out")
+    # Squares of larger numbers overflow; millimetres for metres are refused later, with their own sentence.
+    if not abs(value) <= _MOST:
+        raise RecordError(f"{where}: {name} is {value}, it must lie within ± {_MOST:g}; check the unit")
     if positive and not value > 0:
         raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
     return value

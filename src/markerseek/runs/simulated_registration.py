@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, MarkerPosition, Measured
-from markerseek.geometry import RigidTransform, StereoCameras, triangulate
+from markerseek.core import ConfigError, Float64, MarkerPosition, Measured, SearchError
+from markerseek.geometry import LEAST_POINTS, RigidTransform, StereoCameras, triangulate
 from markerseek.records import SearchResult
 from markerseek.rigs import simulated
 from markerseek.runs.registration import PointPair, RegistrationReport, register_pairs
@@ -112,8 +112,10 @@ def simulate_registration(
 
     Raises
     ------
+    SearchError
+        If fewer than three markers were found.
     ConfigError
-        If fewer than three markers were found, or a spot is not seen.
+        If a spot is not seen, or the points determine no transform.
     MissingExtraError
         If OpenCV is not installed.
     """
@@ -148,6 +150,12 @@ def simulate_registration(
                 trus_covariance_m2=marker.covariance_m2,
                 camera_covariance_m2=covariance_m2,
             )
+        )
+    if len(pairs) < LEAST_POINTS:
+        answers = ", ".join(search.answer for search in searches)
+        raise SearchError(
+            f"{len(pairs)} of {len(searches)} markers were found, at least {LEAST_POINTS} are needed (the searches "
+            f"ended with: {answers}); search more markers, or another --seed"
         )
     report = register_pairs(pairs, target_trus_m=target_trus_m)
     elapsed_s = sum(search.elapsed_s for search in searches)
