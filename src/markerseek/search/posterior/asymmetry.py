@@ -50,7 +50,7 @@ COHERENT = 0.95
 """Coherence, noise apart, of one in twenty spots or less and of one point in three or more."""
 
 _COHERENT_ODDS, _INCOHERENT_ODDS = math.log(0.05 / 0.35), math.log(0.95 / 0.65)
-_LATERAL_M, _LATERAL_NOISE_M, _LONG_S = 4e-6, 0.55e-3, 420e-9
+_LATERAL_M, _LATERAL_NOISE_M, _LONG_S = 10e-6, 0.55e-3, 420e-9
 _COHERENCE, _CHANNELS = 0.03, 60.0
 _SCATTERS = np.array([0.0, 0.0, 0.0, 2.0, 6.0, 18.0])
 
