@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, FrameHeader, ReadingFrame
 from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
-from markerseek.signals.beamform import image_grid
+from markerseek.signals._kernel import PAD
+from markerseek.signals.beamform import half_aperture_m, image_grid, path_delay
+from markerseek.signals.filtering import band_pass, band_pass_taps
 
 BPL = probe_preset("BPL9-5/55")
 READER = ImageReader(BPL)
@@ -133,6 +135,34 @@ def test_a_reading_holds_the_arrivals_of_the_findings():
     assert reading.arrivals[0].intensity == reading.intensity
     noise = READER.read(frame_of(np.rint(rng.normal(0, 5, samples.shape)).astype(np.int16)))
     assert noise.arrivals == ()
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_coherent_energy_is_that_of_aligned_channels(name):
+    """Against channels that are aligned with NumPy, point by point."""
+    preset, rng = probe_preset(name), np.random.default_rng(11)
+    source = (3e-3, 0.032)
+    clean = pulse_frame(preset, lateral_m=source[0], depth_m=source[1])
+    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+    signals = band_pass(counts(clean + rng.normal(0, 0.05, clean.shape)), taps, blanked=preset.pickup_samples)
+    lateral = np.append(rng.uniform(-0.02, 0.02, 20), source[0])
+    depth = np.append(rng.uniform(0.012, 0.07, 20), source[1])
+    energy, used = features.coherent_energies(signals, preset, lateral_m=lateral, depth_m=depth)
+    per_metre, origin = path_delay(preset)
+    half = features.window_samples(preset) // 2
+    for place, (x, z) in enumerate(zip(lateral, depth, strict=True)):
+        depths = z + np.arange(-half, half + 1) * preset.sound_speed_m_s / preset.sampling_hz
+        offset = preset.array.lateral_m - x
+        near = np.abs(offset) <= half_aperture_m(preset, depths, at_least=features.LEAST_CHANNELS / 2)[:, None]
+        sample = np.hypot(offset, depths[:, None]) * per_metre + origin
+        near &= np.floor(sample) < len(signals) - 1
+        first = np.minimum(np.floor(sample).astype(int), len(signals) - 2)
+        columns = PAD + np.arange(preset.array.elements)
+        late = sample - np.floor(sample)
+        values = np.where(near, (1 - late) * signals[first, columns] + late * signals[first + 1, columns], 0)
+        assert energy[place] == pytest.approx(np.sum(values.sum(axis=1) ** 2) / np.sum(values**2), rel=1e-5)
+        assert used[place] == near.sum(axis=1).max()
+    assert energy[-1] / used[-1] > 0.9
 
 
 @pytest.mark.parametrize("name", PRESET_NAMES)

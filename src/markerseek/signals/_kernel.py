@@ -169,36 +169,44 @@ def delay_and_sum(
 
 
 @compiled
-def aligned(
+def coherent_energies(
     signals: Float32[np.ndarray, "samples wide"],
     element_m: Float64[np.ndarray, " elements"],
-    lateral_m: float,
-    depth_m: Float64[np.ndarray, " depths"],
+    lateral_m: Float64[np.ndarray, " points"],
+    depth_m: Float64[np.ndarray, "points depths"],
     delay: tuple[float, float],
-    half_aperture: Float64[np.ndarray, " depths"],
-    out: Float32[np.ndarray, "depths elements"],
-) -> Int64[np.ndarray, " depths"]:
-    """Write each element's delayed signal for the depths of one column into ``out``, shape (depths, elements).
+    half_aperture: Float64[np.ndarray, "points depths"],
+    energy: Float64[np.ndarray, " points"],
+    used: Int64[np.ndarray, " points"],
+) -> None:
+    """Write the energy of the sums of delayed signals over that of the signals into ``energy``, one for each point.
 
-    ``delay`` is (samples per metre of path, sample number of the laser's pulse). Elements outside of the aperture or
-    of the record stay zero. Returns the number of elements used at each depth.
+    ``delay`` is (samples per metre of path, sample number of the laser's pulse). Elements outside of the aperture or of
+    the record are left out; ``used`` is the largest number of those used at one depth. Without any signal it is 0.
     """
     per_metre, origin = delay
     last = signals.shape[0] - 1
-    used = np.zeros(len(depth_m), np.int64)
-    for z in range(len(depth_m)):
-        for e in range(len(element_m)):
-            out[z, e] = np.float32(0)
-            offset = element_m[e] - lateral_m
-            if abs(offset) > half_aperture[z]:
-                continue
-            place = np.sqrt(depth_m[z] ** 2 + offset**2) * per_metre + origin
-            t = int(place)
-            if place >= 0 and t < last:
-                w = np.float32(place - t)
-                out[z, e] = (np.float32(1) - w) * signals[t, PAD + e] + w * signals[t + 1, PAD + e]
-                used[z] += 1
-    return used
+    pitch = element_m[1] - element_m[0]
+    for p in range(len(lateral_m)):
+        coherent, single, most = 0.0, 0.0, 0
+        for z in range(depth_m.shape[1]):
+            total, count = 0.0, 0
+            low = max(0, int(np.ceil(max(-1e9, (lateral_m[p] - half_aperture[p, z] - element_m[0]) / pitch))))
+            high = int(np.floor(min(1e9, (lateral_m[p] + half_aperture[p, z] - element_m[0]) / pitch)))
+            for e in range(low, min(high + 1, len(element_m))):
+                offset = element_m[e] - lateral_m[p]
+                place = np.sqrt(depth_m[p, z] * depth_m[p, z] + offset * offset) * per_metre + origin
+                t = int(place)
+                if place >= 0 and t < last:
+                    w = np.float32(place - t)
+                    value = (np.float32(1) - w) * signals[t, PAD + e] + w * signals[t + 1, PAD + e]
+                    total += value
+                    single += value * value
+                    count += 1
+            coherent += total * total
+            most = max(most, count)
+        energy[p] = coherent / single if single > 0 else 0.0
+        used[p] = most
 
 
 @compiled
@@ -213,7 +221,8 @@ def beams(
 ) -> None:
     """Write the delayed sums over the root of the number of elements into ``out``, for pixels anywhere.
 
-    Otherwise as `aligned`.
+    ``delay`` is (samples per metre of path, sample number of the laser's pulse). Elements outside of the aperture or of
+    the record are left out.
     """
     per_metre, origin = delay
     last = signals.shape[0] - 1
@@ -252,66 +261,3 @@ def local_maxima(envelope: Float32[np.ndarray, "depth lateral"], level: np.float
     for k in range(len(found)):
         places[k, 0], places[k, 1] = found[k]
     return places
-
-
-@compiled
-def block_maxima(
-    image: Float32[np.ndarray, "depth lateral"],
-    envelope: Float32[np.ndarray, "depth lateral"],
-    first_row: int,
-    end_row: int,
-    rows: int,
-    columns: int,
-    quadrature: Float32[np.ndarray, " taps"],
-    shifted: Float32[np.ndarray, "shifts reach"],
-    out: Float32[np.ndarray, "blocks_deep blocks_wide"],
-) -> None:
-    """Write the largest envelope of each block of ``rows`` × ``columns`` pixels into ``out``.
-
-    The blocks begin with ``first_row`` and end before ``end_row``. The largest pixel of a block is interpolated to
-    places between the columns, and the larger of pixel and places is written. ``shifted`` has the weights of the
-    columns on either side of the pixel, a row for each place. ``quadrature`` is one side of the Hilbert transformer of
-    which ``envelope`` is the magnitude (see `magnitude`).
-    """
-    real, imaginary = np.empty(shifted.shape[1], np.float32), np.empty(shifted.shape[1], np.float32)
-    for i in range(out.shape[0]):
-        low, high = first_row + i * rows, min(first_row + (i + 1) * rows, end_row)
-        for j in range(out.shape[1]):
-            z, x, largest = low, j * columns, np.float32(-1)
-            for a in range(low, high):
-                for b in range(j * columns, min((j + 1) * columns, envelope.shape[1])):
-                    if envelope[a, b] > largest:
-                        z, x, largest = a, b, envelope[a, b]
-            _analytic(image, z, x, quadrature, real, imaginary)
-            for s in range(shifted.shape[0]):
-                along, across = np.float32(0), np.float32(0)
-                for k in range(shifted.shape[1]):
-                    along += shifted[s, k] * real[k]
-                    across += shifted[s, k] * imaginary[k]
-                largest = max(largest, np.sqrt(along * along + across * across))
-            out[i, j] = largest
-
-
-@compiled
-def _analytic(
-    image: Float32[np.ndarray, "depth lateral"],
-    row: int,
-    column: int,
-    quadrature: Float32[np.ndarray, " taps"],
-    real: Float32[np.ndarray, " reach"],
-    imaginary: Float32[np.ndarray, " reach"],
-) -> None:
-    """Write the analytic signal of a row of the image about a column into its two parts; outside, it is 0."""
-    depths, columns = image.shape
-    real[:], imaginary[:] = np.float32(0), np.float32(0)
-    first = column - len(real) // 2
-    low, high = max(0, -first), min(len(real), columns - first)
-    for k in range(low, high):
-        real[k] = image[row, first + k]
-    for m in range(len(quadrature)):
-        above, below = row - 2 * m - 1, row + 2 * m + 1
-        for k in range(low, high):
-            if above >= 0:
-                imaginary[k] += quadrature[m] * image[above, first + k]
-            if below < depths:
-                imaginary[k] -= quadrature[m] * image[below, first + k]

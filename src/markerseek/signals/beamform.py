@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
-from markerseek.signals._kernel import PAD, aligned, beams, delay_and_sum
+from markerseek.signals._kernel import PAD, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
 
@@ -116,33 +116,6 @@ def beamform_at(
     aperture = half_aperture_m(preset, depth_m)
     beams(signals, preset.array.lateral_m, lateral_m, depth_m, path_delay(preset), aperture, image)
     return image
-
-
-def aligned_signals(
-    signals: Float32[np.ndarray, "samples columns"],
-    preset: ProbePreset,
-    *,
-    lateral_m: float,
-    depth_m: Float64[np.ndarray, " depth"],
-    half_width_m: Float64[np.ndarray, " depth"],
-) -> tuple[Float32[np.ndarray, "depth elements"], Float64[np.ndarray, " depth"]]:
-    """Each element's signal delayed to the points of one column, anywhere; and how many elements are used at each.
-
-    Parameters
-    ----------
-    signals
-        From `filtering.band_pass`.
-    preset
-        The probe.
-    lateral_m, depth_m
-        The column, and its points, in metres.
-    half_width_m
-        Half the aperture at each point in metres.
-    """
-    elements = preset.array.lateral_m
-    out = np.empty((len(depth_m), len(elements)), np.float32)
-    used = aligned(signals, elements, lateral_m, depth_m, path_delay(preset), half_width_m, out)
-    return out, used.astype(np.float64)
 
 
 def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> DelayTable:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from markerseek.core import Float32, Float64, LocalMaxima
-from markerseek.signals._kernel import block_maxima
+from markerseek.signals._block_kernel import block_maxima
 from markerseek.signals.envelope import quadrature_taps
 from markerseek.signals.noise_gain import noise_peaks
 from markerseek.signals.presets import ProbePreset

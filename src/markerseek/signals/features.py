@@ -12,9 +12,10 @@ import math
 
 import numpy as np
 
-from markerseek.core import Float32, Float64, Int16
+from markerseek.core import Float32, Float64, Int16, Int64
+from markerseek.signals import _kernel as kernel
 from markerseek.signals._kernel import PAD
-from markerseek.signals.beamform import aligned_signals, beamform_at, half_aperture_m, path_delay
+from markerseek.signals.beamform import beamform_at, half_aperture_m, path_delay
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.presets import ProbePreset
 
@@ -75,7 +76,7 @@ def found_level(cells: int, *, false_found: float) -> float:
 
 
 def coherent_level(*, false_found: float) -> float:
-    """Coherent energy (see `coherent_energy`) that none of the tested peaks exceeds by chance, ln(tests/p).
+    """Coherent energy (see `coherent_energies`) that none of the tested peaks exceeds by chance, ln(tests/p).
 
     Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that
     are accepted for one frame of noise are shared here by all frames of a search.
@@ -83,10 +84,14 @@ def coherent_level(*, false_found: float) -> float:
     return math.log(MOST_TESTED * _FRAMES / false_found)
 
 
-def coherent_energy(
-    signals: Float32[np.ndarray, "samples columns"], preset: ProbePreset, *, lateral_m: float, depth_m: float
-) -> tuple[float, float]:
-    """Energy of the sum over the energy of the channels near a point, and the number of channels used.
+def coherent_energies(
+    signals: Float32[np.ndarray, "samples columns"],
+    preset: ProbePreset,
+    *,
+    lateral_m: Float64[np.ndarray, " points"],
+    depth_m: Float64[np.ndarray, " points"],
+) -> tuple[Float64[np.ndarray, " points"], Int64[np.ndarray, " points"]]:
+    """Energy of the sum over the energy of the channels near each point, and the number of channels used.
 
     Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
     is; the aperture is the image's, and at least `LEAST_CHANNELS` wide.
@@ -94,14 +99,13 @@ def coherent_energy(
     # Both quadratures must be in the window for the exponential law of chance coherence.
     step = preset.sound_speed_m_s / preset.sampling_hz
     half = max(1, window_samples(preset) // 2)
-    depth = np.maximum(depth_m + step * np.arange(-half, half + 1), step)
-    aperture = half_aperture_m(preset, depth, at_least=LEAST_CHANNELS / 2)
-    values, used = aligned_signals(signals, preset, lateral_m=lateral_m, depth_m=depth, half_width_m=aperture)
-    channels = values.astype(np.float64)
-    energy = float(np.sum(channels**2))
-    if energy == 0:
-        return 0.0, float(used.max())
-    return float(np.sum(channels.sum(axis=1) ** 2)) / energy, float(used.max())
+    depth = np.maximum(depth_m[:, None] + step * np.arange(-half, half + 1), step)
+    aperture = half_aperture_m(preset, depth.ravel(), at_least=LEAST_CHANNELS / 2).reshape(depth.shape)
+    energy, used = np.empty(len(depth_m)), np.empty(len(depth_m), np.int64)
+    kernel.coherent_energies(
+        signals, preset.array.lateral_m, lateral_m, depth, path_delay(preset), aperture, energy, used
+    )
+    return energy, used
 
 
 def energy_in_depth(

@@ -224,7 +224,7 @@ class ImageReader:
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
         """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
         lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
-        energy, used = features.coherent_energy(chain.signals, self.preset, lateral_m=lateral, depth_m=depth)
+        energy, used = self._coherent_energies(chain, [lateral], [depth])
         touching, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
         )
@@ -233,7 +233,7 @@ class ImageReader:
             depth_m=depth,
             arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
             intensity=intensity,
-            coherence=min(1.0, energy / max(1.0, used)),
+            coherence=min(1.0, energy[0] / max(1, used[0])),
         )
         return arrival, touching, channels
 
@@ -246,33 +246,38 @@ class ImageReader:
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
+        peaks = strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED)
+        depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in peaks]
+        laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in peaks]
+        # All at once: one after another, they take longer than beamforming does.
+        energies = self._coherent_energies(chain, laterals, depths)[0]
         arrivals: list[Arrival] = []
-        for row, column in strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED):
-            depth = float(chain.layout.grid.depth_m[row + chain.layout.rows.start])
-            lateral = float(chain.layout.grid.lateral_m[column])
+        for (row, column), lateral, depth, energy in zip(peaks, laterals, depths, energies, strict=True):
             # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
             local = chain.profile[min(row // features.BLOCK_ROWS, len(chain.profile) - 1)]
-            if window[row, column] <= level * local:
+            # Between two columns the coherence comes out too low, by half at most: below that it need not be refined.
+            if window[row, column] <= level * local or energy <= coherent / 2:
                 continue
             if any(
                 abs(each.depth_m - depth) < apart_depth and abs(each.lateral_m - lateral) < apart_lateral
                 for each in arrivals
             ):
                 continue
-            energy, _ = features.coherent_energy(chain.signals, preset, lateral_m=lateral, depth_m=depth)
-            # Between two columns the coherence comes out too low, by half at most: below that it need not be refined.
-            if energy <= coherent / 2:
-                continue
             arrival = self._describe(chain, (row + chain.layout.rows.start, column))[0]
-            energy, _ = features.coherent_energy(
-                chain.signals, preset, lateral_m=arrival.lateral_m, depth_m=arrival.depth_m
-            )
-            if energy <= coherent:
+            if self._coherent_energies(chain, [arrival.lateral_m], [arrival.depth_m])[0][0] <= coherent:
                 continue
             arrivals.append(arrival)
             if len(arrivals) == most:
                 break
         return sorted(arrivals, key=lambda each: -each.intensity)
+
+    def _coherent_energies(
+        self, chain: _Chain, lateral_m: list[float], depth_m: list[float]
+    ) -> tuple[list[float], list[int]]:
+        energy, used = features.coherent_energies(
+            chain.signals, self.preset, lateral_m=np.array(lateral_m), depth_m=np.array(depth_m)
+        )
+        return energy.tolist(), used.tolist()
 
     def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
         level = features.found_level(chain.layout.cells, false_found=self._false_found)
