@@ -12,7 +12,7 @@ from markerseek.core import (
     Estimate,
     Found,
     Interval,
-    MarkerPrior,
+    MarkerCurve,
     NotFound,
     Sample,
     SearchError,
@@ -90,7 +90,7 @@ class Posterior(SearchPolicy):
         start_deg: float | None = None,
         cues: Iterable[str] = CUES,
         single: bool = False,
-        prior: MarkerPrior | None = None,
+        prior: MarkerCurve | None = None,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
