@@ -31,6 +31,12 @@ def command(
     single: Annotated[
         bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
     ] = False,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            help="Result (JSON) or journal of a former search on this rig: fewer acquisitions for a like marker."
+        ),
+    ] = None,
     compare: Annotated[
         str | None,
         typer.Option(
@@ -93,7 +99,7 @@ def command(
     from markerseek.cli.show_result import Output, conclude, density_of
     from markerseek.cli.terminal import announce_compilation, picture_folder
     from markerseek.core import ConfigError
-    from markerseek.runs import new_session, plan_on
+    from markerseek.runs import former_curve, new_session, plan_on
     from markerseek.search import method_named
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
@@ -117,6 +123,7 @@ def command(
         if journal is not None or method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
         compare_methods(compare, rig, options, output, acquisitions=acquisitions, as_published=as_published, stay=stay)
+    curve = None if prior is None else former_curve(prior)
     with open_rig(rig, options) as (assembled, start_deg):
         plan = plan_on(
             assembled,
@@ -126,6 +133,7 @@ def command(
             start_deg=start_deg,
             stay=stay,
             single=single,
+            prior=curve,
         )
         session = new_session(assembled, plan)
         announce_compilation()

@@ -36,6 +36,7 @@ from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, 
 from markerseek.core.image import PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
+from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
@@ -90,6 +91,7 @@ __all__ = [
     "LimitError",
     "LinearArray",
     "LocalMaxima",
+    "MarkerCurve",
     "MarkerPosition",
     "MarkerseekError",
     "Measured",

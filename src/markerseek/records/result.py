@@ -18,6 +18,7 @@ from markerseek.core import (
     Found,
     Interval,
     IntervalKind,
+    MarkerCurve,
     MarkerPosition,
     Measured,
     NotFound,
@@ -70,7 +71,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     confirmation after which the search went on is one of the ``samples``. ``marker_trus_m`` is the marker in the TRUS
     frame and ``marker_sigma_m`` its standard deviations along the turn, along the axis and in depth
     (`markerseek.core.MarkerPosition`). ``others`` are further sources, and ``surveyed`` is the share of the range in
-    which a source as loud would have been detected. ``configuration`` is the fingerprint of the rig.
+    which a source as loud would have been detected. ``curve`` is the marker's intensity curve, a prior for the next
+    search on the rig. ``configuration`` is the fingerprint of the rig.
     """
 
     found: bool
@@ -95,6 +97,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     floor: Floor | None
     others: list[OtherSource]
     surveyed: float | None
+    curve: MarkerCurve | None
     samples: list[SampleRow]
     truth_deg: float | None
     reference_deg: float | None
@@ -179,6 +182,7 @@ class Recorder:
             floor=estimate.floor,
             others=list(estimate.others),
             surveyed=estimate.surveyed,
+            curve=estimate.curve if isinstance(estimate, Found) else None,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=facts.truth_deg,
             reference_deg=facts.reference_deg,

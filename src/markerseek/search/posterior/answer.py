@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from markerseek.core import Ambiguous, AtBound, Estimate, Found, Interval, NotFound, Sample, Unsure
+from markerseek.core import (
+    LEAST_INTENSITY,
+    MOST_INTENSITY,
+    Ambiguous,
+    AtBound,
+    Estimate,
+    Found,
+    Interval,
+    MarkerCurve,
+    NotFound,
+    Sample,
+    Unsure,
+)
 from markerseek.search.floor import Noise
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
@@ -120,7 +133,16 @@ def answer_of(
         floor=floor,
         others=others,
         surveyed=surveyed,
+        curve=_curve(first),
     )
+
+
+def _curve(source: Candidate) -> MarkerCurve | None:
+    """Width and height of a source's curve; None of intensities that no reader returns."""
+    peak = source.posterior.sigma * math.exp(source.loudness)
+    if not LEAST_INTENSITY <= peak <= MOST_INTENSITY:
+        return None
+    return MarkerCurve(fwhm_deg=source.posterior.fwhm_deg, peak=peak)
 
 
 def _inside(angle_deg: float, limits: Interval) -> float:
