@@ -35,8 +35,11 @@ from markerseek.studies.unknowns import Unknowns, draw_unknowns
 from markerseek.studies.window import Window, window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
-_LARGEST_COUNTS = 1800.0
-"""Largest count of a marker in a channel, noise apart, that the converter's full scale of 2047 allows."""
+_LARGEST_COUNTS = 2000.0
+"""Largest count in a channel, of a source and `_NOISE_SIGMAS` of noise; full scale is 2047."""
+
+_NOISE_SIGMAS = 5.0
+"""Standard deviations of noise in a channel that the converter must hold beside a source."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,11 +186,12 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
     others = [_as_loud(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
-    # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it.
-    total = math.hypot(noise.white_sigma, noise.coloured_sigma)
-    gain = max(1.0, min(2.0 / total, _LARGEST_COUNTS / settings.receiver.peak_counts))
+    total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), settings.receiver.peak_counts
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image.
-    gain = min([gain, *(_LARGEST_COUNTS / _largest_count(each, model) for each in others)])
+    loudest = max([peak_counts, *(_largest_count(each, model) for each in others)])
+    # With a noise of 2 counts, rounding (variance 1/12) adds 1 % to it. Saturation that was asked for stays.
+    most = max(_LARGEST_COUNTS, peak_counts) / (loudest + _NOISE_SIGMAS * total)
+    gain = min(max(1.0, 2.0 / total), most)
     return replace(
         scene,
         absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
