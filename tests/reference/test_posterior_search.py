@@ -30,7 +30,7 @@ def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None)
         envelope = abs(signal + sigma * complex(*rng.standard_normal(2)))
         if envelope < largest:
             envelope, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))
-        return Reading(intensity=envelope, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m)
+        return Reading(intensity=envelope, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m, depth_m=40e-3)
 
     for _ in range(3):
         policy.tell(Sample(angle_deg=0.0, reading=reading(0.0, 0.0), dark=True))
@@ -39,18 +39,18 @@ def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None)
         signal = max((shape(angle_deg - marker, fwhm_deg, tail) for marker in markers), default=0.0)
         measured = reading(signal, 5e-3 + 0.01e-3 * rng.standard_normal())
         if count == outlier:
-            measured = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3)
+            measured = Reading(intensity=0.7, noise_sigma=sigma, cells=CELLS, lateral_m=-20e-3, depth_m=40e-3)
         policy.tell(Sample(angle_deg=angle_deg, reading=measured))
         count += 1
     return policy.estimate(), count
 
 
-def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, outlier=None):
+def campaign(searches, *, seed, sigma, acquisitions, target_sigma_deg=0.0, outlier=None, single=False):
     rng = np.random.default_rng(seed)
     found = []
     for index in range(searches):
         marker_deg = rng.uniform(-35, 35)
-        policy = Posterior(acquisitions=acquisitions, target_sigma_deg=target_sigma_deg)
+        policy = Posterior(acquisitions=acquisitions, target_sigma_deg=target_sigma_deg, single=single)
         answer, count = search(
             policy,
             rng=rng,
@@ -74,7 +74,7 @@ def test_eight_acquisitions_at_40_db():
 
 @pytest.mark.parametrize("outlier", [None, 1, 4])
 def test_found_is_right_with_a_outlier_frame_and_without(outlier):
-    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier)
+    answers = campaign(20, seed=2, sigma=10**-1.5, acquisitions=12, outlier=outlier, single=True)
     found = [(truth, answer) for truth, answer, _ in answers if isinstance(answer, Found)]
     assert len(found) > 5
     assert not [answer for truth, answer in found if abs(answer.mean_deg - truth) > 1]

@@ -34,6 +34,8 @@ def test_a_dip_divides_two_humps():
     at = samples([0.0, 3.0, 6.0, 9.0, 12.0], [50.0, 100.0, 40.0, 80.0, 30.0])
     assert dip_deg(at, sigma=1.0, level=6.0) == 6.0
     assert dip_deg(at[::-1], sigma=1.0, level=6.0) == 6.0
+    # Nearer to one another they are absorbers of one spot.
+    assert dip_deg(samples([0.0, 1.5, 3.0, 4.5, 6.0], [50.0, 100.0, 40.0, 80.0, 30.0]), sigma=1.0, level=6.0) is None
     # As deep as noise makes it, or below what noise reaches, it is none.
     assert dip_deg(at, sigma=20.0, level=6.0) is None
     assert dip_deg(at, sigma=1.0, level=90.0) is None
@@ -60,10 +62,10 @@ def test_no_curve_of_the_family_has_one(middle_deg, fwhm_deg, tail, knee, angles
 
 
 def test_in_the_near_field_of_an_element_a_frame_has_one_source_and_intensities_may_have_two():
-    angles = np.linspace(-6, 6, 25)
-    heights = (100 * np.exp(log_humps(angles, fwhm_deg=8.0, fresnel_number=1.5))).tolist()
+    angles = np.linspace(-15, 15, 25)
+    heights = (100 * np.exp(log_humps(angles, fwhm_deg=20.0, fresnel_number=1.5))).tolist()
     assert dip_deg(samples(angles.tolist(), heights, frames=True), sigma=1.0, level=6.0) is None
-    assert dip_deg(samples(angles.tolist(), heights), sigma=1.0, level=6.0) == pytest.approx(0.0, abs=0.6)
+    assert dip_deg(samples(angles.tolist(), heights), sigma=1.0, level=6.0) == pytest.approx(0.0, abs=1.3)
 
 
 @pytest.mark.parametrize("apart_deg", [6.0, 9.0])

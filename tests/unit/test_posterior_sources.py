@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 import pytest
 
 from markerseek.core import Arrival, LocalMaxima, Reading, Sample
+from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
 from markerseek.search.posterior.sources import Source, samples_at, sources_of
 
 COLUMNS, ROWS = 28, 40
@@ -19,8 +21,8 @@ def arrival(intensity: float, lateral_mm: float, depth_mm: float) -> Arrival:
 
 
 def blocks(loud: dict[tuple[float, float], float]) -> LocalMaxima:
-    """Blocks of 2 mm with an envelope of 2, and louder ones at some places, lateral and depth in mm."""
-    values = [2.0] * (COLUMNS * ROWS)
+    """Blocks of 2 mm with an envelope of 3.5, and louder ones at some places, lateral and depth in mm."""
+    values = [3.5] * (COLUMNS * ROWS)
     for (lateral_mm, depth_mm), intensity in loud.items():
         column, row = int((lateral_mm + 28) // 2), int(depth_mm // 2)
         values[row * COLUMNS + column] = intensity
@@ -96,27 +98,45 @@ def test_an_arrival_is_read_at_its_source_and_weak_sound_in_the_image() -> None:
         sample(20.0, arrival(50, -15.0, 30.0), loud={(5.0, 41.0): 4.5}),
     ]
     first, second = sources_of(lit, level=6.0)
-    assert [each.reading.intensity for each in samples_at(lit, (first, second), first)] == [90.0, 4.5]
-    assert [each.reading.intensity for each in samples_at(lit, (first, second), second)] == [30.0, 50.0]
+    assert [each.reading.intensity for each in samples_at(lit, (first, second), first)[0]] == [90.0, 4.5]
+    assert [each.reading.intensity for each in samples_at(lit, (first, second), second)[0]] == [30.0, 50.0]
     # Weak sound is the largest of a few hundred cells, not of a hundred thousand, and has no position of its own.
-    weak = samples_at(lit, (first, second), first)[1].reading
+    weak = samples_at(lit, (first, second), first)[0][1].reading
     assert weak.cells is not None
     assert weak.cells < 1000
     assert (weak.lateral_m, weak.coherence) == (None, None)
     # The moments of arrival are those of the largest peak of a frame.
-    assert samples_at(lit, (first, second), second)[0].reading.centroid_s is None
-    assert samples_at(lit, (first, second), second)[1].reading.centroid_s == 30e-6
+    assert samples_at(lit, (first, second), second)[0][0].reading.centroid_s is None
+    assert samples_at(lit, (first, second), second)[0][1].reading.centroid_s == 30e-6
 
 
-def test_a_place_that_another_source_covers_says_nothing() -> None:
+def test_where_another_source_covers_the_place_a_sample_is_an_upper_limit() -> None:
     lit = [sample(0.0, arrival(90, 5.0, 40.0)), sample(20.0, arrival(80, 8.3, 40.0))]
     first, second = sources_of(lit, level=6.0)
-    assert [each.angle_deg for each in samples_at(lit, (first, second), first)] == [0.0]
-    assert [each.angle_deg for each in samples_at(lit, (first, second), second)] == [20.0]
+    for source, known_deg, covered_deg in ((first, 0.0, 20.0), (second, 20.0, 0.0)):
+        own, (bound,) = samples_at(lit, (first, second), source)
+        assert [each.angle_deg for each in own] == [known_deg]
+        assert bound.angle_deg == covered_deg
+        # The limit is as noise whose largest cell is that high: it says nothing against a quieter source.
+        table = log_tables(
+            noise=bound.reading.noise_sigma / bound.reading.intensity, cells=bound.reading.cells, errors=(0.1,)
+        )[0]
+        at = [table[round((math.log(ratio) - TABLE_LOW) / TABLE_STEP)] for ratio in (0.01, 0.2, 5.0)]
+        assert at[0] == pytest.approx(at[1], abs=0.2)
+        assert at[2] < at[0] - 3
 
 
-def test_a_sample_without_positions_is_as_it_is() -> None:
+def test_of_a_reading_whose_largest_peak_is_elsewhere_only_that_is_known() -> None:
+    readings = [
+        Reading(intensity=value, lateral_m=place, depth_m=40e-3) for value, place in ((90.0, 5e-3), (40.0, 0.0))
+    ]
+    lit = [Sample(angle_deg=10.0 * index, reading=reading) for index, reading in enumerate(readings)]
+    first, second = sources_of(lit, level=6.0)
+    assert [[each.angle_deg for each in part] for part in samples_at(lit, (first, second), second)] == [[10.0], [0.0]]
+
+
+def test_a_sample_without_positions_is_of_no_place() -> None:
     bare = Sample(angle_deg=3.0, reading=Reading(intensity=7.0))
     place = Source(lateral_m=0.0, depth_m=40e-3, angle_deg=0.0, intensity=9.0)
-    assert samples_at([bare], (place,), place) == [bare]
+    assert samples_at([bare], (place,), place)[0] == []
     assert sources_of([bare], level=1.0) == ()

@@ -37,6 +37,7 @@ from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
+from markerseek.core.prior import MarkerPrior
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
     LEAST_INTENSITY,
@@ -87,6 +88,7 @@ __all__ = [
     "LimitError",
     "LinearArray",
     "LocalMaxima",
+    "MarkerPrior",
     "MarkerseekError",
     "Measured",
     "MissingExtraError",

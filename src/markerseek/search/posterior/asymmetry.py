@@ -1,19 +1,21 @@
 """How far the centre of the intensity curve may lie from the marker: a nuisance parameter of asymmetric markers.
 
 The curve of a point is symmetric. That of a stained spot is not: its absorbers interfere, and the centre of the curve
-lies a tenth or two of a degree beside the centre of the spot; a tilted spot or tissue on the way shifts it as well. All
+lies some tenths of a millimetre beside the centroid of the spot; tissue on the way shifts it as well. All
 samples of one curve share its centre, so that more of them do not show the shift: it is a bias, and the posterior is
 widened by it,
 
-    p(θ) = (1 − u)·q(θ) + u·∫ q(θ') N(θ − θ'; 0, (a + bF)²) dθ',                                              (10)
+    p(θ) = (1 − u)·q(θ) + u·∫ q(θ') N(θ − θ'; 0, (a/ρ)² + (bF)²) dθ',                                         (10)
 
 with q the posterior of the centre, u the probability that the marker is asymmetric (`PRIOR` before any sample), and the
-standard deviation of its shift `SHIFT_DEG` and `SHIFT` times the full width F, added as squares.
+standard deviation of its shift from a = `SHIFT_M` at the marker's distance ρ from the axis and b = `SHIFT` times the
+full width F. a is that of the simulated spots of 0.4 to 1.2 mm radius, rounded down to what `Found` can state.
 
 Point and spot differ in what else they show. The lateral position and the coherence of a point are the same at every
-angle (to 0.01 mm and 5 % over the physics table, at a wrong speed of sound or not); of a spot, different absorbers may
-dominate at different angles. And the sound of most spots is not coherent over the aperture, whereas that of a point
-is, unless it is focused with a wrong speed of sound. The three of them revise u by Bayes' rule.
+angle (to 0.55 mm over the SNR, five times that where a pulse of half a microsecond leaves low frequencies only; and to
+5 %, at a wrong speed of sound or not); of a spot, different absorbers may dominate at different angles. And the sound
+of most spots is not coherent over the aperture, whereas that of a point is, unless it is focused with a wrong speed of
+sound. The three of them revise u by Bayes' rule.
 """
 
 from __future__ import annotations
@@ -23,14 +25,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core import Float64, Sample
+from markerseek.core import Float64, Reading, Sample
 
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_DEG, SHIFT = 0.18, 0.012
-"""Standard deviation of the shift of an asymmetric marker's curve: a constant part in degrees, and a part over the full
-width at half maximum."""
+SHIFT_M, SHIFT = 0.23e-3, 0.012
+"""Standard deviation of the shift of an asymmetric marker's curve: a length in metres, seen from the axis, and a part
+over the full width at half maximum."""
+
+USUAL_RADIUS_M = 55e-3
+"""Distance of the marker from the axis in metres, where frames do not say it."""
+
+FACE_RADIUS_M = 10e-3
+"""Distance of the array's face from the axis in metres, the middle of the physics table."""
 
 COHERENCE_SNR = 12.0
 """Intensity over σ from which lateral position and coherence are compared."""
@@ -42,14 +50,30 @@ COHERENT = 0.95
 """Coherence, noise apart, of one in twenty spots or less and of one point in three or more."""
 
 _COHERENT_ODDS, _INCOHERENT_ODDS = math.log(0.05 / 0.35), math.log(0.95 / 0.65)
-_LATERAL_M, _LATERAL_NOISE_M = 0.02e-3, 1.0e-3
+_LATERAL_M, _LATERAL_NOISE_M, _LONG_S = 10e-6, 0.55e-3, 420e-9
 _COHERENCE, _CHANNELS = 0.03, 60.0
 _SCATTERS = np.array([0.0, 0.0, 0.0, 2.0, 6.0, 18.0])
 
 
-def shift_sigma_deg(fwhm_deg: float) -> float:
-    """Standard deviation of the shift of an asymmetric marker's curve, in degrees."""
-    return math.hypot(SHIFT_DEG, SHIFT * fwhm_deg)
+def shift_sigma_deg(fwhm_deg: float, *, depth_m: float | None) -> float:
+    """Standard deviation of the shift of an asymmetric marker's curve, in degrees.
+
+    Parameters
+    ----------
+    fwhm_deg
+        Full width at half maximum of the curve, in degrees.
+    depth_m
+        Distance of the marker from the array's face in metres; None if unknown.
+    """
+    radius_m = USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
+    return math.hypot(math.degrees(SHIFT_M / radius_m), SHIFT * fwhm_deg)
+
+
+def _lateral_sigma_m(reading: Reading, snr: float) -> float:
+    """Standard deviation of the lateral position of a point's peak, in metres."""
+    # The sound of a long pulse has low frequencies only, whose peak is wide along the array.
+    long = max(1.0, ((reading.spread_s or 0.0) / _LONG_S) ** 4)
+    return math.hypot(_LATERAL_M, _LATERAL_NOISE_M * long / snr)
 
 
 def asymmetry_probability(lit: Sequence[Sample], *, sigma: float, marker_m: float | None) -> float:
@@ -70,7 +94,7 @@ def asymmetry_probability(lit: Sequence[Sample], *, sigma: float, marker_m: floa
         if snr < COHERENCE_SNR or marker_m is None:
             continue
         if reading.lateral_m is not None and abs(reading.lateral_m - marker_m) < SAME_PLACE_M:
-            places.append((reading.lateral_m, math.hypot(_LATERAL_M, _LATERAL_NOISE_M / snr)))
+            places.append((reading.lateral_m, _lateral_sigma_m(reading, snr)))
             if reading.coherence is not None:
                 # Noise has a share of the channels' energy that grows with the number of channels in the sum.
                 noise = 2 * _CHANNELS / snr**2

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Interval, OtherSource, Sample
+from markerseek.core import Interval, MarkerPrior, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, missing_evidence
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
@@ -137,13 +137,18 @@ class Candidates:
         As for `Inference`; without "lateral" all samples are of one source.
     single
         Whether there is one source only, so that a dip does not divide the samples.
+    prior
+        What is known of the curves before the first sample; None: what the physics table says.
     """
 
-    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool) -> None:
+    def __init__(
+        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool, prior: MarkerPrior | None
+    ) -> None:
         self._limits = limits
         self._shapes = shapes
         self._cues = cues
         self._single = single
+        self._prior = prior
         # Only that of the first is kept: what an answer computes of the others must not change what comes later.
         self._first = self._new()
 
@@ -161,7 +166,7 @@ class Candidates:
         """
         for group in self._groups(lit, noise):
             # A background that is the same at all angles may be louder than the marker, and is none.
-            if missing_evidence(group.samples, dark=dark, noise=noise) is None:
+            if missing_evidence([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
                 return _candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
         everything = _Group(source=None, side="both", samples=lit)
@@ -193,9 +198,13 @@ class Candidates:
         """
         found = []
         for group in self._groups(lit, noise):
-            if (group.source, group.side) == (first.source, first.side) or _is_background(group.samples):
+            # Where no place is evidence, all samples count together already.
+            counted = (group.source, group.side) == (first.source, first.side) or (
+                first.source is None and group.source is not None
+            )
+            if counted or _is_background(group.samples):
                 continue
-            missing = missing_evidence(group.samples, dark=dark, noise=noise)
+            missing = missing_evidence([*group.samples, *group.bounds], dark=dark, noise=noise)
             if missing is None and _seen(group.samples, noise) < 2:
                 missing = "it was seen in one acquisition only"
             # Of a new inference each: what an answer computes of the others must not change what comes later.
@@ -210,9 +219,9 @@ class Candidates:
         if "lateral" in self._cues and noise.floor.level is not None:
             sources = sources_of(lit, level=noise.floor.level)
             for source in sources:
-                at = samples_at(lit, sources, source)
-                if not _is_burst(at, source, noise):
-                    groups += self._divided(_Group(source=source, side="both", samples=at), noise)
+                own, bounds = samples_at(lit, sources, source)
+                if not _is_burst(own, source, noise):
+                    groups += self._divided(_Group(source=source, side="both", samples=own, bounds=bounds), noise)
         if not groups:
             groups = self._divided(_Group(source=None, side="both", samples=lit), noise)
         return sorted(groups, key=lambda group: -_strongest(group.samples))
@@ -229,13 +238,14 @@ class Candidates:
         high = [sample for sample in group.samples if sample.angle_deg > dip]
         middle = [at_most(sample) for sample in group.samples if sample.angle_deg == dip]
         # Beyond the dip a curve is no higher than what was measured of both.
+        middle += group.bounds
         return [
             _Group(source=group.source, side="low", samples=low, bounds=[*middle, *map(at_most, high)]),
             _Group(source=group.source, side="high", samples=high, bounds=[*middle, *map(at_most, low)]),
         ]
 
     def _new(self) -> Inference:
-        return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues)
+        return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
 
 
 def _candidate(group: _Group, missing: str | None, inference: Inference, noise: Noise, particles: int) -> Candidate:

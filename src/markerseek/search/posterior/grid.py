@@ -92,6 +92,8 @@ class Grid:
         Number of amplitudes.
     blur
         Relative error that the grid's own steps add to the model's.
+    loudness
+        Mean and standard deviation of ln amplitude in the prior; None: any is as probable.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class Grid:
         phases: int,
         amplitudes: int,
         blur: float,
+        loudness: tuple[float, float] | None = None,
     ) -> None:
         self.angles_deg = angles_deg
         self.members = members
@@ -116,8 +119,17 @@ class Grid:
         self._cube: Float32[np.ndarray, "angles shapes amplitudes"] = np.zeros(
             (angles_deg.size, members.size, amplitudes), np.float32
         )
+        if loudness is not None:
+            mean, sigma = loudness
+            self._cube += (-((self.log_amplitude - mean) ** 2) / (2 * sigma**2)).astype(np.float32)
+        self._loudness = loudness
         self._weight = np.empty_like(self._cube)
         self._alive = np.ones((angles_deg.size, members.size), np.bool_)
+
+    @property
+    def loudness(self) -> tuple[float, float] | None:
+        """Prior of ln amplitude, as given."""
+        return self._loudness
 
     @property
     def step_amplitude(self) -> float:
@@ -211,6 +223,7 @@ def finer(
         phases=phases,
         amplitudes=AMPLITUDES,
         blur=_blur(step_deg),
+        loudness=coarse.loudness,
     )
     for observation in observations:
         grid.add(observation)

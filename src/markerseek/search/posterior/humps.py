@@ -30,6 +30,9 @@ LEAST_DIP, NEAR_FIELD_DIP = 0.1, 0.35
 ALIKE_DEG = 1.0
 """Samples nearer than this are alike on any curve: a burst or a misfire among them is neither hump nor dip."""
 
+HUMPS_APART_DEG = 5.0
+"""Least distance of two humps, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
+
 TOP_SHARES = (-0.35, 0.0, 0.35)
 """Angles about the answer, over the full width at half maximum, at which a dip would show."""
 
@@ -60,7 +63,12 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
     least = np.maximum(
         DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * lower), (NEAR_FIELD_DIP if placed else LEAST_DIP) * lower
     )
-    deep = np.where((drop > least) & (lower > level), drop, 0.0)
+    # Where the humps are that a sample lies between.
+    inner = np.arange(1, len(order) - 1)
+    apart_deg = np.array(
+        [angle_deg[k + 1 + np.argmax(hump[k + 1 :])] - angle_deg[np.argmax(hump[:k])] for k in inner.tolist()]
+    )
+    deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG), drop, 0.0)
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
 
 

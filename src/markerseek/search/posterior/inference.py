@@ -15,13 +15,14 @@ from functools import partial
 
 import numpy as np
 
-from markerseek.core import Float64, Int64, Interval, Sample
+from markerseek.core import Float64, Int64, Interval, MarkerPrior, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
 from markerseek.search.posterior.arrival import Moments, moments_of
 from markerseek.search.posterior.asymmetry import asymmetry_probability, shift_sigma_deg, shifted_density
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
+from markerseek.search.posterior.prior import loudness_of, shapes_with
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.symmetry import (
     LEAST_STRONG,
@@ -92,10 +93,15 @@ class Inference:
         Family of curves.
     cues
         Which of "intensity", "arrival" and "lateral" count.
+    prior
+        What is known of the curve before the first sample; None: what the physics table says.
     """
 
-    def __init__(self, *, limits: Interval, shapes: Shapes, cues: frozenset[str]) -> None:
-        self._shapes = shapes
+    def __init__(
+        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], prior: MarkerPrior | None = None
+    ) -> None:
+        self._shapes = shapes if prior is None else shapes_with(shapes, prior)
+        self._prior = prior
         self._cues = cues
         step_deg = limits.width_deg / COARSE_STEPS
         self._coarse_deg = limits.low_deg + step_deg * np.arange(-BEYOND_STEPS, COARSE_STEPS + BEYOND_STEPS + 1)
@@ -169,6 +175,7 @@ class Inference:
                 phases=15,
                 amplitudes=18,
                 blur=0.125,
+                loudness=None if self._prior is None else loudness_of(self._prior, unit=self._scale.unit),
             )
         for sample in lit[len(self._observations) :]:
             observation = self._scale.observation(sample, use_lateral="lateral" in self._cues)
@@ -191,7 +198,8 @@ class Inference:
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
         angle_deg, share = centre.angles_deg, centre.share
-        sigma_deg = shift_sigma_deg(centre.fwhm_deg)
+        strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
+        sigma_deg = shift_sigma_deg(centre.fwhm_deg, depth_m=strongest.depth_m)
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
         if "intensity" not in self._cues or step_deg > sigma_deg:

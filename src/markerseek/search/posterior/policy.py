@@ -12,6 +12,7 @@ from markerseek.core import (
     Estimate,
     Found,
     Interval,
+    MarkerPrior,
     NotFound,
     Sample,
     SearchError,
@@ -69,6 +70,8 @@ class Posterior(SearchPolicy):
         Which of `CUES` are used: "intensity", "arrival", "lateral" (places in the image).
     single
         Whether there is one source only: the search then looks for no other, and ends earlier.
+    prior
+        Width and height of the curve of a former marker on this rig; None if there was none.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class Posterior(SearchPolicy):
         start_deg: float | None = None,
         cues: Iterable[str] = CUES,
         single: bool = False,
+        prior: MarkerPrior | None = None,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -105,7 +109,7 @@ class Posterior(SearchPolicy):
         self._target_deg = target_sigma_deg
         self._descending = start_deg is not None and start_deg > limits.centre_deg
         self._single = single
-        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single)
+        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single, prior=prior)
         self._asked = 0
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
@@ -256,11 +260,13 @@ class Posterior(SearchPolicy):
 
     def _another_look_deg(self, source: Candidate) -> float:
         """Next angle for a source other than the loudest, in degrees."""
-        if source.source is None or source.seen > 1:
+        top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
+        beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
+        if beside > 1 or (source.source is not None and source.seen > 1):
             return self._informative_deg(source)
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
-        inwards = 1 if source.source.angle_deg < self._limits.centre_deg else -1
-        return source.source.angle_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
+        inwards = 1 if top_deg < self._limits.centre_deg else -1
+        return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(

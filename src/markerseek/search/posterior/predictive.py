@@ -62,7 +62,8 @@ def unconfirmed(source: Candidate, confirmation: Sample, shapes: Shapes) -> str 
     """
     here = confirmation
     if source.source is not None:
-        here = next(iter(samples_at([confirmation], [source.source], source.source)), confirmation)
+        own, bounds = samples_at([confirmation], [source.source], source.source)
+        (here,) = own or bounds
     height, spread = _prediction(source.posterior, shapes, [here])
     if here.reading.intensity >= height[0] - PREDICTION_SIGMAS * spread[0]:
         return None

@@ -133,11 +133,11 @@ def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
     return tuple(found)
 
 
-def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source) -> list[Sample]:
-    """Return the samples as they are at the place of one source: its strongest arrival, or the image there.
+def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source) -> tuple[list[Sample], list[Sample]]:
+    """Return the samples as they are at the place of one source, and those that say only how loud it is at most.
 
-    A sample without positions, as of a file of intensities, is returned as it is. One in which another source covers
-    the place says only how loud this one is at most (`at_most`).
+    The former hold its strongest arrival, or the image at its place; the latter (`at_most`) are those in which another
+    source covers the place, and readings of which only the largest peak is known, which is elsewhere.
 
     Parameters
     ----------
@@ -148,11 +148,16 @@ def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source)
     source
         One of them.
     """
-    at = (_sample_at(sample, sources, source) for sample in lit)
-    return [sample for sample in at if sample is not None]
+    own: list[Sample] = []
+    bounds: list[Sample] = []
+    for sample in lit:
+        at, known = _sample_at(sample, sources, source)
+        (own if known else bounds).append(at)
+    return own, bounds
 
 
-def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> Sample | None:
+def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tuple[Sample, bool]:
+    """A sample at the place of a source, and whether it is more than an upper limit."""
     reading, angle_deg = sample.reading, sample.angle_deg
     here: list[Arrival] = []
     elsewhere: list[Arrival] = []
@@ -162,17 +167,17 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> Sam
         (here if mine else elsewhere).append(arrival)
     if here:
         arrival = max(here, key=lambda each: each.intensity)
-        return replace(sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None)
-    if reading.local_maxima is None:
-        return replace(sample, frame=None)
-    looked_up = reading.local_maxima.near(
-        lateral_m=source.lateral_m,
-        low_depth_m=source.depth_m - NEAR_M,
-        high_depth_m=source.depth_m + NEAR_M + source.moveout_m(angle_deg),
-        within_m=NEAR_M,
-    )
+        return replace(sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None), True
+    looked_up = None
+    if reading.local_maxima is not None:
+        looked_up = reading.local_maxima.near(
+            lateral_m=source.lateral_m,
+            low_depth_m=source.depth_m - NEAR_M,
+            high_depth_m=source.depth_m + NEAR_M + source.moveout_m(angle_deg),
+            within_m=NEAR_M,
+        )
     if looked_up is None:
-        return None
+        return at_most(sample), False
     weak = replace(
         reading,
         intensity=looked_up[0],
@@ -184,9 +189,10 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> Sam
         spread_s=None,
         coherence=None,
     )
-    here_then = replace(sample, reading=weak, frame=None)
-    covered = any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere)
-    return at_most(here_then) if covered else here_then
+    looked_at = replace(sample, reading=weak, frame=None)
+    if any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere):
+        return at_most(looked_at), False
+    return looked_at, True
 
 
 def at_most(sample: Sample) -> Sample:
