@@ -136,6 +136,17 @@ def test_a_second_source_is_as_loud_in_the_image_as_was_drawn(trial: int) -> Non
     assert near[0].intensity / on.intensity == pytest.approx(draw.scene.second.strength, rel=0.05)
 
 
+def test_no_noise_saturates_the_frames_of_a_drawn_rig() -> None:
+    """At 20 dB the noise of a channel is as large as the signal; it reached full scale in one rig of six."""
+    noisy = replace(FRAMES, scene=SceneSettings(), rig=SimulatedSettings(noise=NoiseSettings(peak_snr_db=20.0)))
+    for trial in range(12):
+        draw = draw_trial(noisy, cells(noisy)[0], trial)
+        rig = study_rig(noisy, cells(noisy)[0], draw)
+        for reading in (rig.scanner.measure_dark().reading, rig.scanner.measure(draw.marker_deg).reading):
+            assert reading.saturated_fraction is not None
+            assert reading.saturated_fraction <= 0.02
+
+
 PLAIN_DEG = -13.638073461661964
 """Computed by the version before there were scenes."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -34,8 +35,11 @@ from markerseek.studies.unknowns import Unknowns, draw_unknowns
 from markerseek.studies.window import Window, window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
-_LARGEST_COUNTS = 1800.0
-"""Largest count of a source in a channel, noise apart, that the converter's full scale of 2047 allows."""
+_LARGEST_COUNTS = 2000.0
+"""Largest count in a channel, of a source and `_NOISE_SIGMAS` of noise; full scale is 2047."""
+
+_NOISE_SIGMAS = 5.0
+"""Standard deviations of noise in a channel that the converter must hold beside a source."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,8 +186,11 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
     others = [_as_loud(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
+    total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image.
-    gain = min([1.0, *(_LARGEST_COUNTS / _largest_count(each, model) for each in others)])
+    loudest = max([peak_counts, *(_largest_count(each, model) for each in others)])
+    # Saturation that was asked for stays.
+    gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (loudest + _NOISE_SIGMAS * total))
     return replace(
         scene,
         absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
