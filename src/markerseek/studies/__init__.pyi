@@ -9,6 +9,7 @@ from .study_file import read_study
 from .summary import Difference, Summary, summarise
 from .table import columns, read_rows, values_of
 from .tally import FAILURE_DEG, PolicySummary
+from .tracking import Track, stage_period_s, track
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -28,6 +29,7 @@ __all__ = [
     "Share",
     "Study",
     "Summary",
+    "Track",
     "World",
     "cells",
     "columns",
@@ -41,6 +43,8 @@ __all__ = [
     "run_row",
     "run_study",
     "run_trial",
+    "stage_period_s",
     "summarise",
+    "track",
     "values_of",
 ]
