@@ -33,6 +33,7 @@ SHORT = {
     "signals": "frame to reading",
     "acoustics": "angle to sound",
     "calibration": "scan to constants",
+    "vision": "objects in images",
     "core": "values, protocols, events, errors",
 }
 

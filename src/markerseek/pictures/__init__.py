@@ -4,6 +4,7 @@ from markerseek.pictures.bank_picture import bank_figure
 from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
+from markerseek.pictures.overlay_picture import overlay_figure
 from markerseek.pictures.page import write_from_template, write_page
 from markerseek.pictures.search_picture import search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
@@ -16,6 +17,7 @@ __all__ = [
     "bank_figure",
     "frame_figure",
     "new_figure",
+    "overlay_figure",
     "panel_grid",
     "png_data_uri",
     "put_heading",
