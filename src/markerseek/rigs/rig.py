@@ -16,7 +16,7 @@ from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader
-from markerseek.sim import SimulatedSettings
+from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.vision import TipSettings
 
 
@@ -132,7 +132,7 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
     Frames are not included. Unknown metadata are left out, so that the fingerprint does not change when a later version
     adds a field.
     """
-    plain: object = of
+    plain: object = hashable_values(of) if isinstance(of, SimulatedSettings) else of
     if isinstance(of, IntensityBank | FrameBank):
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}

@@ -13,7 +13,14 @@ from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
-from markerseek.sim.settings import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+from markerseek.sim.settings import (
+    LaserSettings,
+    MarkerSettings,
+    NoiseSettings,
+    ReceiverSettings,
+    SimulatedSettings,
+    hashable_values,
+)
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
@@ -50,6 +57,7 @@ __all__ = [
     "VirtualClock",
     "World",
     "flash_of",
+    "hashable_values",
     "largest_noise",
     "post_beamformed",
     "tissue_named",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
+
+import msgspec
 
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval, require_range
@@ -184,3 +186,23 @@ class SimulatedSettings:
         angle_deg = self.marker.angle_deg
         if angle_deg is not None and not -90 <= angle_deg <= 90:
             raise ConfigError(f"marker: angle_deg is {angle_deg} deg, it must lie between -90 and 90 deg")
+
+
+def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
+    """Settings as plain values for a hash, without those that are newer than the hashes and have their default.
+
+    Seeds of studies and fingerprints of rigs are such hashes: a new setting that is not used must not change them.
+
+    Parameters
+    ----------
+    settings
+        Of a simulated rig.
+    """
+    values: dict[str, Any] = msgspec.to_builtins(settings)
+    usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
+    for part, name in (("receiver", "data"), ("receiver", "receive_focus_m")):
+        if values[part][name] == usual[part][name]:
+            del values[part][name]
+    if values["b_mode"] == usual["b_mode"]:
+        del values["b_mode"]
+    return values

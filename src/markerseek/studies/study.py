@@ -25,7 +25,7 @@ import msgspec
 from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.files import require_choice, require_key
-from markerseek.sim import SimulatedSettings
+from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World
 
@@ -143,7 +143,8 @@ class Cell:
 @lru_cache(maxsize=32)
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
-    return _hashed([msgspec.to_builtins(study), __version__]).hexdigest()[:16]
+    values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    return _hashed([values, __version__]).hexdigest()[:16]
 
 
 @lru_cache(maxsize=32)
@@ -161,6 +162,8 @@ def cells(study: Study) -> tuple[Cell, ...]:
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key.split("."), value, whole=key)
+        if world.rig.receiver.data != "channels":
+            raise ConfigError(f'rig.receiver.data is "{world.rig.receiver.data}"; a study computes channel data only')
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
         if world.rig.noise.coloured and study.level == "readings":
@@ -170,7 +173,9 @@ def cells(study: Study) -> tuple[Cell, ...]:
         if study.drawn == "everything":
             _require_default(world.rig)
         # Of the settings without the version and the index: a cell keeps its markers when others are added.
-        digest = int.from_bytes(_hashed(msgspec.to_builtins(world)).digest()[:8], "big")
+        digest = int.from_bytes(
+            _hashed(msgspec.to_builtins(world) | {"rig": hashable_values(world.rig)}).digest()[:8], "big"
+        )
         made.append(Cell(index=index, varied=varied, world=world, digest=digest))
     return tuple(made)
 
