@@ -92,3 +92,32 @@ def test_settings_that_do_not_fit_are_refused():
         ReceiverSettings(receive_focus_m=0.03)
     with pytest.raises(ConfigError, match="receiver: receive_focus_m is nan m"):
         ReceiverSettings(data="rf", receive_focus_m=float("nan"))
+
+
+def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
+    """The hashes of a rig and of a study from before RF lines and B-mode images; a study's seeds are made of them."""
+    from markerseek.rigs import fingerprint
+    from markerseek.studies import cells
+    from markerseek.studies.paper.curve_runs import Condition, study_of
+
+    assert fingerprint(SimulatedSettings()) == "b147248e16205b8115e71afbb0e70af7"
+    assert fingerprint(RF) != fingerprint(TIP) != fingerprint(SimulatedSettings())
+    study = study_of(Condition(source_radius_m=0.15e-3, peak_snr_db=40.0), seed=1, trials=3, sweeps=(8,))
+    assert cells(study)[0].digest == 7318545960020396796
+
+
+@pytest.mark.parametrize("data", ["rf", "b-mode"])
+def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, data):
+    from markerseek.studies import PolicySettings, Study
+
+    with pytest.raises(ConfigError, match="a study computes channel data only"):
+        Study(
+            name="a",
+            trials=1,
+            seed=1,
+            policies=(PolicySettings(method="ternary"),),
+            rig=SimulatedSettings(receiver=ReceiverSettings(data=data)),
+        )
+    (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\ndata = "{data}"\n')
+    code, _, err = shell("emulate", "daq", "--rig", tmp_path / "rig.toml", "--dir", tmp_path / "daq")
+    assert (code, "a SonixDAQ gives channel data" in err) == (2, True), err

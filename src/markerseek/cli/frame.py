@@ -15,7 +15,9 @@ from markerseek.cli.terminal import announce_compilation, picture_folder, print_
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
-    from markerseek.core import ChannelFrame, RFFrame
+    import numpy as np
+
+    from markerseek.core import ChannelFrame, RFFrame, ScanGeometry
     from markerseek.signals import FrameFindings, ImageReader, SpareReader
 
 NAME = "frame"
@@ -83,6 +85,13 @@ def command(
         float | None,
         typer.Option(help="Depth of a fixed receive focus, with --spare.", show_default="dynamic focus"),
     ] = None,
+    over: Annotated[
+        Path | None,
+        typer.Option(help="B-mode image of the same angle under the picture, with --plot: a .b8, .png or .dcm."),
+    ] = None,
+    over_pixel_mm: Annotated[
+        float | None, typer.Option(help="Size of its pixels.", show_default="as its file says")
+    ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
@@ -90,6 +99,7 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
+    from markerseek.cli.overlay import b_mode_under
     from markerseek.cli.ultrasonix import open_for_spare, show_ultrasonix
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
     from markerseek.rigs import chosen_probe
@@ -97,8 +107,9 @@ def command(
 
     folder = picture_folder(out, plot=plot)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
+    _require_over(over, over_pixel_mm, plot=plot)
     if file.suffix.lower() in ULTRASONIX_SUFFIXES and not spare:
-        _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm)
+        _require_none(probe=probe, min_depth_mm=min_depth_mm, max_depth_mm=max_depth_mm, over=over)
         show_ultrasonix(file, number=number, plot=plot, out=folder, as_json=as_json)
         return
     if number != 1 and not spare:
@@ -106,20 +117,23 @@ def command(
     # The public data set was recorded with one probe, which its files do not name.
     preset = chosen_probe(probe or (MAT_PROBE if file.suffix.lower() == ".mat" else PRESET_NAMES[0]))
     probe = preset.name
-    for option, value in (("--min-depth-mm", min_depth_mm), ("--max-depth-mm", max_depth_mm)):
-        if value is not None and not 0 <= value <= _MOST_MM:
-            raise ConfigError(f"{option} is {value:g}, it must lie between 0 and {_MOST_MM:g} mm")
+    low_m, high_m = _depth_m("--min-depth-mm", min_depth_mm), _depth_m("--max-depth-mm", max_depth_mm)
     reader: ImageReader | SpareReader
     frame: ChannelFrame | RFFrame
-    low_m, high_m = _metres(min_depth_mm), _metres(max_depth_mm)
     if spare:
-        focus_m = _metres(receive_focus_mm)
+        focus_m = None if receive_focus_mm is None else receive_focus_mm / 1e3
         reader, frame = open_for_spare(
             file, number=number, probe=probe, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m
         )
     else:
         reader = ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
         frame = load_frame(file, sampling_hz=preset.sampling_hz)
+    under = None
+    if over is not None:
+        # Before the frame is imaged: a wrong name is said at once.
+        under = b_mode_under(
+            over, number=number, preset=reader.preset, samples=frame.samples.shape[1], pixel_mm=over_pixel_mm
+        )
     announce_compilation()
     try:
         findings = reader.findings(frame)
@@ -131,7 +145,7 @@ def command(
         _print_table(findings, file, probe)
     if plot:
         path = folder / f"{file.stem if file.is_file() else file.name}.png"
-        _draw(findings, reader.picture(frame), path, title=f"{file.name}, probe {probe}, {reader.method}")
+        _draw(findings, reader.picture(frame), path, under=under, title=f"{file.name}, probe {probe}, {reader.method}")
         (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if findings.found else 3)
 
@@ -152,8 +166,20 @@ def _require_none(**given: object) -> None:
             raise ConfigError(f"{option} is for channel data, which an Ultrasonix file does not hold; leave it out")
 
 
-def _metres(value_mm: float | None) -> float | None:
-    return None if value_mm is None else value_mm / 1e3
+def _require_over(over: Path | None, pixel_mm: float | None, *, plot: bool) -> None:
+    """Refuse a B-mode image without a picture, and the size of its pixels without it."""
+    if over is not None and not plot:
+        raise ConfigError(f"--over {over}: it is drawn under the picture, and none is asked for; add --plot")
+    if over is None and pixel_mm is not None:
+        raise ConfigError(f"--over-pixel-mm is {pixel_mm:g}, and only --over uses it; leave it out")
+
+
+def _depth_m(option: str, value_mm: float | None) -> float | None:
+    if value_mm is None:
+        return None
+    if not 0 <= value_mm <= _MOST_MM:
+        raise ConfigError(f"{option} is {value_mm:g}, it must lie between 0 and {_MOST_MM:g} mm")
+    return value_mm / 1e3
 
 
 def _report(findings: FrameFindings, probe: str, *, method: str) -> FrameReport:
@@ -202,15 +228,27 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
         stdout.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
 
 
-def _draw(findings: FrameFindings, picture: PaImage, path: Path, *, title: str) -> None:
-    from markerseek.pictures import frame_figure, save_png
+def _draw(
+    findings: FrameFindings,
+    picture: PaImage,
+    path: Path,
+    *,
+    under: tuple[np.ndarray, ScanGeometry] | None,
+    title: str,
+) -> None:
+    from markerseek.pictures import frame_figure, overlay_figure, save_png
 
     arrivals = (findings.strongest, *findings.others) if findings.found else ()
+    marks_m = [(each.lateral_m, each.depth_m) for each in arrivals]
+    if under is not None:
+        title = f"{title}, over B-mode: {'source circled' if arrivals else 'no source'}"
+        save_png(overlay_figure(*under, picture, marks_m=marks_m, title=title), path)
+        return
     figure = frame_figure(
         picture.envelope,
         lateral_m=picture.lateral_m,
         depth_m=picture.depth_m,
-        marks_m=[(each.lateral_m, each.depth_m) for each in arrivals],
+        marks_m=marks_m,
         title=f"{title}: {'arrivals numbered' if arrivals else 'no source'}",
     )
     save_png(figure, path)

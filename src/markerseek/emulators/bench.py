@@ -56,6 +56,10 @@ class EmulatedBench:
         stage: Kdc101Settings | None = None,
         sdk: Literal[5, 6] = 6,
     ) -> None:
+        if settings.receiver.data != "channels":
+            raise ConfigError(
+                f'receiver.data is "{settings.receiver.data}", and a SonixDAQ gives channel data; leave it out'
+            )
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
         self.world = World(

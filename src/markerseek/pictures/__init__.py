@@ -5,6 +5,7 @@ from markerseek.pictures.comparison_picture import ComparedSearch, comparison_fi
 from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
 from markerseek.pictures.frame_picture import frame_figure
 from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
+from markerseek.pictures.overlay_picture import overlay_figure
 from markerseek.pictures.page import write_from_template, write_page
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
@@ -21,6 +22,7 @@ __all__ = [
     "comparison_figure",
     "frame_figure",
     "new_figure",
+    "overlay_figure",
     "panel_grid",
     "png_data_uri",
     "put_heading",

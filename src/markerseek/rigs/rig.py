@@ -17,7 +17,7 @@ from markerseek.rigs.probe_file import probe_settings
 from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader
-from markerseek.sim import SimulatedSettings
+from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.vision import TipSettings
 
 
@@ -134,7 +134,7 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
     Frames are not included. Unknown metadata are left out, so that the fingerprint does not change when a later version
     adds a field.
     """
-    plain: object = of
+    plain: object = hashable_values(of) if isinstance(of, SimulatedSettings) else of
     if isinstance(of, IntensityBank | FrameBank):
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}

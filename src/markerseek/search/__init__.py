@@ -14,9 +14,11 @@ from markerseek.search.methods import METHODS, Method, build, method_named, most
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
+from markerseek.search.tracking import FLANK_SHARE, Tracker
 
 __all__ = [
     "FALSE_FOUND",
+    "FLANK_SHARE",
     "GOLDEN",
     "METHODS",
     "TERNARY",
@@ -29,6 +31,7 @@ __all__ = [
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
+    "Tracker",
     "WeightedAverage",
     "build",
     "check_acquisitions",

@@ -21,6 +21,7 @@ from markerseek.sim.settings import (
     ReceiverSettings,
     SimulatedSettings,
     changed_settings,
+    hashable_values,
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
@@ -63,6 +64,7 @@ __all__ = [
     "endoscope",
     "facing",
     "flash_of",
+    "hashable_values",
     "largest_noise",
     "post_beamformed",
     "spot_images",

@@ -37,7 +37,7 @@ REACH_DEG = 8.0
 _PULSE_M, _BEAM_M = 0.12e-3, 0.25e-3
 """Standard deviations of pulse (depth) and beam (lateral): FWHM 0.28 and 0.6 mm, as of 6.5 MHz at f-number 2."""
 
-_RESPONSE_STEP_M = 5e-3
+_RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,10 +218,11 @@ class BModeWorld:
         return field
 
     def _nodes_m(self) -> Float64[np.ndarray, " nodes"]:
+        """Distances from the axis at which the response is computed; at the face it is that of 2 mm before it."""
         radius_m = self._radius_m()
-        return np.linspace(
-            radius_m[0], radius_m[-1], max(2, math.ceil((radius_m[-1] - radius_m[0]) / _RESPONSE_STEP_M))
-        )
+        first_m = max(float(radius_m[0]), self._probe.face_radius_m + _NEAREST_M)
+        count = max(2, math.ceil((radius_m[-1] - first_m) / _RESPONSE_STEP_M))
+        return np.linspace(first_m, float(radius_m[-1]), count)
 
     def _layers(self) -> Float64[np.ndarray, " rows"]:
         """Amplitude of the scatterers in each row: pad, tissue, its surface, air."""

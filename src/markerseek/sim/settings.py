@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
+
+import msgspec
 
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval, require_range
@@ -225,3 +227,27 @@ def changed_settings(
     if readout_s is not None:
         settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
     return settings
+
+
+def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
+    """Settings as plain values for a hash, without those that are newer than the hashes and have their default.
+
+    Seeds of studies and fingerprints of rigs are such hashes: a new setting that is not used must not change them.
+
+    Parameters
+    ----------
+    settings
+        Of a simulated rig.
+    """
+    values: dict[str, Any] = msgspec.to_builtins(settings)
+    usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
+    for part, name in (("receiver", "data"), ("receiver", "receive_focus_m")):
+        if values[part][name] == usual[part][name]:
+            del values[part][name]
+    for name in ("b_mode", "second"):
+        if values[name] == usual[name]:
+            del values[name]
+    if settings.receiver.peak_counts is None:
+        # The default of the first version.
+        values["receiver"]["peak_counts"] = 600.0
+    return values

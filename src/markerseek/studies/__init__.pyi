@@ -10,6 +10,7 @@ from .study_file import read_study
 from .summary import Difference, Summary, summarise
 from .table import columns, read_rows, values_of
 from .tally import FAILURE_DEG, PolicySummary, TwoSources
+from .tracking import Track, stage_period_s, track
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -33,6 +34,7 @@ __all__ = [
     "Share",
     "Study",
     "Summary",
+    "Track",
     "TwoSources",
     "World",
     "cells",
@@ -47,6 +49,8 @@ __all__ = [
     "run_row",
     "run_study",
     "run_trial",
+    "stage_period_s",
     "summarise",
+    "track",
     "values_of",
 ]

@@ -25,7 +25,7 @@ import msgspec
 from markerseek._version import __version__
 from markerseek.core import ConfigError
 from markerseek.files import in_words, require_choice, require_key
-from markerseek.sim import SimulatedSettings
+from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.scene import SceneSettings
 from markerseek.studies.settings import Axis, CurveSettings, Value, World
@@ -146,7 +146,8 @@ class Cell:
 @lru_cache(maxsize=32)
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
-    return _hashed([msgspec.to_builtins(study), __version__]).hexdigest()[:16]
+    values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    return _hashed([values, __version__]).hexdigest()[:16]
 
 
 @lru_cache(maxsize=32)
@@ -164,6 +165,8 @@ def cells(study: Study) -> tuple[Cell, ...]:
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key.split("."), value, whole=key)
+        if world.rig.receiver.data != "channels":
+            raise ConfigError(f'rig.receiver.data is "{world.rig.receiver.data}"; a study computes channel data only')
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
         if world.rig.noise.coloured and study.level == "readings":
@@ -186,19 +189,11 @@ def _of_the_first_version(world: World) -> dict[str, typing.Any]:
 
     A setting that came later counts only where it is used.
     """
-    settings: dict[str, typing.Any] = msgspec.to_builtins(world)
-    rig = settings["rig"]
+    settings: dict[str, typing.Any] = msgspec.to_builtins(world) | {"rig": hashable_values(world.rig)}
     if world.scene == SceneSettings():
         del settings["scene"]
     if world.curve.noise_stated:
         del settings["curve"]["noise_stated"]
-    if not world.rig.second.present:
-        del rig["second"]
-    if world.rig.receiver.data == "channels":
-        del rig["b_mode"], rig["receiver"]["data"], rig["receiver"]["receive_focus_m"]
-    if world.rig.receiver.peak_counts is None:
-        # Its default then.
-        rig["receiver"]["peak_counts"] = 600.0
     return settings
 
 
