@@ -169,7 +169,7 @@ def test_a_series_that_is_none_is_refused(angles, images, message):
 
 
 def test_a_rectangle_outside_of_the_image_or_as_wide_as_it_is_refused():
-    image = drawn(np.random.default_rng(3))
+    image = drawn(np.random.default_rng(3), (55.0, 100.0, 8.0, 230.0))
     with pytest.raises(ConfigError, match="outside of the image of 160 × 200 pixels"):
         find_tip(image, Rectangle(row=500, column=0, rows=9, columns=9), pixel_m=PIXEL_M)
     with pytest.raises(ConfigError, match="there is no tissue beside it"):
