@@ -22,7 +22,7 @@ from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.answer import State, answer_of, hidden_top_deg, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
 from markerseek.search.posterior.humps import top_deg
@@ -225,9 +225,9 @@ class Posterior(SearchPolicy):
         first = state.sources[0]
         # What else there is comes before more precision: it may be the marker.
         if not self._single:
-            other = unresolved(state.sources)
+            other = unresolved(state.sources, self._measured_deg())
             if other is not None:
-                return self._another_look_deg(other)
+                return self._another_look_deg(first, other)
             if state.survey is not None and state.survey.share < SURVEY_TARGET:
                 return state.survey.next_deg
             doubtful_deg = self._doubtful_deg(first)
@@ -258,12 +258,12 @@ class Posterior(SearchPolicy):
             return wanted_deg if wanted_deg in self._limits else None
         return None
 
-    def _another_look_deg(self, source: Candidate) -> float:
+    def _another_look_deg(self, first: Candidate, source: Candidate) -> float:
         """Next angle for a source other than the loudest, in degrees."""
         top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
         if beside > 1 or (source.source is not None and source.seen > 1):
-            return self._informative_deg(source)
+            return hidden_top_deg(first, source, self._measured_deg()) or self._informative_deg(source)
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
         inwards = 1 if top_deg < self._limits.centre_deg else -1
         return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
