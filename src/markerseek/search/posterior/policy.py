@@ -34,7 +34,7 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
 )
 from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
-from markerseek.search.posterior.survey import SURVEY_TARGET, Survey, survey_of
+from markerseek.search.posterior.survey import SURVEY_TARGET, SURVEYED, Survey, survey_of
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
@@ -111,6 +111,7 @@ class Posterior(SearchPolicy):
         self._single = single
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single, prior=prior)
         self._asked = 0
+        self._confirmed = False
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
         self._cached_first: Candidate | None = None
@@ -127,7 +128,7 @@ class Posterior(SearchPolicy):
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
-            self._unconfirmed = None
+            self._confirmed, self._unconfirmed = False, None
         self._cached_noise = self._cached_first = self._cached = None
 
     def confirm(self, sample: Sample) -> None:
@@ -145,7 +146,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._first()
-        self._unconfirmed = unconfirmed(first, sample, self._shapes)
+        self._confirmed, self._unconfirmed = True, unconfirmed(first, sample, self._shapes)
         self._lit.append(sample)
         self._next = None
         self._cached_noise = self._cached_first = self._cached = None
@@ -228,7 +229,9 @@ class Posterior(SearchPolicy):
             other = unresolved(state.sources, self._measured_deg())
             if other is not None:
                 return self._another_look_deg(first, other)
-            if state.survey is not None and state.survey.share < SURVEY_TARGET:
+            # A confirmation changes the amplitude by a little; it does not begin the survey again.
+            wanted = SURVEYED if self._confirmed else SURVEY_TARGET
+            if state.survey is not None and state.survey.share < wanted:
                 return state.survey.next_deg
             doubtful_deg = self._doubtful_deg(first)
             if doubtful_deg is not None:

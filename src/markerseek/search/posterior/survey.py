@@ -31,8 +31,8 @@ SURVEYED = 0.99
 SURVEY_TARGET = 0.993
 """Share at which a search ends; more than `SURVEYED`, because one more sample changes the amplitude by a little."""
 
-NARROWER_STEPS = 8
-"""Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower: to 0.45 of its width."""
+NARROWER_STEPS = 5
+"""Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower: to 0.6 of its width."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; and candidates for the next sample."""
