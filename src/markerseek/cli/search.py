@@ -28,6 +28,12 @@ def command(
     single: Annotated[
         bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
     ] = False,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            help="Result (JSON) or journal of a former search on this rig: fewer acquisitions for a like marker."
+        ),
+    ] = None,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
     ] = None,
@@ -62,13 +68,14 @@ def command(
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import Output, conclude
     from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.runs import new_session, plan_on
+    from markerseek.runs import former_curve, new_session, plan_on
     from markerseek.search import method_named
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output(name="search", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     # An unknown method is an error before devices are opened.
     method_named(method)
+    curve = None if prior is None else former_curve(prior)
     with open_rig(rig, seed=seed, tissue=tissue, pace=pace) as (assembled, start_deg):
         plan = plan_on(
             assembled,
@@ -78,6 +85,7 @@ def command(
             start_deg=start_deg,
             stay=stay,
             single=single,
+            prior=curve,
         )
         session = new_session(assembled, plan)
         announce_compilation()

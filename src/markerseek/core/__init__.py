@@ -34,10 +34,10 @@ from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import PaImage
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
+from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
-from markerseek.core.prior import MarkerPrior
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
 from markerseek.core.reading import (
     LEAST_INTENSITY,
@@ -88,7 +88,7 @@ __all__ = [
     "LimitError",
     "LinearArray",
     "LocalMaxima",
-    "MarkerPrior",
+    "MarkerCurve",
     "MarkerseekError",
     "Measured",
     "MissingExtraError",

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from markerseek.core.interval import Interval
+from markerseek.core.marker_curve import MarkerCurve
 
 IntervalKind: TypeAlias = Literal["posterior", "bracket", "propagated"]
 """Where an interval comes from: a probability, the width left of a bracket, or noise propagated through a formula."""
@@ -72,6 +73,8 @@ class Found:
         Further sources, the loudest first.
     surveyed
         Share of the range in which a source as loud would have been detected, 0 to 1; None where it is not known.
+    curve
+        Width and height of the marker's intensity curve; None where the method does not know them.
     """
 
     mean_deg: float
@@ -81,6 +84,7 @@ class Found:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    curve: MarkerCurve | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

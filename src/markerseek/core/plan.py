@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from markerseek.core.errors import ConfigError
+from markerseek.core.marker_curve import MarkerCurve
 from markerseek.core.number import is_finite, is_whole
 from markerseek.core.reading import MOST_ACQUISITIONS
 
@@ -32,6 +33,8 @@ class SearchPlan:
         well enough.
     single
         Whether there is one source only, so that a posterior looks for no other.
+    prior
+        Intensity curve of a former marker on this rig, for a posterior; None if there was none.
     dark_frames
         Acquisitions without laser before the first.
     stay
@@ -52,6 +55,7 @@ class SearchPlan:
     start_deg: float | None = None
     early_end: bool = True
     single: bool = False
+    prior: MarkerCurve | None = None
     dark_frames: int = 0
     stay: bool = False
     closing_dark: bool = False

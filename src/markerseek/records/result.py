@@ -18,6 +18,7 @@ from markerseek.core import (
     Found,
     Interval,
     IntervalKind,
+    MarkerCurve,
     Measured,
     NotFound,
     OtherSource,
@@ -64,8 +65,9 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     ``error_deg`` is the distance to either. ``confirmed`` says whether the acquisition at the angle found confirms it
     (`markerseek.scan.confirmation`); None where there is none, and in the paper's form of a method, which does not
     test it. A confirmation after which the search went on is one of the ``samples``. ``others`` are further sources,
-    and ``surveyed`` is the share of the range in which a source as loud would have been detected. ``configuration`` is
-    the rig's fingerprint, the same for equal rigs.
+    and ``surveyed`` is the share of the range in which a source as loud would have been detected. ``curve`` is the
+    marker's intensity curve, a prior for the next search on the rig. ``configuration`` is the rig's fingerprint, the
+    same for equal rigs.
     """
 
     found: bool
@@ -88,6 +90,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     floor: Floor | None
     others: list[OtherSource]
     surveyed: float | None
+    curve: MarkerCurve | None
     samples: list[SampleRow]
     truth_deg: float | None
     reference_deg: float | None
@@ -170,6 +173,7 @@ class Recorder:
             floor=estimate.floor,
             others=list(estimate.others),
             surveyed=estimate.surveyed,
+            curve=estimate.curve if isinstance(estimate, Found) else None,
             samples=[SampleRow.of(sample) for sample in self.samples],
             truth_deg=facts.truth_deg,
             reference_deg=facts.reference_deg,

@@ -2,6 +2,7 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
+from .former_marker import former_curve
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
@@ -20,6 +21,7 @@ __all__ = [
     "dark_intensity",
     "described",
     "differences",
+    "former_curve",
     "journal_bank",
     "new_session",
     "next_angle",

@@ -6,7 +6,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 
-from markerseek.core import Event, Policy, SearchPlan
+from markerseek.core import Event, MarkerCurve, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import Rig
@@ -92,6 +92,7 @@ def plan_on(
     start_deg: float,
     stay: bool = False,
     single: bool = False,
+    prior: MarkerCurve | None = None,
 ) -> SearchPlan:
     """Plan of a search with the dark frames that the rig needs; the paper's form of a method takes none.
 
@@ -99,7 +100,7 @@ def plan_on(
     ----------
     rig
         The rig.
-    method, acquisitions, as_published, start_deg, stay, single
+    method, acquisitions, as_published, start_deg, stay, single, prior
         As in `SearchPlan`.
 
     Raises
@@ -116,6 +117,7 @@ def plan_on(
         dark_frames=0 if as_published else rig.dark_frames,
         stay=stay,
         single=single,
+        prior=prior,
         closing_dark=rig.closing_dark,
     )
 

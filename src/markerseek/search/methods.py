@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, Policy, SearchPlan, as_interval
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.guarded import Guarded
@@ -111,6 +111,7 @@ def build(
     start_deg: SupportsFloat | None = None,
     early_end: bool = True,
     single: bool = False,
+    prior: MarkerCurve | None = None,
 ) -> Policy:
     """Return a policy for one search.
 
@@ -133,12 +134,14 @@ def build(
         well enough; the other methods have no early end.
     single
         Whether there is one source only: a posterior then looks for no other, and ends earlier.
+    prior
+        Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none.
 
     Raises
     ------
     ConfigError
         If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
-        form that it does not have, or ``single`` of a method that looks for no other source.
+        form that it does not have, or ``single`` or a prior is given to another method.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
@@ -146,9 +149,13 @@ def build(
     searched = as_interval(limits, name="limits")
     stands_deg = None if start_deg is None else float(start_deg)
     if chosen.name == "posterior":
-        return _posterior(searched, number, stands_deg, early_end, single=single, as_published=as_published)
+        return _posterior(
+            searched, number, stands_deg, early_end, single=single, prior=prior, as_published=as_published
+        )
     if single:
         raise ConfigError(f"{chosen.name}: single is set, but only the posterior looks for other sources; leave it out")
+    if prior is not None:
+        raise ConfigError(f"{chosen.name}: a prior is given, but only the posterior begins with one; leave it out")
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
@@ -179,6 +186,7 @@ def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
         start_deg=plan.start_deg,
         early_end=plan.early_end,
         single=plan.single,
+        prior=plan.prior,
     )
 
 
@@ -188,7 +196,14 @@ def most_acquisitions(plan: SearchPlan) -> int:
 
 
 def _posterior(
-    limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool, *, single: bool, as_published: bool
+    limits: Interval,
+    acquisitions: int,
+    start_deg: float | None,
+    early_end: bool,
+    *,
+    single: bool,
+    prior: MarkerCurve | None,
+    as_published: bool,
 ) -> Policy:
     if as_published:
         raise ConfigError(
@@ -205,6 +220,7 @@ def _posterior(
         start_deg=start_deg,
         target_sigma_deg=target_deg,
         single=single,
+        prior=prior,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Interval, MarkerPrior, OtherSource, Sample
+from markerseek.core import Interval, MarkerCurve, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, missing_evidence
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
@@ -142,7 +142,7 @@ class Candidates:
     """
 
     def __init__(
-        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool, prior: MarkerPrior | None
+        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool, prior: MarkerCurve | None
     ) -> None:
         self._limits = limits
         self._shapes = shapes

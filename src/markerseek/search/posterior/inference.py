@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from markerseek.core import Float64, Int64, Interval, MarkerPrior, Sample
+from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
 from markerseek.search.posterior.arrival import Moments, moments_of
@@ -98,7 +98,7 @@ class Inference:
     """
 
     def __init__(
-        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], prior: MarkerPrior | None = None
+        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], prior: MarkerCurve | None = None
     ) -> None:
         self._shapes = shapes if prior is None else shapes_with(shapes, prior)
         self._prior = prior

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import MarkerPrior
+from markerseek.core import MarkerCurve
 from markerseek.search.posterior.shapes import Shapes
 
 LOG_WIDTH_SIGMA, LOG_PEAK_SIGMA = 0.25, 0.5
@@ -22,7 +22,7 @@ UNLIKE_SHARE = 0.1
 """Prior probability of a marker whose width has nothing in common with that of the former."""
 
 
-def shapes_with(shapes: Shapes, prior: MarkerPrior) -> Shapes:
+def shapes_with(shapes: Shapes, prior: MarkerCurve) -> Shapes:
     """Return the family of curves with the prior that a former marker gives.
 
     Parameters
@@ -38,6 +38,6 @@ def shapes_with(shapes: Shapes, prior: MarkerPrior) -> Shapes:
     return replace(shapes, log_prior=np.log(share))
 
 
-def loudness_of(prior: MarkerPrior, *, unit: float) -> tuple[float, float]:
+def loudness_of(prior: MarkerCurve, *, unit: float) -> tuple[float, float]:
     """Return mean and standard deviation of ln A over a unit of intensity."""
     return math.log(prior.peak / unit), LOG_PEAK_SIGMA

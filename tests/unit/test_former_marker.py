@@ -1,0 +1,108 @@
+"""The intensity curve of a former marker is a prior for the next search on the rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from markerseek import rigs
+from markerseek.core import ConfigError, MarkerCurve, Reading, RecordError, Sample
+from markerseek.records.journal import Journal
+from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
+from markerseek.search import build
+from markerseek.search.posterior import Posterior
+from markerseek.search.posterior.prior import LOG_WIDTH_SIGMA, shapes_with
+from markerseek.search.posterior.shapes import family, log_curve
+from markerseek.sim import SechCurve
+
+
+def rig(seed: int = 4) -> rigs.Rig:
+    return rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=6.0), marker_deg=7.5)
+
+
+def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) -> None:
+    session = new_session(rig(), plan_on(rig(), method="posterior", start_deg=-35.0))
+    path = tmp_path / "run.journal"
+    with Journal.create(path, session.configuration) as journal:
+        session = replace(session, journal=journal)
+        list(session.events())
+    result = session.result()
+    (tmp_path / "result.json").write_bytes(msgspec.json.encode(result))
+    curve = former_curve(tmp_path / "result.json")
+    assert curve == former_curve(path) == result.curve
+    assert curve.fwhm_deg == pytest.approx(6.0, rel=0.25)
+    strongest = max(sample.intensity for sample in result.samples)
+    assert curve.peak == pytest.approx(strongest, rel=0.15)
+
+
+def test_a_plan_with_a_prior_survives_the_journal(tmp_path: Path) -> None:
+    curve = MarkerCurve(fwhm_deg=6.0, peak=100.0)
+    plan = plan_on(rig(), method="posterior", start_deg=-35.0, prior=curve, single=True)
+    session = new_session(rig(), plan)
+    path = tmp_path / "run.journal"
+    Journal.create(path, session.configuration).close()
+    journal, held = Journal.reopen(path)
+    journal.close()
+    assert held.configuration.plan == plan
+    rebuilt = rebuild_policy(held.configuration)
+    assert rebuilt.ask() == session.policy.ask()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{}", "it found no marker whose curve it knows"),
+        ('{"curve": null}', "it found no marker whose curve it knows"),
+        ('{"curve": {"fwhm_deg": -1, "peak": 3}}', "fwhm_deg"),
+        ('{"curve": {"fwhm_deg": 5, "peak": 1e999}}', "cannot be read"),
+        ("no JSON", "cannot be read as the result of a search"),
+    ],
+)
+def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "result.json"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=message):
+        former_curve(path)
+
+
+def test_other_methods_take_no_prior() -> None:
+    with pytest.raises(ConfigError, match="only the posterior begins with one"):
+        build("ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0))
+    with pytest.raises(ConfigError, match="only the posterior looks for other sources"):
+        build("ternary", single=True)
+
+
+def test_the_prior_of_the_width_is_that_of_the_former_marker() -> None:
+    shapes = shapes_with(family(), MarkerCurve(fwhm_deg=6.0, peak=1.0))
+    share = np.exp(shapes.log_prior)
+    assert share.sum() == pytest.approx(1.0)
+    near = np.abs(np.log(shapes.fwhm_deg / 6.0)) <= 2 * LOG_WIDTH_SIGMA
+    assert 0.85 < share[near].sum() < 0.97
+    assert share[~near].min() > 0
+
+
+def test_a_second_marker_takes_fewer_acquisitions() -> None:
+    counts = {}
+    for prior in (None, MarkerCurve(fwhm_deg=5.0, peak=100.0)):
+        rng = np.random.default_rng(3)
+        taken, errors = [], []
+        for _ in range(16):
+            marker_deg, peak = rng.uniform(-30, 30), 100 * math.exp(0.3 * rng.standard_normal())
+            fwhm_deg = 5.0 * math.exp(0.15 * rng.standard_normal())
+            policy = Posterior(single=True, prior=prior)
+            while (angle_deg := policy.ask()) is not None:
+                away_deg = np.array([angle_deg - marker_deg])
+                signal = peak * float(np.exp(log_curve(away_deg, fwhm_deg=fwhm_deg, tail=1.4, knee=2.2)[0]))
+                envelope = max(abs(signal + complex(*rng.standard_normal(2))), 4.3 + 0.3 * rng.standard_normal())
+                reading = Reading(intensity=envelope, noise_sigma=1.0, cells=12_800)
+                policy.tell(Sample(angle_deg=angle_deg, reading=reading))
+            taken.append(len(policy._lit))
+            errors.append(abs(policy.estimate().mean_deg - marker_deg))
+        assert np.mean(errors) < 0.1
+        counts[prior is None] = np.mean(taken)
+    assert counts[False] < counts[True] - 0.5
