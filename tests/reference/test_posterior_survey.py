@@ -10,7 +10,7 @@ from markerseek.search.floor import Noise
 from markerseek.search.posterior.candidates import Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, family, log_curve
-from markerseek.search.posterior.survey import MODEL_ERROR, QUIETER, SURVEY_PARTICLES, survey_of, undetected
+from markerseek.search.posterior.survey import MODEL_ERROR, NARROWER_STEPS, SURVEY_PARTICLES, survey_of, undetected
 
 SHAPES = family()
 NOISE = Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
@@ -38,8 +38,13 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
     for row, k in enumerate(drawn[:4]):
         for i in range(2):
             away = np.abs(at_deg[i] - angles_deg)
-            log_s = np.interp(away, steps, SHAPES.log_curve[source.posterior.member[k]])
-            height = np.exp(source.posterior.log_snr[k] - QUIETER + log_s)
+            # Every second curve is narrower, of the same kind.
+            member = source.posterior.member[k] - NARROWER_STEPS * (row % 2)
+            assert SHAPES.fwhm_deg[member] == pytest.approx(
+                SHAPES.fwhm_deg[source.posterior.member[k]] * (1, 0.61)[row % 2], rel=0.02
+            )
+            log_s = np.interp(away, steps, SHAPES.log_curve[member])
+            height = np.exp(source.posterior.log_snr[k] + log_s)
             sample = height + np.hypot(1.0, MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
             assert chance[row, i] == pytest.approx((sample < needed[i]).mean(axis=0), abs=0.015)
 

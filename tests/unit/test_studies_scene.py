@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -22,6 +23,7 @@ from markerseek.studies import (
     SecondSource,
     Study,
     cells,
+    read_study,
     run_row,
     summarise,
 )
@@ -145,6 +147,12 @@ def test_no_noise_saturates_the_frames_of_a_drawn_rig() -> None:
         for reading in (rig.scanner.measure_dark().reading, rig.scanner.measure(draw.marker_deg).reading):
             assert reading.saturated_fraction is not None
             assert reading.saturated_fraction <= 0.02
+
+
+def test_two_sources_that_overlap_do_not_saturate_the_frames() -> None:
+    """Trial 99 of the example, whose sources arrive together, failed by a quarter of its channels at full scale."""
+    study = read_study(Path(__file__).parents[2] / "examples" / "studies" / "answers-two-sources.toml")
+    assert run_row(study, 99).answer != "failed"
 
 
 PLAIN_DEG = -13.638073461661964

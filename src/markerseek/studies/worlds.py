@@ -36,7 +36,10 @@ from markerseek.studies.window import Window, window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
 _LARGEST_COUNTS = 2000.0
-"""Largest count in a channel, of a source and `_NOISE_SIGMAS` of noise; full scale is 2047."""
+"""Largest count in a channel, of all sources and `_NOISE_SIGMAS` of noise; full scale is 2047."""
+
+_STRONGEST_PULSE = 1.15
+"""Largest energy over the mean that is expected of a laser with a jitter of 3 %, with some room."""
 
 _NOISE_SIGMAS = 5.0
 """Standard deviations of noise in a channel that the converter must hold beside a source."""
@@ -187,10 +190,11 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     others = [_as_loud(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
     total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
-    # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image.
-    loudest = max([peak_counts, *(_largest_count(each, model) for each in others)])
+    # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image. Its sound
+    # may overlap the marker's.
+    loudest = peak_counts + max((_largest_count(each, model) for each in others), default=0.0)
     # Saturation that was asked for stays.
-    gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (loudest + _NOISE_SIGMAS * total))
+    gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (_STRONGEST_PULSE * loudest + _NOISE_SIGMAS * total))
     return replace(
         scene,
         absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),

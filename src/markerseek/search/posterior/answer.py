@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from markerseek.core import (
     LEAST_INTENSITY,
     MOST_INTENSITY,
@@ -24,7 +26,8 @@ from markerseek.search.floor import Noise
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import RIVAL_DB, Candidate
-from markerseek.search.posterior.detectability import missed_marker
+from markerseek.search.posterior.detectability import NARROW_DEG, missed_marker
+from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import SURVEYED, Survey
 
 UNRESOLVED_BEYOND = 0.1
@@ -69,12 +72,49 @@ def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
     return [each for each in rivals if each.apart_from(first)]
 
 
-def unresolved(sources: Sequence[Candidate]) -> Candidate | None:
-    """Return a source of which too little is known to say that it is not the marker; None without one."""
+def unresolved(sources: Sequence[Candidate], measured_deg: Sequence[float]) -> Candidate | None:
+    """Return a source of which too little is known to say that it is not the marker; None without one.
+
+    Parameters
+    ----------
+    sources
+        The sources, the loudest first.
+    measured_deg
+        Angles measured so far, in degrees.
+    """
     first, *others = sources
     for each in others:
-        if each.posterior.sigma_deg > SIGMA_LIMIT_DEG and each.may_exceed(first, by_db=-RIVAL_DB):
+        unknown = each.posterior.sigma_deg > SIGMA_LIMIT_DEG
+        if unknown and (each.may_exceed(first, by_db=-RIVAL_DB) or hidden_top_deg(first, each, measured_deg)):
             return each
+    return None
+
+
+def hidden_top_deg(first: Candidate, other: Candidate, measured_deg: Sequence[float]) -> float | None:
+    """Return an angle at which a narrow top of another source may have been missed, in degrees; None without one.
+
+    Its strongest sample may lie on the flank of a narrow curve, whose top is in the middle of the gap beside it.
+
+    Parameters
+    ----------
+    first, other
+        The loudest source, and another.
+    measured_deg
+        Angles measured so far, in degrees.
+    """
+    strongest = max(other.samples, key=lambda sample: sample.reading.intensity)
+    log_least = first.loudness - RIVAL_DB * math.log(10) / 20
+    log_seen = math.log(strongest.reading.intensity / other.posterior.sigma)
+    for beside_deg in (
+        min((each for each in measured_deg if each > strongest.angle_deg), default=None),
+        max((each for each in measured_deg if each < strongest.angle_deg), default=None),
+    ):
+        if beside_deg is None:
+            continue
+        half_deg = np.array([(beside_deg - strongest.angle_deg) / 2])
+        fallen = float(log_curve(half_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)[0])
+        if log_seen - fallen > log_least:
+            return (beside_deg + strongest.angle_deg) / 2
     return None
 
 
@@ -113,7 +153,7 @@ def answer_of(
         modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
-    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state))
+    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state, lit))
     if doubt is not None:
         return Unsure(
             mean_deg=mean_deg,
@@ -162,9 +202,9 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     return f"{limit}; take more acquisitions or average more pulses"
 
 
-def _hidden(state: State) -> str | None:
+def _hidden(state: State, lit: Sequence[Sample]) -> str | None:
     """Why another source may be the marker; None if none can."""
-    other = unresolved(state.sources)
+    other = unresolved(state.sources, [sample.angle_deg for sample in lit])
     if other is not None:
         return (
             f"another source, near {other.posterior.mean_deg:.0f} deg, may be as loud; take more acquisitions, or "

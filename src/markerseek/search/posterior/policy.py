@@ -22,7 +22,7 @@ from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.answer import State, answer_of, hidden_top_deg, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
 from markerseek.search.posterior.humps import top_deg
@@ -34,7 +34,7 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
 )
 from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
-from markerseek.search.posterior.survey import SURVEY_TARGET, Survey, survey_of
+from markerseek.search.posterior.survey import SURVEY_TARGET, SURVEYED, Survey, survey_of
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
@@ -111,6 +111,7 @@ class Posterior(SearchPolicy):
         self._single = single
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single, prior=prior)
         self._asked = 0
+        self._confirmed = False
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
         self._cached_first: Candidate | None = None
@@ -127,7 +128,7 @@ class Posterior(SearchPolicy):
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
-            self._unconfirmed = None
+            self._confirmed, self._unconfirmed = False, None
         self._cached_noise = self._cached_first = self._cached = None
 
     def confirm(self, sample: Sample) -> None:
@@ -145,7 +146,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._first()
-        self._unconfirmed = unconfirmed(first, sample, self._shapes)
+        self._confirmed, self._unconfirmed = True, unconfirmed(first, sample, self._shapes)
         self._lit.append(sample)
         self._next = None
         self._cached_noise = self._cached_first = self._cached = None
@@ -225,10 +226,12 @@ class Posterior(SearchPolicy):
         first = state.sources[0]
         # What else there is comes before more precision: it may be the marker.
         if not self._single:
-            other = unresolved(state.sources)
+            other = unresolved(state.sources, self._measured_deg())
             if other is not None:
-                return self._another_look_deg(other)
-            if state.survey is not None and state.survey.share < SURVEY_TARGET:
+                return self._another_look_deg(first, other)
+            # A confirmation changes the amplitude by a little; it does not begin the survey again.
+            wanted = SURVEYED if self._confirmed else SURVEY_TARGET
+            if state.survey is not None and state.survey.share < wanted:
                 return state.survey.next_deg
             doubtful_deg = self._doubtful_deg(first)
             if doubtful_deg is not None:
@@ -258,12 +261,12 @@ class Posterior(SearchPolicy):
             return wanted_deg if wanted_deg in self._limits else None
         return None
 
-    def _another_look_deg(self, source: Candidate) -> float:
+    def _another_look_deg(self, first: Candidate, source: Candidate) -> float:
         """Next angle for a source other than the loudest, in degrees."""
         top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
         if beside > 1 or (source.source is not None and source.seen > 1):
-            return self._informative_deg(source)
+            return hidden_top_deg(first, source, self._measured_deg()) or self._informative_deg(source)
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
         inwards = 1 if top_deg < self._limits.centre_deg else -1
         return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)

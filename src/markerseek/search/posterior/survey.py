@@ -1,17 +1,17 @@
 """What may still hide: where in the range a source as loud as the one answered would have been detected.
 
-A source at θ with the amplitude A (less 3 dB) and the curve S of the one answered stays undetected if no sample i,
+A source at θ with the amplitude A and the curve S of the one answered stays undetected if no sample i,
 taken at θ_i, exceeds the level L_i that noise reaches there, or that other sources did:
 
     h(θ) = mean over A, S of ∏_i Φ((L_i − A·S(θ_i − θ))/s_i),       s_i² = σ² + (εA·S)².                      (13)
 
 The share of the range that has been surveyed is the mean of 1 − h over it. Amplitude and curve are those of markers
-drawn from the posterior, so that both are as uncertain as the samples leave them.
+drawn from the posterior, so that both are as uncertain as the samples leave them; every second curve is narrower,
+because that of a source at another depth may be.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import Candidate
 from markerseek.search.posterior.predictive import predicted
-from markerseek.search.posterior.shapes import STEP_DEG, Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
 SURVEYED = 0.99
 """Share of the range that must have been surveyed before a source is the marker."""
@@ -31,8 +31,8 @@ SURVEYED = 0.99
 SURVEY_TARGET = 0.993
 """Share at which a search ends; more than `SURVEYED`, because one more sample changes the amplitude by a little."""
 
-QUIETER = math.log(10) / 20 * 3.0
-"""Ln of how much quieter than the source answered a hidden one is taken to be, 3 dB: its curve may be narrower."""
+NARROWER_STEPS = 5
+"""Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower: to 0.6 of its width."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; and candidates for the next sample."""
@@ -135,8 +135,11 @@ def undetected(
     drawn = np.linspace(0, posterior.theta_deg.size - 1, SURVEY_PARTICLES).astype(np.int64)
     steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
     away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
-    log_height = (
-        posterior.log_snr[drawn, None, None] - QUIETER + shapes.log_curve[posterior.member[drawn, None, None], away]
-    )
+    # Every second one as narrow as that of a source at another depth may be.
+    usual = posterior.member[drawn]
+    narrower = usual - NARROWER_STEPS * (np.arange(SURVEY_PARTICLES) % 2)
+    member = np.maximum(narrower, usual // WIDTHS_DEG.size * WIDTHS_DEG.size)
+    log_curve = shapes.log_curve[member[:, None, None], away]
+    log_height = posterior.log_snr[drawn, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
     return np.asarray(ndtr((needed[:, None] - height) / np.hypot(1.0, MODEL_ERROR * height)))
