@@ -8,13 +8,16 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 from tests.page.page_browser import CHROMIUM, Served, Watched, browsing, open_tab, served
@@ -26,9 +29,13 @@ from markerseek.records.journal import read_journal
 PACE = 0.02
 """Real seconds for a second of the rig: a search of two minutes takes three seconds."""
 
-WATCH_LOG = """() => { window.seenLines = []; const log = document.querySelector('.ms-log');
-    new MutationObserver(() => window.seenLines.push([Date.now() / 1000, log.innerText.split('\\n')[0]]))
-        .observe(log, {childList: true, characterData: true, subtree: true}); }"""
+WATCH_LOG = """() => {
+    const log = document.querySelector('.ms-log');
+    window.seenLines = [];
+    window.logWatcher?.disconnect();
+    window.logWatcher = new MutationObserver(
+        () => window.seenLines.push(...log.innerText.split('\\n').slice(0, 3).map(each => [Date.now() / 1000, each])));
+    window.logWatcher.observe(log, {childList: true, characterData: true, subtree: true}); }"""
 
 
 def resident_mb(process: int) -> float:
@@ -70,7 +77,10 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
             if snapshot.phase == "measured":
                 text = f"{snapshot.elapsed_s:7.1f} s  {snapshot.line}".strip()
                 written[text] = datetime.fromisoformat(entry.written).timestamp()
-    return [at_s - written[text.strip()] for at_s, text in lines if text.strip() in written]
+    first: dict[str, float] = {}
+    for at_s, text in lines:
+        first.setdefault(text.strip(), at_s)
+    return [at_s - written[text] for text, at_s in first.items() if text in written]
 
 
 def own_times_s(journal: Path) -> list[float]:
@@ -92,17 +102,19 @@ def endurance(minutes: float) -> None:
     """Searches one after another with three viewers."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page, browsing() as browser:
         viewers = [open_tab(browser, page, "/", f"&pace={PACE}") for _ in range(3)]
-        viewers[1].tab.evaluate(WATCH_LOG)
         began_s, used_s, seed, reports = time.monotonic(), processor_s(page.process.pid), 0, []
+        lines: list[tuple[float, str]] = []
         while (spent_s := time.monotonic() - began_s) < 60 * minutes or seed < 3:
             seed += 1
+            viewers[1].tab.evaluate(WATCH_LOG)
             search(viewers[0], seed)
+            # None where the tab lost its connection and loaded the page again.
+            lines += viewers[1].tab.evaluate("window.seenLines") or []
             if spent_s >= 30 * len(reports):
                 reports.append((spent_s, resident_mb(page.process.pid), heap_mb(viewers[1])))
                 print("{:6.0f} s: page {:.0f} MB, tab {:.1f} MB".format(*reports[-1]), flush=True)
         share = (processor_s(page.process.pid) - used_s) / (time.monotonic() - began_s)
         print(f"{seed} searches, page {share:.1%} of a core")
-        lines = viewers[1].tab.evaluate("window.seenLines")
         print("from the commit of an acquisition to the page:", described(delays_s(page, lines)))
         print("problems in the tabs:", [each.problems for each in viewers])
 
@@ -114,6 +126,32 @@ def chromium_processes() -> set[int]:
         for each in Path("/proc").iterdir()
         if each.name.isdigit() and b"chromium" in (each / "cmdline").read_bytes()
     }
+
+
+class Flood:
+    """Requests without a token, from several threads, as fast as they are refused."""
+
+    def __init__(self, address: str, *, threads: int = 4) -> None:
+        place = urlsplit(address)
+        self._place = (place.hostname, place.port)
+        self._over = threading.Event()
+        self.refused = 0
+        self._threads = [threading.Thread(target=self._ask, daemon=True) for _ in range(threads)]
+        for each in self._threads:
+            each.start()
+
+    def _ask(self) -> None:
+        while not self._over.is_set():
+            with socket.create_connection(self._place, timeout=30) as connection:
+                connection.sendall(b"GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n")
+                self.refused += b"403" in connection.recv(64)
+
+    def end(self) -> int:
+        """How many were refused."""
+        self._over.set()
+        for each in self._threads:
+            each.join()
+        return self.refused
 
 
 def unnoticed(searches: int) -> None:
@@ -128,7 +166,7 @@ def unnoticed(searches: int) -> None:
             alone += own_times_s(journal)
         print("no page:", described(alone), flush=True)
     query = f"&pace={PACE}&method=exhaustive&acquisitions=60"
-    for viewers in (1, 3):
+    for viewers, flooded in ((1, False), (3, False), (1, True)):
         with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page, browsing() as browser:
             tabs = [open_tab(browser, page, "/", query) for _ in range(min(viewers, 2))]
             stopped: set[int] = set()
@@ -139,12 +177,15 @@ def unnoticed(searches: int) -> None:
                 stopped = chromium_processes() - before
                 for each in stopped:
                     os.kill(each, signal.SIGSTOP)
+            flood = Flood(page.address) if flooded else None
             for seed in range(1, searches + 1):
                 search(tabs[0], seed)
+            refused = 0 if flood is None else flood.end()
             for each in stopped:
                 os.kill(each, signal.SIGCONT)
             steps = [step for journal in page.journals() for step in own_times_s(journal)]
-            print(f"{viewers} viewers, {len(stopped) and 'one'} stopped:", described(steps), flush=True)
+            name = f"{viewers} viewers" + (", one of them stopped" if stopped else "")
+            print(f"{name}{f', {refused} requests refused' if flooded else ''}:", described(steps), flush=True)
 
 
 def main() -> None:

@@ -71,7 +71,7 @@ def served(folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL) -> It
         stdout=subprocess.PIPE,
         stderr=errors,
         text=True,
-        env=os.environ | {"XDG_DATA_HOME": str(folder), "PYTHONUNBUFFERED": "1"},
+        env=os.environ | {"XDG_DATA_HOME": str(folder), "PYTHONUNBUFFERED": "1", "PYTHONFAULTHANDLER": "1"},
     )
     try:
         first = process.stdout.readline()
@@ -82,6 +82,11 @@ def served(folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL) -> It
         process.send_signal(signal.SIGINT)
         try:
             process.wait(20)
+        except subprocess.TimeoutExpired as hung:
+            # Where each thread is goes to its standard error.
+            process.send_signal(signal.SIGABRT)
+            process.wait(20)
+            raise AssertionError((folder / "page.stderr").read_text()) from hung
         finally:
             process.kill()
             process.wait()

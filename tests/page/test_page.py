@@ -104,11 +104,56 @@ def test_link_holds_the_settings(opened):
     assert json.loads(downloaded(watched, "report JSON")) == command_result(*options)
 
 
+def test_link_that_cannot_be_used_is_said(opened):
+    watched = opened(query="&seed=-5&method=magic")
+    watched.tab.wait_for_selector("text='magic' is unknown")
+    assert watched.tab.get_by_label("seed").input_value() == "1"
+
+
+def test_setting_that_cannot_be_used_is_said(opened):
+    watched = opened()
+    watched.tab.get_by_label("acquisitions").fill("1")
+    watched.tab.wait_for_selector("text=at least 2 are needed")
+
+
+def test_escape_stops(opened, page):
+    watched = opened(query="&pace=1")
+    watched.start()
+    watched.wait_for(LOG, "dark frame 1")
+    watched.tab.keyboard.press("Escape")
+    watched.wait_for(STATUS, "^stopped by SIG")
+    assert page.children() == []
+
+
+def test_angle_is_copied(opened):
+    watched = opened(query="&seed=3&pace=0", permissions=["clipboard-read", "clipboard-write"])
+    watched.search()
+    watched.press("copy the angle")
+    watched.tab.wait_for_selector("text=in the clipboard")
+    copied = watched.tab.evaluate("navigator.clipboard.readText()")
+    assert f"{float(copied):.3f}°" == watched.text(ANGLE).split(" ")[0]
+
+
+def test_tablet_in_the_dark(opened):
+    watched = opened(
+        query="&seed=3&pace=0",
+        viewport={"width": 820, "height": 1180},
+        color_scheme="dark",
+        has_touch=True,
+        is_mobile=True,
+    )
+    watched.search()
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 820
+    assert watched.tab.evaluate("document.body.classList.contains('body--dark')")
+    assert watched.tab.locator(".ms-stop").bounding_box()["height"] >= 48
+    assert drawn_colours(watched.tab, ".ms-panel-fan canvas") > 10
+
+
 def test_slider_goes_back_and_forth(opened):
     watched = opened(query="&seed=3&pace=0")
     watched.search()
     watched.wait_for(STATUS, "^found at ")
-    watched.tab.locator(".ms-foot .q-slider").first.focus()
+    watched.tab.locator(".ms-foot .q-slider__track-container").first.focus()
     for _ in range(3):
         watched.tab.keyboard.press("PageDown")
     watched.wait_for(ANGLE, "^–$")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import ssl
+import subprocess
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -86,6 +88,34 @@ def test_websocket_needs_token_and_origin(page):
 def test_stop_needs_origin(page):
     assert answer(page, "/stop", method="POST", Cookie=cookie(page))[0] == 403
     assert answer(page, "/stop", method="POST", Cookie=cookie(page), Origin=page.address)[0] == 204
+
+
+def test_another_address_is_served_with_tls_only(tmp_path):
+    certificate, key = tmp_path / "page.pem", tmp_path / "page.key"
+    made = subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=page"),
+            *("-keyout", str(key), "-out", str(certificate)),
+        ],
+        check=False,
+        capture_output=True,
+    )
+    if made.returncode:
+        pytest.skip("no openssl to make a certificate")
+    files = ("--tls-certificate", str(certificate), "--tls-key", str(key))
+    with served(tmp_path, "--host", "127.0.0.2", *files) as page:
+        place = urlsplit(page.address)
+        assert place.scheme == "https"
+        context = ssl.create_default_context(cafile=certificate)
+        context.check_hostname = False
+        with (
+            socket.create_connection((place.hostname, place.port), timeout=30) as plain,
+            context.wrap_socket(plain) as connection,
+        ):
+            connection.sendall(f"GET /?token={page.token} HTTP/1.1\r\nHost: {place.netloc}\r\n\r\n".encode())
+            head = connection.recv(4096).decode()
+        assert head.startswith("HTTP/1.1 303")
+        assert "; Secure" in head
 
 
 def test_only_the_loopback_address_listens(page):

@@ -52,7 +52,7 @@ def ask(kind="http", *, method="GET", path="/", query="", headers=(), messages=N
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers],
     }
-    asyncio.run(SecurityLayer(application, ACCESS, now_s=now_s)(scope, receive, send))
+    asyncio.run(SecurityLayer(application, ACCESS, now_s=now_s, refusal_s=0.0)(scope, receive, send))
     return application, sent
 
 

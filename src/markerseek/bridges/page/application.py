@@ -80,7 +80,8 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
         # One beat in 0.4 s, and no bindings: nothing else has to be looked after.
         binding_refresh_interval=None,
         message_history_length=200,
-        reconnect_timeout=3.0,
+        # A busy computer may hold a tab up for seconds; a tab that is closed is noticed at once.
+        reconnect_timeout=10.0,
         show_welcome_message=False,
     )
     return application

@@ -6,6 +6,7 @@ headers that forbid a browser to load anything from elsewhere. It knows nothing 
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import time
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -26,6 +27,9 @@ BODY_BYTES = 64 * 1024
 
 MESSAGES, PER_S = 400, 10.0
 """Most messages that one WebSocket may send within that many seconds."""
+
+REFUSAL_S = 0.25
+"""Time until a refusal is sent, in seconds: a flood of requests then costs little, and guessing takes for ever."""
 
 TOKEN_PARAMETER = "token"  # noqa: S105  the name of the parameter, not a token
 """Name of the query parameter of the first link that holds the token."""
@@ -92,9 +96,19 @@ class SecurityLayer:
         Who may open the page.
     now_s
         Monotonic clock in seconds, for the rate of messages.
+    refusal_s
+        Time until a refusal is sent, in seconds.
     """
 
-    def __init__(self, app: App, access: Access, *, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        app: App,
+        access: Access,
+        *,
+        now_s: Callable[[], float] = time.monotonic,
+        refusal_s: float = REFUSAL_S,
+    ) -> None:
+        self._refusal_s = refusal_s
         # Public: NiceGUI finds its server by following this attribute.
         self.app = app
         self._access = access
@@ -114,6 +128,7 @@ class SecurityLayer:
                 return
             refusal = "open the link that markerseek page printed in the terminal"
         if refusal is not None:
+            await asyncio.sleep(self._refusal_s)
             await _refuse(scope, send, 403, refusal)
         elif scope["type"] == "websocket":
             await self.app(scope, _Limited(receive, send, self._now_s).receive, send)
