@@ -1,0 +1,53 @@
+"""Plays a recording to the topics of a running search, with its own timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from markerseek.bridges.recording import Recording
+from markerseek.bridges.ros2.sample_topics import SampleTopics
+from markerseek.core import require_range
+from markerseek.ros import RosNode, messages, topics
+
+
+def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
+    """Publish the acquisitions of a recording; returns their number.
+
+    Parameters
+    ----------
+    recording
+        What is played.
+    node
+        The node that publishes.
+    pace
+        Real seconds per recorded second; 0 does not wait.
+    until
+        Asked between two acquisitions, and while it waits, whether to end.
+
+    Raises
+    ------
+    ConfigError
+        If the pace cannot be used.
+    """
+    require_range("pace", pace, low=0, high=100)
+    series = recording.series
+    publisher = SampleTopics(node=node, publishes_angle=True)
+    publisher.begin(
+        {"played": True, "angles": len(series.angles_deg), **series.known},
+        imaging=recording.imaging,
+        face_radius_m=series.facts.face_radius_m,
+    )
+    began_s, played = node.now_s(), 0
+    for sample in recording.samples():
+        while (left_s := began_s + pace * sample.after_s - node.now_s()) > 0 and not until():
+            node.spin(min(left_s, 0.1))
+        if until():
+            break
+        publisher.publish(
+            angle_deg=sample.angle_deg, intensity=sample.intensity, frame=sample.frame, lit=True, played=True
+        )
+        played += 1
+        node.spin(0.0)
+    result = messages.text(node.kinds, {"state": "played", "acquisitions": played})
+    node.publish(topics.RESULT, "std_msgs/msg/String", result, latched=True)
+    return played
