@@ -9,6 +9,15 @@ from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import require_range
 from markerseek.ros import RosNode, messages, topics
 
+_FIND_S = 2.0
+"""Time that subscribers are given to find the node before it begins, in seconds."""
+
+
+def _wait_for_subscribers(node: RosNode) -> None:
+    ends_s = node.now_s() + _FIND_S
+    while node.now_s() < ends_s and not (node.matched(topics.SAMPLE) and node.matched(topics.RESULT)):
+        node.spin(0.05)
+
 
 def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
     """Publish the acquisitions of a recording; returns their number.
@@ -32,11 +41,13 @@ def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[]
     require_range("pace", pace, low=0, high=100)
     series = recording.series
     publisher = SampleTopics(node=node, publishes_angle=True)
+    node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
     publisher.begin(
         {"played": True, "angles": len(series.angles_deg), **series.known},
         imaging=recording.imaging,
         face_radius_m=series.facts.face_radius_m,
     )
+    _wait_for_subscribers(node)
     began_s, played = node.now_s(), 0
     for sample in recording.samples():
         while (left_s := began_s + pace * sample.after_s - node.now_s()) > 0 and not until():
