@@ -195,9 +195,7 @@ def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.
 
 def test_the_security_policy_names_every_topic_of_the_nodes() -> None:
     names = {
-        f"/{each.text}"
-        for kind in ("topic", "service")
-        for each in ET.parse(EXAMPLES / "ros2-policy.xml").iter(kind)
+        f"/{each.text}" for kind in ("topic", "service") for each in ET.parse(EXAMPLES / "ros2-policy.xml").iter(kind)
     }
     assert names == {value for name, value in vars(topics).items() if name.isupper()}
 

@@ -178,7 +178,7 @@ _Held = TypeVar("_Held", bound=msgspec.Struct)
 def _decoded(data: str, kind: type[_Held]) -> _Held | None:
     try:
         return msgspec.json.decode(data, type=kind)
-    except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
+    except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
 
 
