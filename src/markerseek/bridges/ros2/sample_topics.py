@@ -27,8 +27,13 @@ class SampleTopics:
         self._face_radius_m: float | None = None
         self._imaging: ImageReader | None = None
         self._brightest = 0.0
+        # All at once, and early: who subscribes misses what comes before the publisher is found.
+        node.advertise(topics.BANK, _TEXT, latched=True)
+        if publishes_angle:
+            node.advertise(topics.MEASURED_JS, _JOINT)
         for topic, kind in (
             (topics.SAMPLE, _TEXT),
+            (topics.FRAMES, messages.frames_kind(node.kinds)),
             (topics.INTENSITY, "std_msgs/msg/Float64"),
             (topics.ENVELOPE, "sensor_msgs/msg/Image"),
             (topics.PICTURE, "sensor_msgs/msg/Image"),
@@ -88,9 +93,6 @@ class SampleTopics:
         turned = messages.transforms(
             kinds, time_s=now_s, angle_deg=angle_deg, image=image, face_radius_m=self._face_radius_m
         )
-        if kinds.has("tf2_msgs/msg/TFMessage"):
-            message = kinds["tf2_msgs/msg/TFMessage"](transforms=turned)
-            self._node.publish(topics.FRAMES, "tf2_msgs/msg/TFMessage", message)
-            return
-        for each in turned:
-            self._node.publish(topics.FRAMES, "geometry_msgs/msg/TransformStamped", each)
+        kind = messages.frames_kind(kinds)
+        for message in [kinds[kind](transforms=turned)] if kind == messages.FRAMES_KIND else turned:
+            self._node.publish(topics.FRAMES, kind, message)
