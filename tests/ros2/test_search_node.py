@@ -55,7 +55,8 @@ class Listener:
         for _ in range(3000):
             self.node.spin(0.05)
             results = [json.loads(each.data) for each in self.heard[topics.RESULT]]
-            if results and results[-1]["state"] == state:
+            # Every publisher must have been found: what it sends before that does not arrive.
+            if results and results[-1]["state"] == state and all(map(self.node.publishes, self.heard)):
                 self.drain()
                 return results[-1]
         raise AssertionError(f"the search never was {state}")
