@@ -15,7 +15,7 @@ PICTURE = Path(__file__).parent / "figures/map.png"
 SHORT = {
     "cli": "one file a command",
     "studies": "many searches, one table; the paper",
-    "bridges": "others watch a search",
+    "bridges": "ROS 2 and others watch and ask",
     "runs": "journalled search, resume, bank scan",
     "emulators": "the devices' other side, byte for byte",
     "rigs": "puts a rig together",
@@ -26,6 +26,7 @@ SHORT = {
     "supervisor": "stops laser and stage",
     "pictures": "Matplotlib and HTML",
     "files": "opening and writing files",
+    "ros": "ROS 2: node, topics, messages",
     "guard": "limits, permits, admission",
     "wire": "protocols as bytes",
     "testing": "contract tests",

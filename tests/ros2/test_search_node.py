@@ -42,17 +42,21 @@ class Listener:
 
     def drain(self) -> None:
         """Take what is still on its way: topics are not in step with one another."""
-        for _ in range(40):
+        silent = 0
+        for _ in range(200):
             before = self.node.handled
             self.node.spin(0.1)
-            if self.node.handled == before:
+            silent = silent + 1 if self.node.handled == before else 0
+            # Diagnostics come once a second for ever.
+            if silent == 4:
                 return
 
     def wait_for(self, state: str) -> dict[str, Any]:
         for _ in range(3000):
             self.node.spin(0.05)
             results = [json.loads(each.data) for each in self.heard[topics.RESULT]]
-            if results and results[-1]["state"] == state:
+            # Every publisher must have been found: what it sends before that does not arrive.
+            if results and results[-1]["state"] == state and all(map(self.node.publishes, self.heard)):
                 self.drain()
                 return results[-1]
         raise AssertionError(f"the search never was {state}")
@@ -82,7 +86,7 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
     assert [each["angle_deg"] for each in searched] == [each["angle_deg"] for each in alone["samples"]]
     assert [each["intensity"] for each in searched] == [each["intensity"] for each in alone["samples"]]
     angles = [each.position[0] for each in listener.heard[topics.MEASURED_JS]]
-    assert angles[3:8] == pytest.approx([math.radians(each["angle_deg"]) for each in searched])
+    assert angles[3 : 3 + len(searched)] == pytest.approx([math.radians(each["angle_deg"]) for each in searched])
     known = json.loads(listener.heard[topics.BANK][-1].data)
     assert known["rig"] == "simulated"
     assert "recipe" not in known
@@ -106,8 +110,9 @@ def test_a_search_is_cancelled_and_the_next_may_begin(start: Start, listener: Li
         listener.node.spin(0.05)
     assert listener.node.call(topics.CANCEL, timeout_s=10) == (True, "the search is being stopped")
     ended = listener.wait_for("ended")
-    assert ended["exit_code"] == 130
-    assert ended["message"] == "stopped by SIGINT"
+    # SIGTERM comes after two seconds where SIGINT is ignored, as in what a script starts in the background.
+    assert ended["exit_code"] in (130, 143)
+    assert ended["message"].startswith("stopped by SIG")
     assert listener.node.call(topics.RUN, timeout_s=10)[0]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
@@ -95,16 +96,43 @@ def test_every_kind_of_event_comes_back_as_it_was_sent(
 @settings(max_examples=30)
 @given(cuts=st.lists(st.integers(0, 12_000), max_size=12))
 def test_a_stream_may_be_cut_anywhere_on_its_way(tmp_path_factory: pytest.TempPathFactory, cuts: list[int]) -> None:
-    rig = entries_rig()
-    session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
-    path = tmp_path_factory.mktemp("stream") / "e"
-    data = written(path, session.configuration, journal_events(), frames=True)
+    data = _whole_stream(tmp_path_factory)
     whole = StreamDecoder().feed(data)
     decoder, items = StreamDecoder(), list[StreamItem]()
     ends = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
     for low, high in pairwise(ends):
         items += decoder.feed(data[low:high])
     assert [kind(item) for item in items] == [kind(item) for item in whole]
+
+
+@settings(max_examples=300)
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 12_000), st.integers(0, 255)), min_size=1, max_size=6),
+    end=st.integers(0, 12_000),
+)
+def test_a_damaged_stream_is_read_or_refused_and_nothing_else(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], end: int
+) -> None:
+    data = bytearray(_whole_stream(tmp_path_factory))
+    for at, byte in changes:
+        data[at % len(data)] = byte
+    decoder = StreamDecoder()
+    # Any other exception fails the test.
+    with contextlib.suppress(RecordError):
+        decoder.feed(bytes(data[: end % len(data)]))
+        decoder.feed(bytes(data[end % len(data) :]))
+
+
+_WHOLE: list[bytes] = []
+
+
+def _whole_stream(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    if not _WHOLE:
+        rig = entries_rig()
+        session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
+        path = tmp_path_factory.mktemp("stream") / "e"
+        _WHOLE.append(written(path, session.configuration, journal_events(), frames=True))
+    return _WHOLE[0]
 
 
 def kind(item: StreamItem) -> tuple[str, int]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
@@ -15,7 +17,18 @@ from hypothesis import strategies as st
 from markerseek.core import ConfigError, MissingExtraError
 from markerseek.drivers import BenchSettings, RosReceiver, RosStage
 from markerseek.rigs import BenchRecipe, read_rig_file
-from markerseek.ros import RosNode, Security, StampedCommands, degrees, joint_angle_deg, local_transport, messages
+from markerseek.ros import (
+    RosNode,
+    Security,
+    StampedCommands,
+    degrees,
+    joint_angle_deg,
+    local_transport,
+    messages,
+    topics,
+)
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 RIG = """
 kind = "bench"
@@ -178,3 +191,20 @@ def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.
     for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s"):
         (folder / name).touch()
     Security.of_environment().require("/markerseek/trus_stage")
+
+
+def test_the_security_policy_names_every_topic_of_the_nodes() -> None:
+    names = {
+        f"/{each.text}" for kind in ("topic", "service") for each in ET.parse(EXAMPLES / "ros2-policy.xml").iter(kind)
+    }
+    assert names == {value for name, value in vars(topics).items() if name.isupper()}
+
+
+def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path: Path) -> None:
+    example = read_rig_file(EXAMPLES / "rigs" / "ros2.toml")
+    usual = read_rig_file(written(tmp_path, RIG + "[probe]\nface_radius_m = 0.01\n"))
+    assert example == usual
+    text = (EXAMPLES / "rigs" / "ros2.toml").read_text()
+    for kind in (RosStage, RosReceiver):
+        for field in fields(kind):
+            assert f"\n{field.name} = " in text

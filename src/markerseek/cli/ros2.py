@@ -52,7 +52,13 @@ def search(
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[int | None, typer.Option(min=2, help="Most acquisitions.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
-    pace: Annotated[float, typer.Option(help="Real seconds per virtual second of a simulated rig.")] = 0,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Real seconds per virtual second of a simulated rig (0), or per recorded second (1)."),
+    ] = None,
+    play: Annotated[
+        Path | None, typer.Option(help="Search nothing: play a bank or the journal of a finished run, once.")
+    ] = None,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
@@ -69,8 +75,11 @@ def search(
     from markerseek.bridges.ros2 import SearchNode
     from markerseek.cli.terminal import print_json, stderr
 
+    if play is not None:
+        _play(play, pace=1.0 if pace is None else pace, require_security=require_security)
+        return
     request = SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
-    searches = Searches(SearchOptions(rig=rig, pace=pace, frames=True))
+    searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
     parameters: dict[str, str | int] = {
         "method": method,
         "acquisitions": acquisitions or 0,
@@ -184,6 +193,22 @@ def sim(
         "there is no marker" if world.facts.truth_deg is None else f"the marker is at {world.facts.truth_deg:.3f} deg"
     )
     stderr.print(f"truth: {truth}")
+
+
+def _play(path: Path, *, pace: float, require_security: bool) -> None:
+    """Play a recording to the topics of a search."""
+    from markerseek.bridges import Recording
+    from markerseek.bridges.ros2 import play
+    from markerseek.cli.terminal import announce_compilation, stdout
+
+    announce_compilation()
+    recording = Recording(path)
+    with _node("pa_search", {"plays": str(path)}, require_security=require_security) as node, _stopping() as stopped:
+        stdout.print(f"playing {len(recording.series.angles_deg)} acquisitions; ready", markup=False)
+        sys.stdout.flush()
+        played = play(recording, node, pace=pace, until=lambda: bool(stopped))
+        stdout.print(f"{played} acquisitions were played")
+    raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 
 def _serve_part(

@@ -147,6 +147,14 @@ def request_of(message: Any) -> AcquireRequest | None:
     return _decoded(message.data, AcquireRequest)
 
 
+FRAMES_KIND = "tf2_msgs/msg/TFMessage"
+
+
+def frames_kind(kinds: Any) -> str:
+    """Name of the message with transforms: that of tf2 where it is installed."""
+    return FRAMES_KIND if kinds.has(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
+
+
 STATE_KIND = "crtk_msgs/msg/OperatingState"
 
 
@@ -178,7 +186,7 @@ _Held = TypeVar("_Held", bound=msgspec.Struct)
 def _decoded(data: str, kind: type[_Held]) -> _Held | None:
     try:
         return msgspec.json.decode(data, type=kind)
-    except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
+    except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
 
 

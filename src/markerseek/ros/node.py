@@ -18,6 +18,9 @@ from markerseek.core import ConfigError, MissingExtraError, RecordError
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
+_LAST_S = 1.0
+"""Longest wait for subscribers when a node leaves, in seconds."""
+
 _DEPTH = 10
 """Messages that wait for a subscriber."""
 
@@ -352,12 +355,23 @@ class RosNode:
         if not self._open:
             return
         self._open = False
+        self._hand_over()
         self.network.executor.remove_node(self._node)
         self._node.destroy_node()
         self.network.nodes -= 1
         if self.network.nodes == 0:
             self.network.executor.shutdown()
             self.network.context.try_shutdown()
+
+    def _hand_over(self) -> None:
+        """Wait until subscribers have what was published last, such as an answer: it would be lost with the node."""
+        from rclpy.duration import Duration
+
+        left_s = _LAST_S
+        for publisher in self._publishers.values():
+            began_s = self.now_s()
+            publisher.wait_for_all_acked(Duration(seconds=left_s))
+            left_s = max(0.0, left_s - (self.now_s() - began_s))
 
     def __enter__(self) -> Self:
         return self

@@ -1,7 +1,18 @@
 from .acquisition_node import AcquisitionNode
 from .interrupted import Interrupted
+from .player import play
 from .search_node import SearchNode
 from .serving import Beat, Served, serve
 from .stage_node import PlainTopics, StageNode
 
-__all__ = ["AcquisitionNode", "Beat", "Interrupted", "PlainTopics", "SearchNode", "Served", "StageNode", "serve"]
+__all__ = [
+    "AcquisitionNode",
+    "Beat",
+    "Interrupted",
+    "PlainTopics",
+    "SearchNode",
+    "Served",
+    "StageNode",
+    "play",
+    "serve",
+]

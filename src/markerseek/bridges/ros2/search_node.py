@@ -8,15 +8,16 @@ import threading
 from typing import Any
 
 from markerseek.bridges.child import ChildRun, Outcome
+from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.searches import Searches, SearchRequest
-from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused, SearchError
+from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
 from markerseek.records.journal import Checked
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 from markerseek.ros import RosNode, messages, topics
 from markerseek.runs import rebuild_reader
 from markerseek.signals import ImageReader
 
-_TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
+_TEXT = "std_msgs/msg/String"
 _DIAGNOSE_S = 1.0
 
 
@@ -40,17 +41,13 @@ class SearchNode:
     ) -> None:
         self.node = node
         self.outcome: Outcome | None = None
-        self._searches, self._request, self._publishes_angle = searches, request, publishes_angle
+        self._searches, self._request = searches, request
+        self._topics = SampleTopics(node=node, publishes_angle=publishes_angle)
         self._child: ChildRun | None = None
         self._items: queue.SimpleQueue[StreamItem | Outcome] = queue.SimpleQueue()
-        self._face_radius_m: float | None = None
-        self._imaging: ImageReader | None = None
-        self._brightest = 0.0
         self._counts = {"searches": 0, "acquisitions": 0, "refused": 0, "lost lines": 0, "lost frames": 0}
         self._fault: str | None = None
         self._diagnose_s = -math.inf
-        for topic in (topics.SAMPLE, topics.INTENSITY):
-            node.advertise(topic, _TEXT if topic == topics.SAMPLE else "std_msgs/msg/Float64")
         node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
         node.serve(topics.RUN, self._on_run)
         node.serve(topics.CANCEL, self._on_cancel)
@@ -128,50 +125,27 @@ class SearchNode:
 
     def _begin(self, head: StreamHead) -> None:
         configuration = head.configuration
-        self._face_radius_m = configuration.facts.face_radius_m
         reader = rebuild_reader(configuration)
-        self._imaging = reader if isinstance(reader, ImageReader) else None
-        self._brightest = 0.0
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
-        message = messages.text(self.node.kinds, known)
-        self.node.publish(topics.BANK, _TEXT, message, latched=True)
+        self._topics.begin(
+            known,
+            imaging=reader if isinstance(reader, ImageReader) else None,
+            face_radius_m=configuration.facts.face_radius_m,
+        )
 
     def _publish_sample(self, event: Measured) -> None:
         self._counts["acquisitions"] += 1
-        sample, kinds, now_s = event.sample, self.node.kinds, self.node.now_s()
-        if self._publishes_angle:
-            joint = messages.joint_state(kinds, time_s=now_s, angle_deg=sample.angle_deg)
-            self.node.publish(topics.MEASURED_JS, _JOINT, joint)
-        image = None
-        if isinstance(sample.frame, ChannelFrame) and self._imaging is not None:
-            image = self._imaging.picture(sample.frame)
-        turned = messages.transforms(
-            kinds, time_s=now_s, angle_deg=sample.angle_deg, image=image, face_radius_m=self._face_radius_m
+        sample = event.sample
+        self._topics.publish(
+            angle_deg=sample.angle_deg,
+            intensity=sample.reading.intensity,
+            frame=sample.frame,
+            lit=not sample.dark,
+            role=event.role,
+            index=event.index,
         )
-        if kinds.has("tf2_msgs/msg/TFMessage"):
-            kind = "tf2_msgs/msg/TFMessage"
-            self.node.publish(topics.FRAMES, kind, kinds[kind](transforms=turned))
-        else:
-            for each in turned:
-                self.node.publish(topics.FRAMES, "geometry_msgs/msg/TransformStamped", each)
-        if image is not None:
-            self._brightest = max(self._brightest, float(image.envelope.max()))
-            self.node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
-            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
-            self.node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
-        content = {
-            "angle_deg": sample.angle_deg,
-            "intensity": sample.reading.intensity,
-            "time_s": now_s,
-            "role": event.role,
-            "index": event.index,
-        }
-        self.node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, content))
-        if event.role != "dark":
-            number = messages.number(kinds, sample.reading.intensity)
-            self.node.publish(topics.INTENSITY, "std_msgs/msg/Float64", number)
 
     def _end(self, outcome: Outcome) -> None:
         self._child, self.outcome = None, outcome

@@ -8,7 +8,7 @@ from typing import Protocol
 from markerseek.ros import RosNode
 
 _IDLE_S = 0.02
-_MOST_MESSAGES = 8
+_MOST_MESSAGES = 4
 """Most messages handled in one beat of a device: more would hold up its lease."""
 
 

@@ -18,6 +18,9 @@ _PUBLISH_S = 0.1
 
 _DIAGNOSE_S = 1.0
 
+_REFUSAL_S = 0.05
+"""Least time between two answers to commands that are refused, in seconds."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlainTopics:
@@ -86,7 +89,7 @@ class StageNode:
         self._moves = self._stops = 0
         self._active = True
         self._angle_deg = math.nan
-        self._due_s = self._diagnose_s = -math.inf
+        self._due_s = self._diagnose_s = self._refusal_due_s = -math.inf
         for topic in (topics.MEASURED_JS, topics.SETPOINT_JS):
             node.advertise(topic, _JOINT)
         self._state_kind = messages.state_kind(node.kinds)
@@ -143,7 +146,11 @@ class StageNode:
 
     def _refuse(self, reason: str, stamp_ns: int) -> None:
         self._refused = (reason, stamp_ns)
-        self._publish_state(is_busy=self._moving is not None)
+        now_s = self.node.now_s()
+        # A flood of bad commands is not answered one by one: the state that is due next says why.
+        if now_s >= self._refusal_due_s:
+            self._refusal_due_s = now_s + _REFUSAL_S
+            self._publish_state(is_busy=self._moving is not None)
 
     def stop(self) -> None:
         """End the move; what was asked for and not begun is forgotten."""

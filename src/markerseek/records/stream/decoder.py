@@ -128,7 +128,7 @@ class StreamDecoder:
                 end = msgspec.json.decode(text, type=EndLine)
                 return StreamEnd(lost_lines=end.lost_lines, lost_frames=end.lost_frames)
             self._line = msgspec.json.decode(text, type=EventLine)
-        except (msgspec.MsgspecError, RecursionError) as problem:
+        except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             raise RecordError(f"stream: a line cannot be read: {problem}") from problem
         if not 0 <= self._line.frame_bytes <= MOST_FRAME_BYTES:
             raise RecordError(f"stream: a frame of {self._line.frame_bytes} bytes, at most {MOST_FRAME_BYTES} expected")
@@ -183,5 +183,5 @@ def _split(kind: str, body: bytes, *, keep_frame: bool) -> tuple[bytes, FrameHea
             return body, header
         holder["frame"] = None
         return msgspec.json.encode(values), header
-    except (msgspec.MsgspecError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+    except (msgspec.MsgspecError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
         raise RecordError(f"stream: an event of the kind {kind[:40]!r} cannot be read: {problem}") from problem

@@ -1,0 +1,71 @@
+"""Plays a recording to the topics of a running search, with its own timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from markerseek.bridges.recording import Recording
+from markerseek.bridges.ros2.sample_topics import SampleTopics
+from markerseek.core import require_range
+from markerseek.ros import RosNode, messages, topics
+
+_FIND_S = 2.0
+"""Time that subscribers are given to find the node before it begins, in seconds."""
+
+
+_FOUND_S = 0.5
+
+
+def _wait_for_subscribers(node: RosNode) -> None:
+    ends_s = node.now_s() + _FIND_S
+    while node.now_s() < ends_s and not (node.matched(topics.SAMPLE) and node.matched(topics.RESULT)):
+        node.spin(0.05)
+    # Who is found has not yet found this node: it takes a moment more.
+    ends_s = node.now_s() + _FOUND_S
+    while node.now_s() < ends_s:
+        node.spin(0.05)
+
+
+def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
+    """Publish the acquisitions of a recording; returns their number.
+
+    Parameters
+    ----------
+    recording
+        What is played.
+    node
+        The node that publishes.
+    pace
+        Real seconds per recorded second; 0 does not wait.
+    until
+        Asked between two acquisitions, and while it waits, whether to end.
+
+    Raises
+    ------
+    ConfigError
+        If the pace cannot be used.
+    """
+    require_range("pace", pace, low=0, high=100)
+    series = recording.series
+    publisher = SampleTopics(node=node, publishes_angle=True)
+    node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
+    publisher.begin(
+        {"played": True, "angles": len(series.angles_deg), **series.known},
+        imaging=recording.imaging,
+        face_radius_m=series.facts.face_radius_m,
+    )
+    _wait_for_subscribers(node)
+    began_s, played = node.now_s(), 0
+    for sample in recording.samples():
+        while (left_s := began_s + pace * sample.after_s - node.now_s()) > 0 and not until():
+            node.spin(min(left_s, 0.1))
+        if until():
+            break
+        publisher.publish(
+            angle_deg=sample.angle_deg, intensity=sample.intensity, frame=sample.frame, lit=True, played=True
+        )
+        played += 1
+        node.spin(0.0)
+    result = messages.text(node.kinds, {"state": "played", "acquisitions": played})
+    node.publish(topics.RESULT, "std_msgs/msg/String", result, latched=True)
+    return played

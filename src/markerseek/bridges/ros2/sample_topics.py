@@ -1,0 +1,98 @@
+"""Publishes acquisitions: angle, transforms, image, intensity, on the topics that an exported log has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from markerseek.core import ChannelFrame, Frame, PaImage
+from markerseek.ros import RosNode, messages, topics
+from markerseek.signals import ImageReader
+
+_TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
+
+
+class SampleTopics:
+    """The topics of the acquisitions of one rig or recording.
+
+    Parameters
+    ----------
+    node
+        The node that publishes.
+    publishes_angle
+        Whether the angle of the probe is published, too.
+    """
+
+    def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
+        self._node, self._publishes_angle = node, publishes_angle
+        self._face_radius_m: float | None = None
+        self._imaging: ImageReader | None = None
+        self._brightest = 0.0
+        # All at once, and early: who subscribes misses what comes before the publisher is found.
+        node.advertise(topics.BANK, _TEXT, latched=True)
+        if publishes_angle:
+            node.advertise(topics.MEASURED_JS, _JOINT)
+        for topic, kind in (
+            (topics.SAMPLE, _TEXT),
+            (topics.FRAMES, messages.frames_kind(node.kinds)),
+            (topics.INTENSITY, "std_msgs/msg/Float64"),
+            (topics.ENVELOPE, "sensor_msgs/msg/Image"),
+            (topics.PICTURE, "sensor_msgs/msg/Image"),
+        ):
+            node.advertise(topic, kind)
+
+    def begin(self, known: Mapping[str, object], *, imaging: ImageReader | None, face_radius_m: float | None) -> None:
+        """Begin a run or a recording.
+
+        Parameters
+        ----------
+        known
+            What is known of it; published as JSON, and kept for subscribers that come later.
+        imaging
+            Makes the images; None where there are intensities only.
+        face_radius_m
+            Distance of the array's face from the axis of rotation in metres; None where it is not known.
+        """
+        self._imaging, self._face_radius_m, self._brightest = imaging, face_radius_m, 0.0
+        message = messages.text(self._node.kinds, {**known, "picture_range_db": messages.RANGE_DB})
+        self._node.publish(topics.BANK, _TEXT, message, latched=True)
+
+    def publish(self, *, angle_deg: float, intensity: float, frame: Frame | None, lit: bool, **facts: object) -> None:
+        """Publish one acquisition, stamped now.
+
+        Parameters
+        ----------
+        angle_deg, intensity
+            Where it was taken, in degrees, and its intensity.
+        frame
+            Its frame, to make an image of; None where it is not at hand.
+        lit
+            Whether it was taken with light: a dark frame has no intensity to be plotted.
+        facts
+            More for the JSON of the sample.
+        """
+        node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
+        image = None
+        if isinstance(frame, ChannelFrame) and self._imaging is not None:
+            image = self._imaging.picture(frame)
+        if self._publishes_angle:
+            node.publish(topics.MEASURED_JS, _JOINT, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
+        self._publish_transforms(angle_deg, image, now_s)
+        if image is not None:
+            self._brightest = max(self._brightest, float(image.envelope.max()))
+            node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
+            # White is the brightest so far: what will come is not known.
+            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest or 1.0)
+            node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
+        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, **facts}
+        node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, content))
+        if lit:
+            node.publish(topics.INTENSITY, "std_msgs/msg/Float64", messages.number(kinds, intensity))
+
+    def _publish_transforms(self, angle_deg: float, image: PaImage | None, now_s: float) -> None:
+        kinds = self._node.kinds
+        turned = messages.transforms(
+            kinds, time_s=now_s, angle_deg=angle_deg, image=image, face_radius_m=self._face_radius_m
+        )
+        kind = messages.frames_kind(kinds)
+        for message in [kinds[kind](transforms=turned)] if kind == messages.FRAMES_KIND else turned:
+            self._node.publish(topics.FRAMES, kind, message)

@@ -1,0 +1,72 @@
+"""A bank or a finished journal is played to the topics of a search, with its own timing."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ros_processes import MARKERSEEK, Start, answer_of
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+from markerseek.ros import RosNode, topics
+
+SCAN = Path(__file__).parents[2] / "examples" / "simulated_scan.csv"
+
+
+def heard(start: Start, *options: object) -> tuple[list[dict[str, Any]], list[Any], dict[str, Any]]:
+    """Samples, envelopes, and what is known of the recording."""
+    samples: list[Any] = []
+    envelopes: list[Any] = []
+    results: list[Any] = []
+    known: list[Any] = []
+    with RosNode("listener") as node:
+        node.subscribe(topics.SAMPLE, "std_msgs/msg/String", samples.append)
+        node.subscribe(topics.ENVELOPE, "sensor_msgs/msg/Image", envelopes.append)
+        node.subscribe(topics.RESULT, "std_msgs/msg/String", results.append, latched=True)
+        node.subscribe(topics.BANK, "std_msgs/msg/String", known.append, latched=True)
+        start(*MARKERSEEK, "ros2", "search", "--play", *options)
+        for _ in range(1200):
+            node.spin(0.05)
+            if results:
+                break
+        for _ in range(20):
+            node.spin(0.05)
+    result = json.loads(results[-1].data)
+    assert result["state"] == "played"
+    assert result["acquisitions"] == len(samples)
+    return [json.loads(each.data) for each in samples], envelopes, json.loads(known[-1].data)
+
+
+def test_a_table_is_played_row_by_row_in_its_own_time(start: Start) -> None:
+    with SCAN.open() as file:
+        rows = [(float(row["angle_deg"]), float(row["intensity"])) for row in csv.DictReader(file)]
+    samples, _envelopes, known = heard(start, SCAN, "--pace", "0.05")
+    assert [(each["angle_deg"], each["intensity"]) for each in samples] == rows
+    assert all(each["played"] for each in samples)
+    assert known["played"]
+    # One row a recorded second: the times between them are the pace, on the average.
+    times = [each["time_s"] for each in samples]
+    assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_finished_journal_is_played_with_its_images(start: Start, tmp_path: Path) -> None:
+    journal = tmp_path / "run.journal"
+    code, answer = answer_of("search", "--seed", 1, "--acquisitions", 7, "--journal", journal, "--json")
+    assert code in (0, 3)
+    samples, envelopes, known = heard(start, journal, "--pace", "0.01")
+    searched = {each["angle_deg"]: each["intensity"] for each in answer["samples"]}
+    played = {each["angle_deg"]: each["intensity"] for each in samples}
+    assert searched.items() <= {**played, **searched}.items()
+    assert set(searched) <= set(played)
+    assert len(envelopes) == len(samples)
+    assert known["simulated"]
+
+
+def test_a_run_that_is_not_over_is_not_played(tmp_path: Path) -> None:
+    code, answer = answer_of("ros2", "search", "--play", tmp_path / "nothing.hdf5", "--json")
+    assert code == 2
+    assert "nothing.hdf5" in answer["error"]
