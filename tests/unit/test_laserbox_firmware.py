@@ -29,7 +29,7 @@ def load() -> ModuleType:
 
 
 FIRMWARE: Any = load()
-FIRMWARE.IDENTITY = emulator.IDENTITY  # the one word in which they differ
+FIRMWARE.IDENTITY = wire.EMULATOR  # the one word in which they differ
 
 
 class Dark:

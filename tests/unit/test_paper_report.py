@@ -130,7 +130,7 @@ def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path)
                 for seen, exact in zip(on_page, in_csv, strict=True):
                     assert _same(seen, exact), (path.name, seen, exact)
     assert {path.suffix for path in paths} == {".csv", ".png", ".svg"}
-    assert "Fig. 9 needs the tool tip" in text
+    assert "Fig. 9" in text
     assert "made with 20 markers instead of 1000" in text.lower()
 
 

@@ -110,4 +110,4 @@ def test_what_are_no_frames_is_refused(frames: list[np.ndarray], words: str) -> 
 def test_without_opencv_the_message_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"opencv-python-headless.*pip install 'markerseek\[vision\]'"):
-        opencv.opencv()
+        opencv.opencv("a test")

@@ -26,6 +26,8 @@ class Belief:
     ----------
     estimate
         The answer that the search would give now.
+    claims
+        Whether the method claims anything; the paper's form always answers, and claims nothing.
     angles_deg, density_per_deg
         Angles in degrees, ascending, and the probability density of the marker there; empty for a method without one.
     bracket_deg
@@ -38,6 +40,7 @@ class Belief:
     """
 
     estimate: Estimate
+    claims: bool = True
     angles_deg: Float64[np.ndarray, " angles"] = field(default_factory=lambda: _NONE)
     density_per_deg: Float64[np.ndarray, " angles"] = field(default_factory=lambda: _NONE)
     bracket_deg: tuple[float, float] | None = None
@@ -53,12 +56,12 @@ class Belief:
     @property
     def sigma_deg(self) -> float | None:
         """Standard deviation in degrees; None where the answer has none."""
-        return self.estimate.sigma_deg if isinstance(self.estimate, Found | Unsure) else None
+        return self.estimate.sigma_deg if self.claims and isinstance(self.estimate, Found | Unsure) else None
 
     @property
     def interval95_deg(self) -> tuple[float, float] | None:
         """95 % interval in degrees; None where the answer has none."""
-        if not isinstance(self.estimate, Found | Unsure):
+        if not (self.claims and isinstance(self.estimate, Found | Unsure)):
             return None
         return self.estimate.interval95_deg.low_deg, self.estimate.interval95_deg.high_deg
 
@@ -76,6 +79,7 @@ class PolicyMirror:
 
     def __init__(self, plan: SearchPlan, *, limits: Interval) -> None:
         self._policy = policy_for(plan, limits=limits)
+        self._claims = not plan.as_published
         # The guarded form keeps its bracket to itself; the published form, told the same, has the same bracket.
         published = None if plan.method == "posterior" else _published(plan, limits)
         self._bracket = published if isinstance(published, BracketSearch) else None
@@ -106,6 +110,7 @@ class PolicyMirror:
         bracket = None if self._bracket is None else self._bracket.bracket
         return Belief(
             estimate=estimate,
+            claims=self._claims,
             bracket_deg=None if bracket is None else (bracket.low_deg, bracket.high_deg),
             weights=_weights(self._intensities) if self._weighted else (),
         )
@@ -143,4 +148,5 @@ def _thinned(
     """The density without the angles between two where it vanishes; most of a sharp posterior is nothing."""
     seen = density_per_deg > 1e-4 * density_per_deg.max()
     kept = seen | np.append(seen[1:], True) | np.append(True, seen[:-1])
-    return angles_deg[kept], density_per_deg[kept]
+    # Zero at the ends of what is kept: else the line to the end of the range would hold probability.
+    return angles_deg[kept], np.where(seen, density_per_deg, 0.0)[kept]
