@@ -32,7 +32,7 @@ def open_rig(
     seed: int | None = None,
     tissue: str | None = None,
     pace: float = 0.0,
-    peak_snr_db: float | None = None,
+    snr_db: float | None = None,
     readout_s: float | None = None,
 ) -> Iterator[tuple[Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
@@ -41,7 +41,7 @@ def open_rig(
     ----------
     path
         Rig file; None for the simulated rig with its defaults.
-    seed, tissue, pace, peak_snr_db, readout_s
+    seed, tissue, pace, snr_db, readout_s
         Options of a simulated rig (default seed 1), in place of its settings; an error for a rig of devices.
 
     Raises
@@ -59,13 +59,13 @@ def open_rig(
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if isinstance(settings, BenchSettings):
         simulated_only: dict[str, object] = {"--seed": seed, "--tissue": tissue, "--pace": pace or None}
-        _require_none(path, simulated_only | {"--peak-snr-db": peak_snr_db, "--readout-s": readout_s})
+        _require_none(path, simulated_only | {"--snr-db": snr_db, "--readout-s": readout_s})
         from markerseek.rigs import bench
 
         with bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    settings = changed_settings(settings, tissue=tissue, peak_snr_db=peak_snr_db, readout_s=readout_s)
+    settings = changed_settings(settings, tissue=tissue, snr_db=snr_db, readout_s=readout_s)
     yield rigs.simulated(seed=_USUAL_SEED if seed is None else seed, settings=settings, pace=pace), settings.start_deg
 
 

@@ -34,7 +34,7 @@ def command(
         str | None,
         typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all."),
     ] = None,
-    peak_snr_db: Annotated[
+    snr_db: Annotated[
         float | None, typer.Option(help="Peak SNR in dB of a simulated rig, instead of the rig's.", show_default="40")
     ] = None,
     readout_s: Annotated[
@@ -81,7 +81,7 @@ def command(
     stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
     # An unknown method is an error before devices are opened.
     method_named(method)
-    opened = open_rig(rig, seed=seed, tissue=tissue, pace=pace, peak_snr_db=peak_snr_db, readout_s=readout_s)
+    opened = open_rig(rig, seed=seed, tissue=tissue, pace=pace, snr_db=snr_db, readout_s=readout_s)
     with opened as (assembled, start_deg):
         plan = plan_on(
             assembled,
