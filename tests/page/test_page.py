@@ -95,9 +95,9 @@ def test_killed_child_is_said_and_can_go_on(opened, page):
 
 
 def test_link_holds_the_settings(opened):
-    watched = opened(query="&method=ternary&seed=7&peak_snr_db=30&pace=0&tissue=liver")
+    watched = opened(query="&method=ternary&seed=7&snr_db=30&pace=0&tissue=liver")
     watched.tab.get_by_label("seed").fill("8")
-    watched.tab.wait_for_url("**/?method=ternary&tissue=liver&peak_snr_db=30&seed=8&pace=0")
+    watched.tab.wait_for_url("**/?method=ternary&tissue=liver&snr_db=30&seed=8&pace=0")
     watched.search()
     watched.wait_for(STATUS, r"(found|unsure|not found|ambiguous|at bound) at ")
     options = ("--method", "ternary", "--tissue", "liver", "--snr-db", "30", "--seed", "8")

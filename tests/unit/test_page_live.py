@@ -189,6 +189,17 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
         shared.start_race(PageSettings(), PageSettings())
 
 
+def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    named = [tmp_path / "a" / "run.journal", tmp_path / "b" / "run.journal"]
+    kept = tmp_path / "markerseek" / "journals" / "run.journal"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    shared = Desk(lambda _: ScriptedChild(), PageRig(), named)
+    assert list(shared.recordings().values()) == [*named, kept]
+    assert next(iter(shared.recordings())) == "run.journal"
+
+
 def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
     shared, asked = desk([], tmp_path, monkeypatch)
     for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):

@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import ConfigError
+from markerseek.rigs import simulated
 from markerseek.search import METHODS
-from markerseek.sim import TISSUES
+from markerseek.sim import TISSUES, SimulatedSettings, changed_settings
 
 settings = st.builds(
     PageSettings,
     method=st.sampled_from([each.name for each in METHODS]),
     acquisitions=st.none() | st.integers(20, 200),
     tissue=st.none() | st.sampled_from(list(TISSUES)),
-    peak_snr_db=st.none() | st.integers(-20, 100).map(float),
+    snr_db=st.none() | st.integers(-20, 100).map(float),
     readout_s=st.none() | st.sampled_from([0.0, 0.1, 10.0]),
     seed=st.integers(0, 2**63 - 1),
     pace=st.sampled_from([0.0, 0.01, 0.05, 1.0]),
@@ -44,8 +45,8 @@ def test_usual_settings_need_no_query():
         ({"acquisitions": "1"}, "at least 2"),
         ({"acquisitions": "1e9"}, "acquisitions"),
         ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
-        ({"peak_snr_db": "nan"}, "peak_snr_db is nan"),
-        ({"peak_snr_db": "101"}, "peak_snr_db is 101"),
+        ({"snr_db": "nan"}, "peak_snr_db is nan"),
+        ({"snr_db": "101"}, "peak_snr_db is 101"),
         ({"readout_s": "inf"}, "readout_s is inf"),
         ({"pace": "nan"}, "pace is nan"),
         ({"pace": "101"}, "pace is 101"),
@@ -71,3 +72,14 @@ def test_change_is_checked():
     assert PageSettings().changed("seed", 5).seed == 5
     with pytest.raises(ConfigError, match="seed is"):
         PageSettings().changed("seed", 0.5)
+
+
+def test_simulated_rig_has_the_noise_and_the_receiver_that_were_asked_for():
+    usual = SimulatedSettings()
+    assert changed_settings(usual) == usual
+    changed = changed_settings(usual, tissue="liver", snr_db=30.0, readout_s=0.1)
+    assert (changed.tissue, changed.noise.peak_snr_db, changed.receiver.readout_s) == ("liver", 30.0, 0.1)
+    rigs = [simulated(seed=1, settings=each, marker_deg=0.0) for each in (usual, changed_settings(usual, snr_db=20.0))]
+    noise = [each.scanner.measure(0.0).reading.noise_sigma for each in rigs]
+    # 20 dB less is ten times the noise.
+    assert noise[1] / noise[0] == pytest.approx(10, rel=0.2)

@@ -86,7 +86,7 @@ class SimulationOptions:
         """
         from markerseek.sim import changed_settings
 
-        settings = changed_settings(settings, tissue=self.tissue, peak_snr_db=self.snr_db, readout_s=self.readout_s)
+        settings = changed_settings(settings, tissue=self.tissue, snr_db=self.snr_db, readout_s=self.readout_s)
         if self.no_marker:
             none = replace(settings.marker, present=False)
             settings = replace(settings, marker=none, second=replace(settings.second, present=False))

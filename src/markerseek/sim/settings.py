@@ -199,7 +199,7 @@ def changed_settings(
     settings: SimulatedSettings,
     *,
     tissue: str | None = None,
-    peak_snr_db: float | None = None,
+    snr_db: float | None = None,
     readout_s: float | None = None,
 ) -> SimulatedSettings:
     """Settings of which some have another value; None leaves one as it is.
@@ -210,8 +210,8 @@ def changed_settings(
         The settings.
     tissue
         Name of the material.
-    peak_snr_db
-        As in `NoiseSettings`.
+    snr_db
+        Peak SNR in dB, as in `NoiseSettings`.
     readout_s
         As in `ReceiverSettings`.
 
@@ -222,8 +222,8 @@ def changed_settings(
     """
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
-    if peak_snr_db is not None:
-        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=peak_snr_db))
+    if snr_db is not None:
+        settings = replace(settings, noise=replace(settings.noise, peak_snr_db=snr_db))
     if readout_s is not None:
         settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
     return settings

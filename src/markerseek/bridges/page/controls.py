@@ -23,7 +23,7 @@ READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ (10 s)", REAL_TIME_READOUT_S: "real-ti
 METHOD_FIELDS = ("method", "acquisitions", "as_published")
 """Settings of any search."""
 
-RIG_FIELDS = ("tissue", "peak_snr_db", "seed", "readout_s", "pace")
+RIG_FIELDS = ("tissue", "snr_db", "seed", "readout_s", "pace")
 """Settings of a simulated rig."""
 
 
@@ -54,7 +54,7 @@ class SettingsRow:
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
             "as_published": self._as_published,
             "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 128),
-            "peak_snr_db": lambda: self._number("peak_snr_db", "SNR [dB]", 84),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 84),
             "seed": lambda: self._number("seed", "seed", 66),
             "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
             "pace": lambda: self._select("pace", PACES, "speed", 116),
@@ -140,4 +140,4 @@ def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
 
 def _number(name: str, value: float | None) -> float | int | None:
     """The number of a field; a whole one where the setting is a count."""
-    return int(value) if value is not None and name != "peak_snr_db" and value == int(value) else value
+    return int(value) if value is not None and name != "snr_db" and value == int(value) else value

@@ -15,6 +15,9 @@ from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 
+MOST_LISTED = 50
+"""Journals of the data folder that are offered for replay, the newest."""
+
 NICENESS = 10
 """Niceness of the page, so that it never takes processor time from a search."""
 
@@ -183,7 +186,11 @@ class Desk:
         """Recordings that may be replayed, by name: those named at the start, then the newest journals."""
         folder = journals_folder()
         found = journals_in(folder) if folder.is_dir() else []
-        return {path.name: path for path in (*self._named, *reversed(found[-50:]))}
+        recordings: dict[str, Path] = {}
+        for path in (*self._named, *reversed(found[-MOST_LISTED:])):
+            # Two of one name are told apart by their folders.
+            recordings.setdefault(path.name if path.name not in recordings else str(path), path)
+        return recordings
 
     def _rig_arguments(self) -> list[str]:
         return [] if self.rig.file is None else ["--rig", str(self.rig.file)]

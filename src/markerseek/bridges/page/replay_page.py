@@ -57,8 +57,10 @@ class ReplayPage:
         self._frame.run(self._update)
 
     async def _choose(self) -> None:
-        path = self._recordings[self._chosen.value]
-        is_run = is_journal(path)
+        path = self._recordings.get(self._chosen.value)
+        if path is None:
+            return
+        is_run = path.is_file() and is_journal(path)
         self._methods.visible = not is_run
         self._run = self._live = self._answer = self._journal = None
         self._message = "choose a method, then search" if not is_run else f"reads {path.name}"

@@ -30,8 +30,8 @@ class PageSettings:
         As in `SearchPlan`.
     tissue
         Simulated material; None: that of the rig.
-    peak_snr_db
-        Noise of a simulated rig, as in `NoiseSettings`; None: that of the rig.
+    snr_db
+        Peak SNR of a simulated rig in dB, as in `NoiseSettings`; None: that of the rig.
     readout_s
         Time to read one acquisition of a simulated rig, in seconds; None: that of the rig.
     seed
@@ -49,7 +49,7 @@ class PageSettings:
     acquisitions: int | None = None
     as_published: bool = False
     tissue: str | None = None
-    peak_snr_db: float | None = None
+    snr_db: float | None = None
     readout_s: float | None = None
     seed: int = 1
     pace: float = USUAL_PACE
@@ -63,8 +63,8 @@ class PageSettings:
             build(self.method, as_published=True)
         if self.tissue is not None:
             tissue_named(self.tissue)
-        if self.peak_snr_db is not None:
-            NoiseSettings(peak_snr_db=self.peak_snr_db)
+        if self.snr_db is not None:
+            NoiseSettings(peak_snr_db=self.snr_db)
         if self.readout_s is not None:
             ReceiverSettings(readout_s=self.readout_s)
         if not (is_whole(self.seed) and 0 <= self.seed < 2**63):
@@ -81,7 +81,7 @@ class PageSettings:
         if not simulated:
             return given
         given += ["--seed", str(self.seed), "--pace", f"{self.pace:g}"]
-        options = {"--tissue": self.tissue, "--snr-db": self.peak_snr_db, "--readout-s": self.readout_s}
+        options = {"--tissue": self.tissue, "--snr-db": self.snr_db, "--readout-s": self.readout_s}
         for name, value in options.items():
             if value is not None:
                 given += [name, value if isinstance(value, str) else f"{value:g}"]

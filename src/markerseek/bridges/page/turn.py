@@ -48,9 +48,7 @@ class Turn:
     """
 
     def __init__(self, base: SimulatedSettings, chosen: PageSettings) -> None:
-        settings = changed_settings(
-            base, tissue=chosen.tissue, peak_snr_db=chosen.peak_snr_db, readout_s=chosen.readout_s
-        )
+        settings = changed_settings(base, tissue=chosen.tissue, snr_db=chosen.snr_db, readout_s=chosen.readout_s)
         self.rig = simulated(seed=chosen.seed, settings=settings)
         self.chosen = chosen
         # The plan names a method because every plan does; no policy decides here.

@@ -37,7 +37,7 @@ class TurnPage:
         self._frame = Frame(desk, "/turn")
         limits = base.limits.search
         with ui.element("div").classes("ms-controls"):
-            self._row = SettingsRow(PageSettings(seed=2), ("tissue", "peak_snr_db", "seed", "readout_s"))
+            self._row = SettingsRow(PageSettings(seed=2), ("tissue", "snr_db", "seed", "readout_s"))
             ui.button("New scene", on_click=self._begin).props("dense outline padding='6px 10px'")
             self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it).props("dense outline")
