@@ -60,6 +60,8 @@ def test_a_search_on_simulated_nodes_in_another_process(start: Start, tmp_path: 
     assert code == 0
     require_same(answer, alone)
     assert sockets_of(nodes.pid) == []
+    _code, unarmed = answer_of("search", "--rig", rig, "--json", "--no-journal")
+    assert unarmed["rig"].startswith("SIMULATED stage node on /TRUS/move_jp")
 
 
 def test_a_search_on_a_stage_of_plain_numbers(start: Start, tmp_path: Path, alone: dict[str, Any]) -> None:

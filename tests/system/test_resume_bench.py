@@ -75,7 +75,7 @@ def hostile(folder: Path) -> BenchSettings:
 def begun_with(settings: BenchSettings, **changes: object) -> Configuration:
     return configuration(
         kind="bench",
-        recipe=msgspec.Raw(msgspec.json.encode(BenchRecipe(settings=settings))),
+        recipe=msgspec.Raw(msgspec.json.encode(BenchRecipe.of(settings))),
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         truth_deg=None,

@@ -79,6 +79,11 @@ class Ros2Stage:
     travel
         Angles that it may be sent to.
 
+    Attributes
+    ----------
+    simulated
+        Whether its node says that it is simulated.
+
     Raises
     ------
     NotConnectedError
@@ -94,6 +99,8 @@ class Ros2Stage:
         self._reached_ns = 0
         self._readings = 0
         self._in_degrees = False
+        self._states = 0
+        self.simulated = False
         self._busy = self._was_busy = False
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
@@ -113,6 +120,7 @@ class Ros2Stage:
         for what, found in (
             (f"takes angles on {settings.command_topic}", lambda: self._node.matched(settings.command_topic)),
             (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
+            (f"publishes its state on {settings.state_topic}", lambda: not settings.state_topic or self._states > 0),
         ):
             if not self._wait.until(found, timeout_s=settings.connect_s):
                 raise NotConnectedError(
@@ -140,6 +148,8 @@ class Ros2Stage:
         state = messages.state_of(message)
         if state is None:
             return
+        self._states += 1
+        self.simulated = state.simulated
         self._busy = state.is_busy
         self._was_busy = self._was_busy or state.is_busy
         if not state.is_busy:

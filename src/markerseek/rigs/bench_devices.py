@@ -143,7 +143,7 @@ def stage_of(settings: BenchSettings, devices: OpenDevices, clock: Clock) -> tup
     keys, travel = settings.stage, settings.limits.travel
     if isinstance(keys, RosStage):
         over_ros = Ros2Stage(node=_node(devices), clock=clock, settings=keys, travel=travel)
-        return over_ros, f"stage node on {keys.command_topic}"
+        return over_ros, f"{'SIMULATED ' if over_ros.simulated else ''}stage node on {keys.command_topic}"
     stage = Kdc101Stage(
         port=devices.stage, clock=clock, settings=StageSettings(travel=travel, **_values(keys, StageKeys))
     )

@@ -133,6 +133,7 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     is_busy: bool
     stamp_ns: int
     angle_deg: float | None = None
+    simulated: bool = False
     refused: str = ""
     refused_ns: int = 0
 

@@ -268,6 +268,7 @@ class StageNode:
             is_busy=is_busy,
             stamp_ns=messages.time_ns(self.node.now_s()) if stamp_ns is None else stamp_ns,
             angle_deg=None if stamp_ns is None else self._angle_deg,
+            simulated=self._simulated,
             refused=self._refused[0],
             refused_ns=self._refused[1],
         )
