@@ -9,11 +9,13 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from pyigtl.messages import CRC64
 
 from hostile_folders import FolderClock, whole_folder
 from markerseek.core import Clock, DeviceError, LaserError, Permit
@@ -25,7 +27,7 @@ from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import VirtualClock
-from markerseek.wire import apt, laserbox
+from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
 
@@ -272,9 +274,22 @@ def _read_folder(data: bytes) -> None:
         shutil.rmtree(folder)
 
 
+def _read_igtl(data: bytes) -> None:
+    """A message, with the checksum that fits, which chance would not find."""
+    header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=1 << 16)
+    body = data[igtl.HEADER_BYTES :]
+    igtl.decode(replace(header, body_bytes=len(body), crc=CRC64(body)), body)
+
+
+def _whole_igtl() -> bytes:
+    content = igtl.Command(number=1, name="StartSearch", text='<Command Name="StartSearch" Seed="1" />')
+    return igtl.encode(igtl.Message(device="CMD_1", content=content, metadata={"sequence": "1"}))
+
+
 WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "apt-messages": (_whole_messages, _read_messages),
     "laserbox-lines": (_whole_lines, _read_lines),
+    "igtl": (_whole_igtl, _read_igtl),
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
     "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),

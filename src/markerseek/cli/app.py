@@ -15,6 +15,7 @@ from markerseek.cli import (
     doctor,
     emulate,
     frame,
+    igtl,
     journal,
     page,
     register,
@@ -49,6 +50,7 @@ app = typer.Typer(
 _COMMANDS = (
     search,
     page,
+    igtl,
     replay,
     resume,
     frame,

@@ -1,0 +1,15 @@
+from .commands import Answer, Request, read_request
+from .server import PORT, IgtlServer
+from .service import SearchService
+from .streams import Stream, Streams
+
+__all__ = [
+    "PORT",
+    "Answer",
+    "IgtlServer",
+    "Request",
+    "SearchService",
+    "Stream",
+    "Streams",
+    "read_request",
+]

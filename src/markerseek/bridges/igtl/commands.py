@@ -1,0 +1,136 @@
+"""Commands of OpenIGTLink clients, in the two forms in use, and their answers.
+
+STRING ``CMD_7`` with ``<Command Name="StartSearch" />`` is answered by STRING ``ACK_7``, as PLUS does; COMMAND by
+RTS_COMMAND with the same number.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from markerseek.bridges.searches import SearchRequest
+from markerseek.core import ConfigError
+from markerseek.wire import igtl
+
+# No XML parser: the text comes from the network, and needs neither entities of its own nor a document type.
+_ATTRIBUTE = r"""\s+([A-Za-z]\w*)\s*=\s*("[^"<]*"|'[^'<]*')"""
+_ELEMENT = re.compile(rf"\s*<Command(?P<attributes>(?:{_ATTRIBUTE})*)\s*(?:/>|>\s*</Command>)\s*", re.ASCII)
+_PREFIX = "CMD_"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """A command: its name, its values by name, and the message that asked for it."""
+
+    name: str
+    values: Mapping[str, str]
+    message: igtl.Message
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """Whether a command is carried out, and a sentence."""
+
+    done: bool
+    sentence: str
+
+
+def is_command(message: igtl.Message) -> bool:
+    """Whether a message is a command in either form."""
+    match message.content:
+        case igtl.Text():
+            return message.device.startswith(_PREFIX)
+        case igtl.Reply():
+            return False
+        case igtl.Command():
+            return True
+        case _:
+            return False
+
+
+def read_request(message: igtl.Message) -> Request:
+    """The command in a message.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read.
+    """
+    content = message.content
+    named = content.name if isinstance(content, igtl.Command) else ""
+    text = content.text if isinstance(content, igtl.Text | igtl.Command) else ""
+    values: dict[str, str] = {}
+    if text.strip() or not named:
+        element = _ELEMENT.fullmatch(text)
+        if element is None:
+            raise ConfigError(f'the command {text[:80]!r} cannot be read; send <Command Name="StartSearch" />')
+        for name, value in re.findall(_ATTRIBUTE, element["attributes"], re.ASCII):
+            if name in values:
+                raise ConfigError(f"the command has {name} twice; send it once")
+            values[name] = html.unescape(value[1:-1])
+    name = values.pop("Name", named)
+    if named and name != named:
+        raise ConfigError(f"the command is named {named!r} and {name!r}; send one name")
+    if not name:
+        raise ConfigError('the command has no name; send <Command Name="StartSearch" />')
+    return Request(name=name, values=values, message=message)
+
+
+def answer_message(asked: igtl.Message, answer: Answer, *, time_s: float) -> igtl.Message:
+    """Answer to a command, in the form and the header version in which it was asked."""
+    status = "SUCCESS" if answer.done else "FAIL"
+    # The sentence may repeat what was sent, and the protocol limits the length.
+    sentence = answer.sentence[:1000]
+    text = f"<CommandReply Status={quoteattr(status)} Message={quoteattr(sentence)} />"
+    metadata = {"Status": status, "Message" if answer.done else "Error": sentence}
+    if isinstance(asked.content, igtl.Command):
+        content: igtl.Content = igtl.Reply(number=asked.content.number, name=asked.content.name, text=text)
+        device = asked.device
+    else:
+        content = igtl.Text(text=text)
+        device = f"ACK_{asked.device.removeprefix(_PREFIX)}"
+    return igtl.Message(device=device, content=content, time_s=time_s, metadata=metadata, version=asked.version)
+
+
+def search_request(values: Mapping[str, str]) -> SearchRequest:
+    """What is asked of a search.
+
+    Raises
+    ------
+    ConfigError
+        If a value is unknown, as ``Arm``, or cannot be used.
+    """
+    unknown = sorted(set(values) - set(_VALUES))
+    if unknown:
+        raise ConfigError(
+            f"StartSearch has no {unknown[0]}; it has {', '.join(_VALUES)}. A rig is named, and armed, where the "
+            "bridge runs"
+        )
+    return SearchRequest(**{_VALUES[name][0]: _VALUES[name][1](name, text) for name, text in values.items()})
+
+
+def _whole(name: str, text: str) -> int:
+    if not re.fullmatch(r"-?\d{1,20}", text, re.ASCII):
+        raise ConfigError(f"{name} is {text[:40]!r}, it must be a whole number")
+    return int(text)
+
+
+def _truth(name: str, text: str) -> bool:
+    if text.lower() not in ("true", "false"):
+        raise ConfigError(f"{name} is {text[:40]!r}, it must be true or false")
+    return text.lower() == "true"
+
+
+_VALUES: dict[str, tuple[str, Callable[[str, str], Any]]] = {
+    "Method": ("method", lambda _name, text: text[:80]),
+    "Acquisitions": ("acquisitions", _whole),
+    "Seed": ("seed", _whole),
+    "Stay": ("stay", _truth),
+    "AsPublished": ("as_published", _truth),
+}
+"""Field of a `SearchRequest`, and how its text is read, by the name in a command."""

@@ -1,0 +1,169 @@
+"""One client of the OpenIGTLink server: its bytes in and out, and when it is dropped."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+from markerseek.core import DeviceError
+from markerseek.wire import igtl
+
+SLOW_S = 2.0
+"""Longest time for which a client may leave what is sent to it, or a message of its own, incomplete, in seconds."""
+
+MOST_BODY_BYTES = 1 << 17
+"""Largest body that is taken: the longest command has half of it."""
+
+_MOST_ANSWERS = 64
+"""Most answers that wait for a client."""
+
+_SEND_BYTES = 1 << 18
+"""Buffer of the operating system for one client: what is in it is old when the client comes to read it."""
+
+Key = tuple[str, str, int]
+"""Type and device of a stream, and 0; the answers to commands are counted, so that none replaces another."""
+
+
+class Peer(asyncio.Protocol):
+    """One client.
+
+    Parameters
+    ----------
+    on_open, on_message, on_close
+        Called when it has come, for each message of it, and when it has gone, with the reason.
+    """
+
+    def __init__(
+        self,
+        *,
+        on_open: Callable[[Peer], None],
+        on_message: Callable[[Peer, igtl.Message], None],
+        on_close: Callable[[Peer, str], None],
+    ) -> None:
+        self._on_open, self._on_message, self._on_close = on_open, on_message, on_close
+        self._waiting: dict[Key, bytes] = {}
+        self._received = bytearray()
+        self._header: igtl.Header | None = None
+        self._full = False
+        self._sending: asyncio.TimerHandle | None = None
+        self._receiving: asyncio.TimerHandle | None = None
+        self._answers = 0
+        self._reason = "it closed the connection"
+        self._open = False
+        self.name = "?"
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Start to serve it."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101  of a TCP server
+        self._transport = transport
+        # Nothing waits in the program but the newest of each stream, in `_waiting`.
+        transport.set_write_buffer_limits(high=0)
+        connection: socket.socket = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BYTES)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            # A client whose cable was pulled acknowledges nothing.
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1e3 * SLOW_S))
+        host, port = transport.get_extra_info("peername")[:2]
+        self.name = f"{host}:{port}"
+        self._open = True
+        self._on_open(self)
+
+    def put(self, key: Key, data: bytes) -> None:
+        """Send a message, or let it wait in the place of an earlier one of its stream."""
+        if not self._open:
+            return
+        if self._full:
+            # Out and in again: the order of those that wait is that of their times.
+            self._waiting.pop(key, None)
+            self._waiting[key] = data
+        else:
+            self._transport.write(data)
+
+    def answer(self, data: bytes) -> None:
+        """Send an answer, which no other replaces; a client that reads none is dropped."""
+        self._answers += 1
+        if sum(key[2] > 0 for key in self._waiting) >= _MOST_ANSWERS:
+            self.drop(f"it does not read the answers to its commands; {_MOST_ANSWERS} wait")
+            return
+        self.put(("", "", self._answers), data)
+
+    def drop(self, reason: str) -> None:
+        """End the connection at once."""
+        if self._open:
+            self._reason = reason
+        self._open = False
+        self._transport.abort()
+
+    def pause_writing(self) -> None:
+        """Let messages wait: the last was not taken whole."""
+        self._full = True
+        self._sending = asyncio.get_running_loop().call_later(
+            SLOW_S, self.drop, f"it is too slow: a message was not taken within {SLOW_S:g} s"
+        )
+
+    def resume_writing(self) -> None:
+        """Send what waits."""
+        self._full = False
+        _cancel(self._sending)
+        while self._waiting and not self._full:
+            self._transport.write(self._waiting.pop(next(iter(self._waiting))))
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes; whatever is no message ends the connection."""
+        self._received += data
+        try:
+            while (message := self._next()) is not None:
+                self._on_message(self, message)
+        except DeviceError as problem:
+            self._refuse(str(problem))
+            return
+        _cancel(self._receiving)
+        self._receiving = None
+        if self._open and (self._received or self._header is not None):
+            self._receiving = asyncio.get_running_loop().call_later(
+                SLOW_S, self.drop, f"its message was not complete within {SLOW_S:g} s"
+            )
+
+    def _next(self) -> igtl.Message | None:
+        """The next message that has come whole."""
+        if not self._open:
+            return None
+        if self._header is None:
+            if len(self._received) < igtl.HEADER_BYTES:
+                return None
+            head = self._taken(igtl.HEADER_BYTES)
+            # Its length is limited here, before the body is awaited.
+            self._header = igtl.decode_header(head, most_bytes=MOST_BODY_BYTES)
+        if len(self._received) < self._header.body_bytes:
+            return None
+        header, self._header = self._header, None
+        return igtl.decode(header, self._taken(header.body_bytes))
+
+    def _taken(self, size: int) -> bytes:
+        taken = bytes(self._received[:size])
+        del self._received[:size]
+        return taken
+
+    def _refuse(self, sentence: str) -> None:
+        """Say why, if it listens, and end the connection: after damaged bytes no message begins at a known place."""
+        status = igtl.Status(code=igtl.UNKNOWN_ERROR, name="REFUSED", message=sentence[:1000])
+        if not self._full:
+            self._transport.write(igtl.encode(igtl.Message(device="PaSearch", content=status, version=1)))
+        self._reason = sentence
+        self._transport.close()
+        # What it sends meanwhile is not read.
+        self._open = False
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """Forget it."""
+        self._open = False
+        _cancel(self._sending)
+        _cancel(self._receiving)
+        self._waiting.clear()
+        self._on_close(self, self._reason)
+
+
+def _cancel(timer: asyncio.TimerHandle | None) -> None:
+    if timer is not None:
+        timer.cancel()

@@ -1,0 +1,129 @@
+"""Runs the searches that OpenIGTLink clients ask for, and sends what they show."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from typing import Literal
+
+from markerseek.bridges.child import ChildRun
+from markerseek.bridges.igtl.commands import Answer, Request, search_request
+from markerseek.bridges.igtl.server import IgtlServer
+from markerseek.bridges.igtl.streams import Stream, Streams
+from markerseek.bridges.searches import Searches
+from markerseek.core import ConfigError, RecordError, SearchError
+from markerseek.records.stream import StreamItem
+
+ALIVE_S = 1.0
+"""Time from one sign of life to the next, in seconds."""
+
+_MOST_ITEMS = 64
+"""Most items of a search's stream that wait to be sent; a frame has half a megabyte."""
+
+
+class SearchService:
+    """The server, and one search at a time.
+
+    Parameters
+    ----------
+    searches
+        Starts them; None where a recording is played, and no search can be asked for.
+    version
+        As of `IgtlServer`.
+    on_note
+        Receives sentences for the terminal.
+    """
+
+    def __init__(
+        self, searches: Searches | None, *, version: Literal[1, 2] = 2, on_note: Callable[[str], None]
+    ) -> None:
+        self._searches, self._on_note = searches, on_note
+        self._streams = Streams(activity="running" if searches is not None else "playing")
+        self.server = IgtlServer(on_request=self._requested, version=version, on_note=on_note)
+        self._following: asyncio.Task[None] | None = None
+        self._alive: asyncio.Task[None] | None = None
+        self._publish(self._streams.idle())
+
+    async def open(self, host: str, port: int) -> int:
+        """Serve, and return the port; errors as of `IgtlServer.open`."""
+        taken = await self.server.open(host, port)
+        self._alive = asyncio.create_task(self._live())
+        return taken
+
+    async def close(self) -> None:
+        """Stop the search that runs, wait for its end, and end all connections."""
+        if self._searches is not None:
+            self._searches.cancel()
+        if self._following is not None:
+            await self._following
+        if self._alive is not None:
+            self._alive.cancel()
+        await self.server.close()
+
+    def _publish(self, streams: Iterable[Stream]) -> None:
+        for stream in streams:
+            self.server.publish(stream, metadata=self._streams.metadata)
+
+    async def _live(self) -> None:
+        while True:
+            await asyncio.sleep(ALIVE_S)
+            self._publish([self._streams.status])
+
+    def _requested(self, request: Request) -> Answer:
+        match request.name:
+            case "StartSearch":
+                return self._start(request)
+            case "StopSearch":
+                return self._stop(request)
+        raise ConfigError(f"there is no command {request.name[:80]!r}; there are StartSearch and StopSearch")
+
+    def _start(self, request: Request) -> Answer:
+        if self._searches is None:
+            raise ConfigError("this bridge plays a recording; start markerseek igtl without --play to search")
+        wanted = search_request(request.values)
+        if self._following is not None and not self._following.done():
+            return Answer(done=False, sentence="a search is running; send StopSearch, or wait for its end")
+        try:
+            child = self._searches.start(wanted)
+        except SearchError as refusal:
+            return Answer(done=False, sentence=str(refusal))
+        self._publish(self._streams.started())
+        self._following = asyncio.create_task(self._follow(child))
+        return Answer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
+
+    def _stop(self, request: Request) -> Answer:
+        if request.values:
+            raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
+        if self._searches is not None and self._searches.cancel():
+            return Answer(done=True, sentence="the search is being stopped")
+        return Answer(done=False, sentence="no search is running")
+
+    async def _follow(self, child: ChildRun) -> None:
+        """Send what a search shows, to its end."""
+        items: asyncio.Queue[StreamItem | None] = asyncio.Queue(_MOST_ITEMS)
+        reading = asyncio.create_task(self._read(child, items))
+        try:
+            while (item := await items.get()) is not None:
+                await self._show(item)
+        except BaseException:
+            # A defect here must not leave a search behind that nobody watches.
+            child.stop()
+            raise
+        await reading
+        outcome = await child.outcome_async()
+        self._on_note(outcome.message)
+        self._publish(self._streams.ended(outcome))
+
+    async def _read(self, child: ChildRun, items: asyncio.Queue[StreamItem | None]) -> None:
+        """Read the stream while images are made, so that it loses none."""
+        try:
+            async for item in child.items_async():
+                await items.put(item)
+        except RecordError as problem:
+            self._on_note(str(problem))
+            child.stop()
+        await items.put(None)
+
+    async def _show(self, item: StreamItem) -> None:
+        # In a thread: an image takes milliseconds, in which no client must wait.
+        self._publish(await asyncio.to_thread(self._streams.after, item))

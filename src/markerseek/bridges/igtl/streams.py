@@ -1,0 +1,210 @@
+"""What a search, or a recording, shows on OpenIGTLink: pure, contents of messages made from its events.
+
+TRANSFORM ``ProbeToProbeHome``, IMAGE ``PA_Reference``, POINT ``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING
+``SearchState``, STATUS ``PaSearch``. Lengths are in millimetres. Reference is ProbeHome, the frame of the probe at 0
+degrees, as long as nothing is registered to another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import msgspec
+import numpy as np
+
+from markerseek.bridges.child import Outcome
+from markerseek.core import (
+    AcquisitionError,
+    Asked,
+    ChannelFrame,
+    Failed,
+    Finished,
+    Measured,
+    PaImage,
+    Refused,
+    Sample,
+    Started,
+)
+from markerseek.records import answer_name
+from markerseek.records.exports.frames import image_to_probe, probe_to_probe_home
+from markerseek.records.journal import Checked, Interrupted
+from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
+from markerseek.ros import messages
+from markerseek.runs import rebuild_reader
+from markerseek.signals import ImageReader
+from markerseek.wire import igtl
+
+Activity: TypeAlias = Literal["idle", "running", "playing", "ended"]
+"""What the bridge does."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stream:
+    """A message of a stream: its device, which names it, and its content."""
+
+    device: str
+    content: igtl.Content
+
+
+class Streams:
+    """Follows the searches of one bridge.
+
+    Parameters
+    ----------
+    activity
+        What the bridge does while events come: ``running``, or ``playing`` a recording.
+    """
+
+    def __init__(self, *, activity: Activity = "running") -> None:
+        self._busy = activity
+        self._begin({"state": "idle"})
+
+    def _begin(self, state: dict[str, Any]) -> None:
+        self._state = state
+        self._code, self._name, self._sentence = igtl.OK, "IDLE", "no search runs"
+        self._imaging: ImageReader | None = None
+        self._face_radius_m: float | None = None
+        self._brightest = 0.0
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """Sent with each message: the kind of the rig, so that what is simulated is called so."""
+        return {"rig": self._state["rig"]} if "rig" in self._state else {}
+
+    @property
+    def status(self) -> Stream:
+        """STATUS: sent on each change, and as a sign of life."""
+        content = igtl.Status(code=self._code, name=self._name, message=self._sentence)
+        return Stream(device="PaSearch", content=content)
+
+    def idle(self) -> list[Stream]:
+        """Before the first search."""
+        return [self.status, self._said()]
+
+    def started(self) -> list[Stream]:
+        """A search was asked for; the last one's marker is no longer shown."""
+        self._begin({"state": self._busy})
+        self._code, self._name, self._sentence = igtl.BUSY, "SEARCHING", f"{self._busy}: it begins"
+        if self._busy == "playing":
+            self._name = "PLAYING"
+        return [self.status, self._said(), Stream(device="PaMarker", content=igtl.Points(points=()))]
+
+    def after(self, item: StreamItem) -> list[Stream]:
+        """What changes with one item of a search's stream."""
+        match item:
+            case StreamHead(configuration=configuration):
+                facts, plan = configuration.facts, configuration.plan
+                reader = rebuild_reader(configuration)
+                self._imaging = reader if isinstance(reader, ImageReader) else None
+                self._face_radius_m = facts.face_radius_m
+                self._state |= {"rig": facts.kind, "emulated": facts.emulated, "method": plan.method}
+                self._state |= {"acquisitions": 0, "refused": 0, "lost_lines": 0, "lost_frames": 0}
+                if self._face_radius_m is None:
+                    self._state["no_image"] = (
+                        "the rig has no probe.face_radius_m, so that the place of images is unknown"
+                    )
+                self._sentence = f"{self._busy} on a {facts.kind} rig"
+                return [self.status, self._said()]
+            case StreamEvent():
+                self._state["lost_lines"] += item.lost_lines
+                self._state["lost_frames"] += item.lost_frames
+                return [*self._after_event(item), self._said()]
+            case StreamEnd():
+                return []
+
+    def _after_event(self, item: StreamEvent) -> list[Stream]:
+        event = item.event
+        self._state |= {"number": item.number, "clock_s": item.clock_s, "target_deg": None}
+        match event:
+            case Started(start_deg=start_deg):
+                return [self._turned(start_deg)]
+            case Asked(role=role, index=index, angle_deg=angle_deg):
+                self._state |= {"role": role, "index": index, "target_deg": angle_deg}
+            case Measured(sample=sample):
+                self._state["acquisitions"] += event.role == "search"
+                self._state |= {"angle_deg": sample.angle_deg, "intensity": sample.reading.intensity}
+                self._state |= {"role": event.role, "index": event.index}
+                return [self._turned(sample.angle_deg), *self._pictured(sample)]
+            case Refused(reason=reason):
+                self._state["refused"] += 1
+                self._state["reason"] = reason
+            case Finished(estimate=estimate):
+                self._state |= {"answer": answer_name(estimate), "answer_deg": estimate.mean_deg}
+            case Failed(error=error):
+                self._state["reason"] = str(error)
+            case Interrupted(reason=reason):
+                self._state["reason"] = f"stopped by {reason}"
+            case Checked(difference=difference):
+                self._state["reason"] = difference
+        return []
+
+    def _turned(self, angle_deg: float) -> Stream:
+        self._state["angle_deg"] = angle_deg
+        return Stream(device="ProbeToProbeHome", content=igtl.Transform(matrix=probe_to_probe_home(angle_deg)))
+
+    def _pictured(self, sample: Sample) -> list[Stream]:
+        """The image of an acquisition, in shades of decibels, at its place."""
+        if self._imaging is None or self._face_radius_m is None or not isinstance(sample.frame, ChannelFrame):
+            return []
+        try:
+            image = self._imaging.picture(sample.frame)
+        except AcquisitionError as problem:
+            self._state["no_image"] = str(problem)
+            return []
+        self._brightest = max(self._brightest, float(image.envelope.max()))
+        shades = messages.grey(image.envelope, brightest=self._brightest)
+        return [Stream(device="PA_Reference", content=_image(image, shades, sample.angle_deg, self._face_radius_m))]
+
+    def ended(self, outcome: Outcome) -> list[Stream]:
+        """The child has ended."""
+        answer = outcome.answer or {}
+        self._state |= {
+            "state": "ended",
+            "exit_code": outcome.exit_code,
+            "message": outcome.message,
+            "target_deg": None,
+        }
+        # 500 acquisitions would not fit into a STRING; they were sent one by one.
+        self._state["result"] = {key: value for key, value in answer.items() if key != "samples"} or None
+        self._code, self._name = _STATUS.get(outcome.exit_code, (igtl.UNKNOWN_ERROR, "FAULT"))
+        self._sentence = outcome.message
+        place = answer.get("marker_trus_m")
+        marker = [] if place is None else self._marked(tuple(1e3 * each for each in place))
+        return [self.status, *marker, self._said()]
+
+    def _marked(self, position_mm: tuple[float, ...]) -> list[Stream]:
+        x, y, z = position_mm
+        # POINT for people, who see it named; POSITION for controllers, which need no list.
+        point = igtl.Point(name="PaMarker", group=str(self._state.get("rig", "")), position_mm=(x, y, z))
+        return [
+            Stream(device="PaMarker", content=igtl.Points(points=(point,))),
+            Stream(device="PaMarkerToProbeHome", content=igtl.Position(position_mm=(x, y, z))),
+        ]
+
+    def played(self, sentence: str) -> list[Stream]:
+        """A recording has ended."""
+        self._state["state"] = "ended"
+        self._code, self._name, self._sentence = igtl.OK, "ENDED", sentence
+        return [self.status, self._said()]
+
+    def _said(self) -> Stream:
+        text = msgspec.json.encode(self._state)
+        if len(text) > igtl.MOST_TEXT_BYTES:
+            text = msgspec.json.encode(self._state | {"result": None, "reason": "too long for a STRING"})
+        return Stream(device="SearchState", content=igtl.Text(text=text.decode()))
+
+
+_STATUS = {
+    0: (igtl.OK, "FOUND"),
+    3: (igtl.OK, "NOT_FOUND"),
+    4: (igtl.NOT_READY, "NOT_ARMED"),
+    130: (igtl.OK, "STOPPED"),
+    143: (igtl.OK, "STOPPED"),
+}
+"""Code and name of a STATUS by the exit code of a search; any other is a fault."""
+
+
+def _image(image: PaImage, shades: np.ndarray[Any, Any], angle_deg: float, face_radius_m: float) -> igtl.Image:
+    placed = probe_to_probe_home(angle_deg) @ image_to_probe(image, face_radius_m=face_radius_m)
+    return igtl.Image(pixels=shades[np.newaxis], matrix=placed)

@@ -1,0 +1,267 @@
+"""OpenIGTLink messages as bytes: header, CRC, metadata (header version 2) and contents, packed and checked.
+
+TRANSFORM, IMAGE and POINT are packed and unpacked by pyigtl. The rest is here: pyigtl checks no CRC and no length, cuts
+names off in silence, cannot send a text that is not ASCII, has 152 bytes for a POSITION where the standard has 28, and
+has no STATUS and no COMMAND. All numbers are big-endian (http://openigtlink.org/developers/spec).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from markerseek.core import ConfigError, DeviceError, is_finite
+from markerseek.wire.igtl_contents import (
+    BUSY,
+    HARDWARE_FAILURE,
+    MOST_TEXT_BYTES,
+    NOT_READY,
+    OK,
+    UNKNOWN_ERROR,
+    Command,
+    Content,
+    Image,
+    Other,
+    Point,
+    Points,
+    Position,
+    Reply,
+    Status,
+    Text,
+    Transform,
+)
+from markerseek.wire.igtl_packing import HEADER_BYTES, KINDS, character_set, crc, pack, text_of, unpack
+
+__all__ = [
+    "BUSY",
+    "HARDWARE_FAILURE",
+    "HEADER_BYTES",
+    "KINDS",
+    "MOST_TEXT_BYTES",
+    "NOT_READY",
+    "OK",
+    "UNKNOWN_ERROR",
+    "Command",
+    "Content",
+    "Header",
+    "Image",
+    "Message",
+    "Other",
+    "Point",
+    "Points",
+    "Position",
+    "Reply",
+    "Status",
+    "Text",
+    "Transform",
+    "decode",
+    "decode_header",
+    "encode",
+]
+
+_HEADER = struct.Struct(">H12s20sQQQ")
+_EXTENDED = struct.Struct(">HHII")
+_ENTRY = struct.Struct(">HHI")
+
+_MOST_ENTRIES = 64
+"""Most entries of metadata that are read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """Header of a message.
+
+    Attributes
+    ----------
+    version
+        1, or 2 with an extended header and metadata.
+    kind
+        Type of the message: "TRANSFORM".
+    device
+        Name of what it tells of.
+    time_s
+        When it was made, in seconds since 1970; 0 where the sender does not say.
+    body_bytes
+        Bytes that follow the header.
+    crc
+        Checksum of these.
+    """
+
+    version: int
+    kind: str
+    device: str
+    time_s: float
+    body_bytes: int
+    crc: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Message:
+    """One message.
+
+    Attributes
+    ----------
+    device
+        Name of what it tells of, at most 20 bytes of ASCII.
+    content
+        What it tells.
+    time_s
+        When it was made, in seconds since 1970.
+    metadata
+        Names and values; header version 1 has no room for them, and they are left out.
+    version
+        Version of the header.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be sent.
+    """
+
+    device: str
+    content: Content
+    time_s: float = 0.0
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    version: Literal[1, 2] = 2
+
+    def __post_init__(self) -> None:
+        if not self.device.isascii() or len(self.device) > 20:
+            raise ConfigError(f"device name {self.device!r}: it may have 20 characters of ASCII; shorten it")
+        if not (is_finite(self.time_s) and 0 <= self.time_s < 2**32):
+            raise ConfigError(f"{self.device}: time_s is {self.time_s} s, it must lie in [0, 2**32) s since 1970")
+
+
+def encode(message: Message) -> bytes:
+    """A message as bytes, with its checksum.
+
+    Raises
+    ------
+    MissingExtraError
+        If pyigtl is not installed.
+    """
+    body = pack(message.content)
+    if message.version > 1:
+        index, data = _metadata(message.metadata)
+        # No message id: it is for programs that relay messages.
+        body = _EXTENDED.pack(_EXTENDED.size, len(index), len(data), 0) + body + index + data
+    head = _HEADER.pack(
+        message.version,
+        message.content.kind.encode("ascii"),
+        message.device.encode("ascii"),
+        # 32 bits of seconds and 32 bits of their fraction.
+        math.floor(message.time_s * 2**32),
+        len(body),
+        crc(body),
+    )
+    return head + body
+
+
+def decode_header(data: bytes, *, most_bytes: int) -> Header:
+    """Header of a message, checked before its body is awaited.
+
+    Parameters
+    ----------
+    data
+        The first `HEADER_BYTES` bytes.
+    most_bytes
+        Most bytes that its body may have.
+
+    Raises
+    ------
+    DeviceError
+        If they are no header, or the body is larger.
+    """
+    if len(data) != HEADER_BYTES:
+        raise DeviceError(f"OpenIGTLink: a header of {len(data)} bytes, it has {HEADER_BYTES}")
+    version, kind, device, stamp, size, crc = _HEADER.unpack(data)
+    if version not in (1, 2):
+        raise DeviceError(f"OpenIGTLink: header version {version}, known are 1 and 2; this is another protocol")
+    if size > most_bytes:
+        raise DeviceError(f"OpenIGTLink: a body of {size} bytes, at most {most_bytes} are taken; send less")
+    return Header(
+        version=version,
+        kind=_name(kind, "type"),
+        device=_name(device, "device name"),
+        time_s=stamp / 2**32,
+        body_bytes=size,
+        crc=crc,
+    )
+
+
+def decode(header: Header, body: bytes) -> Message:
+    """The message with that header and body.
+
+    Raises
+    ------
+    DeviceError
+        If the checksum does not fit, a length is wrong, or a number is not finite; the message says which.
+    MissingExtraError
+        If pyigtl is not installed.
+    """
+    what = f"OpenIGTLink: {header.kind} {header.device!r}"
+    if len(body) != header.body_bytes:
+        raise DeviceError(f"{what}: {len(body)} bytes came, the header says {header.body_bytes}")
+    found = crc(body)
+    if found != header.crc:
+        raise DeviceError(f"{what}: its CRC is {header.crc:016X}, that of what came is {found:016X}; send it again")
+    content, metadata = (body, {}) if header.version == 1 else _without_metadata(body, what)
+    try:
+        return Message(
+            device=header.device,
+            content=unpack(header.kind, content),
+            time_s=header.time_s,
+            metadata=metadata,
+            version=1 if header.version == 1 else 2,
+        )
+    except (ConfigError, UnicodeDecodeError) as problem:
+        raise DeviceError(f"{what}: {problem}") from problem
+
+
+def _name(field_: bytes, what: str) -> str:
+    name = field_.rstrip(b"\0 ")
+    if not (name.isascii() and all(32 <= byte < 127 for byte in name)):
+        raise DeviceError(f"OpenIGTLink: its {what} {name!r} is no text; this is another protocol")
+    return name.decode("ascii")
+
+
+def _metadata(values: Mapping[str, str]) -> tuple[bytes, bytes]:
+    """Table of contents of the metadata, and the metadata."""
+    index, data = struct.pack(">H", len(values)), b""
+    for key, value in values.items():
+        one, other = key.encode(), value.encode()
+        index += _ENTRY.pack(len(one), character_set(value), len(other))
+        data += one + other
+    return index, data
+
+
+def _without_metadata(body: bytes, what: str) -> tuple[bytes, dict[str, str]]:
+    """Content and metadata of a body with an extended header."""
+    if len(body) < _EXTENDED.size:
+        raise DeviceError(f"{what}: {len(body)} bytes are too few for an extended header")
+    start, index_bytes, data_bytes, _ = _EXTENDED.unpack_from(body)
+    end = len(body) - index_bytes - data_bytes
+    if not _EXTENDED.size <= start <= end:
+        raise DeviceError(f"{what}: extended header and metadata are longer than its body")
+    if index_bytes == 0:
+        return body[start:end], {}
+    index, data = body[end : end + index_bytes], body[end + index_bytes :]
+    count = int.from_bytes(index[:2], "big")
+    if count > _MOST_ENTRIES or len(index) != 2 + _ENTRY.size * count:
+        raise DeviceError(
+            f"{what}: {count} entries of metadata in {len(index)} bytes; at most {_MOST_ENTRIES} are read"
+        )
+    metadata, at = {}, 0
+    for key_bytes, number, value_bytes in _ENTRY.iter_unpack(index[2:]):
+        after = at + key_bytes + value_bytes
+        if after > len(data):
+            raise DeviceError(f"{what}: its metadata are longer than their space")
+        try:
+            key = data[at : at + key_bytes].decode()
+            metadata[key] = text_of(data[at + key_bytes : after], number)
+        except (UnicodeDecodeError, ConfigError) as problem:
+            raise DeviceError(f"{what}: its metadata are no text: {problem}") from problem
+        at = after
+    return body[start:end], metadata

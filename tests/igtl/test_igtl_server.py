@@ -1,0 +1,254 @@
+"""The server against clients that are new, slow, dead, or hostile."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from igtl_client import IgtlClient
+
+from markerseek.bridges.igtl import Answer, IgtlServer, Request, Stream
+from markerseek.core import ConfigError
+from markerseek.wire import igtl
+
+
+class Served:
+    """A server in an event loop of its own thread."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self.changed = threading.Condition()
+        self.requests: list[Request] = []
+        self.loop = asyncio.new_event_loop()
+        self.server = IgtlServer(on_request=self._asked, on_note=self._note)
+        self.port = self.loop.run_until_complete(self.server.open("127.0.0.1", 0))
+        self._thread = threading.Thread(target=self.loop.run_forever)
+        self._thread.start()
+
+    def _asked(self, request: Request) -> Answer:
+        self.requests.append(request)
+        return Answer(done=True, sentence=f"heard {request.name}")
+
+    def _note(self, sentence: str) -> None:
+        with self.changed:
+            self.notes.append(sentence)
+            self.changed.notify_all()
+
+    def noted(self, part: str, *, timeout_s: float = 30.0) -> bool:
+        """Whether a sentence with that part was, or will be, noted."""
+        with self.changed:
+            return self.changed.wait_for(lambda: any(part in note for note in self.notes), timeout_s)
+
+    def publish(self, device: str, content: igtl.Content) -> None:
+        def work() -> None:
+            self.server.publish(Stream(device=device, content=content), metadata={"rig": "simulated"})
+
+        self.within(work)
+
+    def within(self, work: Callable[[], object]) -> None:
+        async def run() -> None:
+            work()
+
+        asyncio.run_coroutine_threadsafe(run(), self.loop).result(30)
+
+    def close(self) -> None:
+        asyncio.run_coroutine_threadsafe(self.server.close(), self.loop).result(30)
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join()
+        self.loop.close()
+
+
+@contextmanager
+def serving() -> Iterator[Served]:
+    served = Served()
+    try:
+        yield served
+    finally:
+        served.close()
+
+
+def number(value: int) -> igtl.Text:
+    return igtl.Text(text=str(value))
+
+
+def picture(value: int) -> igtl.Image:
+    return igtl.Image(pixels=np.full((1, 1000, 1000), value % 256, np.uint8), matrix=np.eye(4))
+
+
+def test_a_new_client_gets_the_present_state_at_once() -> None:
+    with serving() as served:
+        for value in range(3):
+            served.publish("SearchState", number(value))
+        served.publish("PaSearch", igtl.Status(code=igtl.OK, name="IDLE"))
+        with IgtlClient(served.port) as client:
+            first, second = client.read(), client.read()
+        assert (first.content.text, first.metadata) == ("2", {"sequence": "3", "rig": "simulated"})
+        assert second.content.name == "IDLE"
+
+
+def test_each_command_is_answered_in_its_own_form() -> None:
+    with serving() as served, IgtlClient(served.port) as client:
+        assert client.ask('<Command Name="StartSearch" Seed="3" />', name="x7") == (
+            '<CommandReply Status="SUCCESS" Message="heard StartSearch" />'
+        )
+        client.send(igtl.Command(number=9, name="StopSearch", text=""), device="Slicer")
+        reply = client.read()
+        assert isinstance(reply.content, igtl.Reply)
+        assert (reply.device, reply.content.number, reply.content.name) == ("Slicer", 9, "StopSearch")
+        assert reply.metadata == {"Status": "SUCCESS", "Message": "heard StopSearch"}
+        # 200 at once: none replaces another.
+        for each in range(200):
+            client.send(igtl.Text(text='<Command Name="A" />'), device=f"CMD_{each}", version=1)
+        assert [client.read().device for _ in range(200)] == [f"ACK_{each}" for each in range(200)]
+        assert [request.name for request in served.requests[:2]] == ["StartSearch", "StopSearch"]
+        assert served.requests[0].values == {"Seed": "3"}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "cannot be read"),
+        ("hello", "cannot be read"),
+        ("<Command />", "has no name"),
+        ('<Command Name="A" Name="B" />', "Name twice"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]><Command Name="&a;" />', "cannot be read"),
+        ("<Command " + 'a="1" ' * 9000, "cannot be read"),
+    ],
+)
+def test_a_command_that_cannot_be_read_is_refused_with_a_sentence(text: str, said: str) -> None:
+    with serving() as served, IgtlClient(served.port) as client:
+        answer = client.ask(text)
+        assert answer.startswith('<CommandReply Status="FAIL"')
+        assert said in answer
+        assert not served.requests
+
+
+def hostile_messages() -> dict[str, tuple[bytes, str]]:
+    good = igtl.encode(igtl.Message(device="CMD_1", content=igtl.Text(text='<Command Name="StartSearch" />')))
+    nan = struct.pack(">12f", *[float("nan")] * 12)
+    bent = igtl.encode(igtl.Message(device="Probe", content=igtl.Transform(matrix=np.eye(4)), version=1))
+    from pyigtl.messages import CRC64
+
+    return {
+        "wrong checksum": (good[:-1] + b"X", "its CRC is"),
+        "huge length": (good[:42] + struct.pack(">Q", 1 << 62) + good[50:], "a body of 4611686018427387904 bytes"),
+        "NaN": (bent[:50] + struct.pack(">Q", CRC64(nan)) + nan, "finite"),
+        "another protocol": (
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nUser-Agent: curl/8.0 (x86_64)\r\n\r\n",
+            "another protocol",
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", sorted(hostile_messages()))
+def test_a_hostile_message_hurts_its_sender_only_and_is_refused_with_a_sentence(name: str) -> None:
+    data, said = hostile_messages()[name]
+    with serving() as served, IgtlClient(served.port) as bystander, IgtlClient(served.port) as hostile:
+        hostile.socket.sendall(data)
+        messages = list(hostile.messages())
+        assert said in messages[-1].content.message
+        assert served.noted(said)
+        assert not served.requests
+        assert "heard" in bystander.ask('<Command Name="A" />')
+
+
+@pytest.mark.real_time
+def test_thirty_bytes_and_then_silence_end_that_connection_after_two_seconds() -> None:
+    with serving() as served, IgtlClient(served.port) as bystander, IgtlClient(served.port) as silent:
+        silent.socket.sendall(b"\0" * 30)
+        assert "heard" in bystander.ask('<Command Name="A" />')
+        assert list(silent.messages()) == []
+        assert served.noted("its message was not complete within 2 s")
+        assert "heard" in bystander.ask('<Command Name="B" />')
+
+
+@pytest.mark.real_time
+def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_nothing() -> None:
+    count = 60
+    with serving() as served, IgtlClient(served.port) as prompt:
+        slow = socket.socket()
+        # Small, so that the system takes little of what the slow client does not read.
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.connect(("127.0.0.1", served.port))
+        killed = IgtlClient(served.port)
+        received: list[igtl.Message] = []
+        taken = threading.Semaphore(0)
+
+        def read() -> None:
+            for message in prompt.messages():
+                received.append(message)
+                if message.device == "SearchState":
+                    taken.release()
+                elif message.device == "End":
+                    return
+
+        reading = threading.Thread(target=read)
+        reading.start()
+        killed.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        for value in range(count):
+            served.publish("PA_Reference", picture(value))
+            served.publish("SearchState", number(value))
+            if value == count // 2:
+                # As when it is killed: reset, without a farewell.
+                killed.socket.close()
+            # A search has seconds between two images; here the prompt client sets the pace.
+            assert taken.acquire(timeout=10)
+        assert served.noted("it is too slow: a message was not taken within 2 s")
+        served.publish("End", number(0))
+        reading.join(30)
+        slow.close()
+    for device in ("PA_Reference", "SearchState"):
+        numbers = [int(each.metadata["sequence"]) for each in received if each.device == device]
+        assert numbers == list(range(1, count + 1))
+
+
+@pytest.mark.real_time
+def test_only_the_newest_message_of_a_stream_waits_for_a_slow_client() -> None:
+    with serving() as served, IgtlClient(served.port) as client:
+        for value in range(40):
+            served.publish("PA_Reference", picture(value))
+            served.publish("SearchState", number(value))
+        served.publish("End", number(0))
+        received = client.until(lambda message: message.device == "End")
+    images = [int(each.metadata["sequence"]) for each in received if each.device == "PA_Reference"]
+    states = [int(each.metadata["sequence"]) for each in received if each.device == "SearchState"]
+    # The sequence numbers tell the client what it lost; the last it always has.
+    assert images[-1] == states[-1] == 40
+    assert len(images) < 20
+    assert images == sorted(images)
+
+
+def test_a_client_that_reads_no_answers_is_dropped() -> None:
+    with serving() as served, IgtlClient(served.port) as bystander:
+        flood = socket.create_connection(("127.0.0.1", served.port))
+        ask = igtl.encode(igtl.Message(device="CMD_1", content=igtl.Text(text='<Command Name="A" />')))
+        with pytest.raises(OSError):  # noqa: PT011  reset, or a broken pipe
+            flood.sendall(ask * 1_000_000)
+        flood.close()
+        assert served.noted("gone: it")
+        assert "heard" in bystander.ask('<Command Name="A" />')
+
+
+def test_more_than_sixteen_clients_are_refused() -> None:
+    with serving() as served:
+        clients = [IgtlClient(served.port) for _ in range(16)]
+        for client in clients:
+            client.ask('<Command Name="A" />')
+        with IgtlClient(served.port) as one_more:
+            assert one_more.read() is None
+        assert served.noted("16 clients are served already")
+        for client in clients:
+            client.socket.close()
+
+
+def test_a_taken_port_is_a_sentence() -> None:
+    with serving() as served:
+        other = IgtlServer(on_request=lambda _request: Answer(done=True, sentence=""))
+        with pytest.raises(ConfigError, match=f"port {served.port} of 127.0.0.1 is taken by another program"):
+            asyncio.run(other.open("127.0.0.1", served.port))
