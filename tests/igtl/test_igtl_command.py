@@ -16,7 +16,7 @@ import pytest
 from igtl_bridge import bridge, compiled_peer
 from igtl_client import IgtlClient
 
-from markerseek.records.exports.frames import probe_to_probe_home
+from markerseek.records.exports import probe_to_probe_home
 from markerseek.wire import igtl
 
 START = '<Command Name="StartSearch" Seed="3" Method="golden-section" Acquisitions="6" />'

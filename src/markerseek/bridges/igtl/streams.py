@@ -27,7 +27,7 @@ from markerseek.core import (
     Started,
 )
 from markerseek.records import answer_name
-from markerseek.records.exports.frames import image_to_probe, probe_to_probe_home
+from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Checked, Interrupted
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.ros import messages

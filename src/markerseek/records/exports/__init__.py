@@ -1,8 +1,17 @@
 """Exports of a bank: a sequence for 3D Slicer and PLUS, an MCAP log for ROS 2, a CSV table."""
 
 from markerseek.records.banks.table import write_intensities
+from markerseek.records.exports.frames import image_to_probe, probe_to_probe_home
 from markerseek.records.exports.mcap_log import write_mcap
 from markerseek.records.exports.sequence import write_sequence
 from markerseek.records.exports.series import Series, series_of
 
-__all__ = ["Series", "series_of", "write_intensities", "write_mcap", "write_sequence"]
+__all__ = [
+    "Series",
+    "image_to_probe",
+    "probe_to_probe_home",
+    "series_of",
+    "write_intensities",
+    "write_mcap",
+    "write_sequence",
+]
