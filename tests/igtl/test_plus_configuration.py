@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 from markerseek.bridges.igtl import PORT, Streams
 from markerseek.core import Interval, Started
@@ -13,7 +13,7 @@ FILE = Path(__file__).parents[2] / "examples" / "plus" / "PlusDeviceSet_Server_m
 
 
 def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() -> None:
-    device = ElementTree.parse(FILE).find("DataCollection/Device")
+    device = ET.parse(FILE).find("DataCollection/Device")
     tool = device.find("DataSources/DataSource").get("Id")
     streams = Streams()
     streams.started()
@@ -26,5 +26,5 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     assert names == [f"{tool}To{device.get('ToolReferenceFrame')}"]
     assert int(device.get("ServerPort")) == PORT
     assert device.get("IgtlMessageCrcCheckEnabled") == "true"
-    server = ElementTree.parse(FILE).find("PlusOpenIGTLinkServer")
+    server = ET.parse(FILE).find("PlusOpenIGTLinkServer")
     assert int(server.get("ListeningPort")) != PORT
