@@ -104,6 +104,11 @@ class IgtlServer:
         for peer in tuple(self._peers):
             peer.put((*key, 0), data)
 
+    def forget(self, *devices: str) -> None:
+        """Send the streams of these devices to new clients no more, until they are published again."""
+        for key in [key for key in self._newest if key[1] in devices]:
+            del self._newest[key]
+
     def _peer(self) -> Peer:
         return Peer(on_open=self._opened, on_message=self._received, on_close=self._closed)
 

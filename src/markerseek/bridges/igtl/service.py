@@ -9,7 +9,7 @@ from typing import Literal
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.igtl.commands import Answer, Request, search_request
 from markerseek.bridges.igtl.server import IgtlServer
-from markerseek.bridges.igtl.streams import Stream, Streams
+from markerseek.bridges.igtl.streams import MARKER, MARKER_POSITION, Stream, Streams
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
 from markerseek.records.stream import StreamItem
@@ -87,9 +87,14 @@ class SearchService:
             child = self._searches.start(wanted)
         except SearchError as refusal:
             return Answer(done=False, sentence=str(refusal))
-        self._publish(self._streams.started())
+        self._begin()
         self._following = asyncio.create_task(self._follow(child))
         return Answer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
+
+    def _begin(self) -> None:
+        # An empty POINT would say that there is no marker, but the library before OpenIGTLink 3 takes it for damaged.
+        self.server.forget(MARKER, MARKER_POSITION)
+        self._publish(self._streams.started())
 
     def _stop(self, request: Request) -> Answer:
         if request.values:

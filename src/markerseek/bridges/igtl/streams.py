@@ -38,6 +38,9 @@ from markerseek.wire import igtl
 Activity: TypeAlias = Literal["idle", "running", "playing", "ended"]
 """What the bridge does."""
 
+MARKER, MARKER_POSITION = "PaMarker", "PaMarkerToProbeHome"
+"""Streams that tell of the last search only."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
@@ -83,12 +86,12 @@ class Streams:
         return [self.status, self._said()]
 
     def started(self) -> list[Stream]:
-        """A search was asked for; the last one's marker is no longer shown."""
+        """A search was asked for."""
         self._begin({"state": self._busy})
         self._code, self._name, self._sentence = igtl.BUSY, "SEARCHING", f"{self._busy}: it begins"
         if self._busy == "playing":
             self._name = "PLAYING"
-        return [self.status, self._said(), Stream(device="PaMarker", content=igtl.Points(points=()))]
+        return [self.status, self._said()]
 
     def after(self, item: StreamItem) -> list[Stream]:
         """What changes with one item of a search's stream."""
@@ -178,8 +181,8 @@ class Streams:
         # POINT for people, who see it named; POSITION for controllers, which need no list.
         point = igtl.Point(name="PaMarker", group=str(self._state.get("rig", "")), position_mm=(x, y, z))
         return [
-            Stream(device="PaMarker", content=igtl.Points(points=(point,))),
-            Stream(device="PaMarkerToProbeHome", content=igtl.Position(position_mm=(x, y, z))),
+            Stream(device=MARKER, content=igtl.Points(points=(point,))),
+            Stream(device=MARKER_POSITION, content=igtl.Position(position_mm=(x, y, z))),
         ]
 
     def played(self, sentence: str) -> list[Stream]:

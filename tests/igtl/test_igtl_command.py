@@ -1,0 +1,183 @@
+"""The command ``markerseek igtl`` with clients on three programs: our codec, pyigtl, and Debian's C++ library."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyigtl
+import pytest
+from igtl_bridge import bridge, compiled_peer
+from igtl_client import IgtlClient
+
+from markerseek.records.exports import probe_to_probe_home
+from markerseek.wire import igtl
+
+START = '<Command Name="StartSearch" Seed="3" Method="golden-section" Acquisitions="6" />'
+
+
+def state(message: igtl.Message) -> str:
+    return json.loads(message.content.text)["state"] if message.device == "SearchState" else ""
+
+
+def over(message: igtl.Message) -> bool:
+    return state(message) == "ended"
+
+
+def searched(*options: str) -> dict[str, object]:
+    """Answer of the ordinary command."""
+    command = [sys.executable, "-m", "markerseek", "search", "--json", "--no-journal", "--seed", "3", *options]
+    return json.loads(subprocess.run(command, capture_output=True, check=False, text=True).stdout)
+
+
+def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command() -> None:
+    expected = searched()
+    with bridge() as running, IgtlClient(running.port) as client, IgtlClient(running.port) as watcher:
+        client.send(igtl.Command(number=5, name="StartSearch", text='<Command Seed="3" />'), device="test")
+        reply = client.until(lambda message: message.content.kind == "RTS_COMMAND")[-1]
+        assert reply.metadata["Status"] == "SUCCESS"
+        refused = client.ask(START)
+        assert 'Status="FAIL" Message="a search is running; send StopSearch, or wait for its end"' in refused
+        # The last message of a search is its state.
+        messages = watcher.until(over)
+        last = json.loads(messages[-1].content.text)
+        assert running.stop() == 130
+    assert last["result"]["angle_deg"] == expected["angle_deg"]
+    assert last["acquisitions"] == expected["acquisitions"]
+    turned = [each for each in messages if each.device == "ProbeToProbeHome"]
+    assert turned[-1].content.matrix == pytest.approx(
+        probe_to_probe_home(expected["confirmation"]["angle_deg"]), abs=1e-6
+    )
+    points = next(each for each in reversed(messages) if each.device == "PaMarker").content.points
+    assert [point.group for point in points] == ["simulated"]
+    assert points[0].position_mm == pytest.approx([1e3 * each for each in expected["marker_trus_m"]], rel=1e-6)
+    position = next(each for each in messages if each.device == "PaMarkerToProbeHome").content
+    assert position.position_mm == pytest.approx(points[0].position_mm)
+    # The brightest pixel of the last image is the marker, put into place by its matrix.
+    image = [each for each in messages if each.device == "PA_Reference"][-1].content
+    _, row, column = np.unravel_index(image.pixels.argmax(), image.pixels.shape)
+    assert (image.matrix @ (column, row, 0, 1))[:3] == pytest.approx(points[0].position_mm, abs=0.5)
+    assert all(each.metadata["rig"] == "simulated" for each in messages if each.device == "PA_Reference")
+
+
+def test_a_search_is_stopped_by_a_command() -> None:
+    with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
+        assert 'Status="FAIL" Message="no search is running"' in client.ask('<Command Name="StopSearch" />')
+        client.ask(START, name="2")
+        client.until(lambda message: message.device == "PA_Reference")
+        assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="3")
+        last = client.until(over)
+        assert json.loads(last[-1].content.text)["exit_code"] == 130
+        status = [each.content for each in last if each.device == "PaSearch"][-1]
+        assert (status.code, status.name) == (igtl.OK, "STOPPED")
+
+
+def test_a_bridge_that_is_killed_in_mid_search_takes_the_search_with_it(tmp_path: Path) -> None:
+    with bridge("--pace", "0.5") as running, IgtlClient(running.port) as client:
+        client.ask(START)
+        client.until(lambda message: message.device == "PA_Reference")
+        children = Path(f"/proc/{running.process.pid}/task/{running.process.pid}/children").read_text().split()
+        watched = os.pidfd_open(int(children[0]))
+        assert running.stop(signal.SIGKILL) == -signal.SIGKILL
+    ready, _, _ = select.select([watched], [], [], 30)
+    os.close(watched)
+    assert ready
+
+
+def test_a_bench_that_nobody_arms_is_not_armed_by_a_message(tmp_path: Path) -> None:
+    emulator = subprocess.Popen(
+        [sys.executable, "-m", "markerseek", "emulate", "bench", "--dir", str(tmp_path), "--pace", "0.01"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        stdin=subprocess.DEVNULL,
+        text=True,
+    )
+    with emulator:
+        while "Ctrl-C" not in emulator.stdout.readline():
+            pass
+        with bridge("--rig", str(tmp_path / "rig.toml")) as running, IgtlClient(running.port) as client:
+            assert "has no Arm" in client.ask('<Command Name="StartSearch" Arm="true" />')
+            assert "there is no command 'Arm'" in client.ask('<Command Name="Arm" />', name="2")
+            client.ask('<Command Name="StartSearch" />', name="3")
+            messages = client.until(over)
+        emulator.send_signal(signal.SIGTERM)
+    last = json.loads(messages[-1].content.text)
+    assert last["exit_code"] == 4
+    assert last["message"].startswith("not armed: nothing moved and nothing was fired")
+    assert [each.content.name for each in messages if each.device == "PaSearch"][-1] == "NOT_ARMED"
+
+
+def test_a_taken_port_ends_with_exit_code_2_and_a_sentence() -> None:
+    with bridge() as running:
+        command = [sys.executable, "-m", "markerseek", "igtl", "--port", str(running.port)]
+        second = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+    assert second.returncode == 2
+    assert f"port {running.port} of 127.0.0.1 is taken by another program" in " ".join(second.stderr.split())
+
+
+def test_the_client_of_pyigtl_gets_what_is_sent() -> None:
+    with bridge() as running, IgtlClient(running.port) as asking:
+        client = pyigtl.OpenIGTLinkClient("127.0.0.1", running.port)
+        status = client.wait_for_message("SearchState", timeout=30)
+        assert json.loads(status.string) == {"state": "idle"}
+        asking.ask(START)
+        image = client.wait_for_message("PA_Reference", timeout=60)
+        turned = client.wait_for_message("ProbeToProbeHome", timeout=60)
+        client.stop()
+    assert image.image.dtype == np.uint8
+    assert image.metadata["rig"] == "simulated"
+    # The image's plane holds the axis of rotation, and turns with the probe.
+    assert turned.matrix.shape == (4, 4)
+    assert np.linalg.det(turned.matrix) == pytest.approx(1)
+
+
+def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(tmp_path: Path) -> None:
+    program = compiled_peer(tmp_path)
+    expected = searched()
+    lines: list[str] = []
+    with bridge("--header-version", "1") as running, IgtlClient(running.port) as witness:
+        with subprocess.Popen(
+            [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as peer:
+            peer.stdin.write('CMD_1 <Command Name="StartSearch" Seed="3" />\n')
+            peer.stdin.flush()
+            for line in peer.stdout:
+                lines.append(line.strip())
+                if line.startswith("STRING SearchState") and '"ended"' in line:
+                    break
+            peer.kill()
+        messages = witness.until(over)
+    assert "STRING ACK_1" in " ".join(lines)
+    assert {line.split()[0] for line in lines} == {"TRANSFORM", "IMAGE", "POINT", "POSITION", "STRING", "STATUS"}
+    state = json.loads(lines[-1].removeprefix("STRING SearchState "))
+    assert state["result"]["angle_deg"] == expected["angle_deg"]
+
+    def last(start: str) -> list[str]:
+        return next(line for line in reversed(lines) if line.startswith(start)).split()[2:]
+
+    marker_mm = [1e3 * each for each in expected["marker_trus_m"]]
+    name, group, *place = last("POINT PaMarker")
+    assert (name, group) == ("PaMarker", "simulated")
+    assert [float(each) for each in place] == pytest.approx(marker_mm, rel=1e-5)
+    assert [float(each) for each in last("POSITION")] == pytest.approx([*marker_mm, 0, 0, 0, 1], rel=1e-5)
+    turned = np.array([float(each) for each in last("TRANSFORM ProbeToProbeHome")]).reshape(3, 4)
+    angle_deg = expected["confirmation"]["angle_deg"]
+    assert turned == pytest.approx(probe_to_probe_home(angle_deg)[:3], abs=1e-5)
+    # The library shows the size, the type, the sum of all pixels, the spacing, and where the middle of the image is.
+    image = next(each for each in reversed(messages) if each.device == "PA_Reference").content
+    columns, rows, slices, scalar, total, *numbers = last("IMAGE PA_Reference")
+    assert (int(slices), int(rows), int(columns)) == image.pixels.shape
+    assert (int(scalar), int(total)) == (3, int(image.pixels.sum()))
+    spacing = np.linalg.norm(image.matrix[:3, :3], axis=0)
+    assert [float(each) for each in numbers[:3]] == pytest.approx(spacing, rel=1e-4)
+    middle = image.matrix @ ((int(columns) - 1) / 2, (int(rows) - 1) / 2, 0, 1)
+    shown = np.array([float(each) for each in numbers[3:]]).reshape(3, 4)
+    assert shown[:, :3] == pytest.approx(image.matrix[:3, :3] / spacing, abs=1e-4)
+    assert shown[:, 3] == pytest.approx(middle[:3], abs=1e-3)
+    assert last("STATUS PaSearch")[:2] == ["1", "FOUND" if expected["found"] else "NOT_FOUND"]
