@@ -176,5 +176,5 @@ def test_intensities_alone_calibrate_nothing() -> None:
     reading = ImageReader(PRESET).read(
         ChannelFrame(header=HEADER, samples=np.ones((128, 2080), np.int16), sampling_hz=40e6)
     )
-    with pytest.raises(RecordError, match="intensities only"):
+    with pytest.raises(RecordError, match="channel data"):
         calibrate([Sample(angle_deg=0.0, reading=reading, frame=frame)], PRESET)

@@ -40,7 +40,9 @@ def former_curve(path: Path) -> MarkerCurve:
 def _of_result(path: Path) -> MarkerCurve | None:
     try:
         return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=_Result).curve
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError, MarkerseekError) as problem:
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, MarkerseekError) as problem:
         raise RecordError(
             f"{path}: it cannot be read as the result of a search: {problem}; name what --json printed, or a journal"
         ) from problem

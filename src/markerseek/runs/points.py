@@ -81,7 +81,9 @@ def read_points(path: Path) -> list[PointRow]:
             io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
         ):
             return _rows(path, csv.reader(lines, strict=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    except (UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
             f"{', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}"
