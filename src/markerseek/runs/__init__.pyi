@@ -2,6 +2,7 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
+from .journalled import configuration_of
 from .points import PointRow, read_marker, read_points
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
@@ -37,6 +38,7 @@ __all__ = [
     "bank_images",
     "bank_samples",
     "calibrate",
+    "configuration_of",
     "dark_intensity",
     "described",
     "differences",
