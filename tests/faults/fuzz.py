@@ -18,7 +18,7 @@ with atheris.instrument_imports(include=["markerseek", "thorlabs_apt_protocol", 
     import journal_decoders
     import wire_decoders
 
-_FILES = decoders.UNVETTED | journal_decoders.JOURNALS
+_FILES = decoders.IN_THIS_PROCESS | journal_decoders.JOURNALS
 
 
 def _target(name: str) -> tuple[Callable[[], bytes], Callable[[bytes], object]]:

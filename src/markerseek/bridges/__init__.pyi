@@ -1,5 +1,5 @@
 from .child import ChildRun, Outcome
-from .recording import PlayedSample, Recording
+from .recordings import Recording, open_recording
 from .searches import Searches, SearchOptions, SearchRequest
 
-__all__ = ["ChildRun", "Outcome", "PlayedSample", "Recording", "SearchOptions", "SearchRequest", "Searches"]
+__all__ = ["ChildRun", "Outcome", "Recording", "SearchOptions", "SearchRequest", "Searches", "open_recording"]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from markerseek.bridges import Recording
     from markerseek.bridges.igtl import SearchService
 
 NAME = "igtl"
@@ -19,7 +21,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek igtl\n\n"
     "  markerseek igtl --rig examples/rigs/bench.toml\n\n"
-    "  markerseek igtl --pace 1 --port 18946"
+    "  markerseek igtl --play run.journal --pace 0.1"
 )
 
 LOOPBACK = "127.0.0.1"
@@ -33,7 +35,15 @@ def command(
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
     host: Annotated[str, typer.Option(help="Address of this computer.")] = LOOPBACK,
-    pace: Annotated[float, typer.Option(min=0, help="Real seconds per virtual second of a simulated rig.")] = 0,
+    play: Annotated[
+        Path | None, typer.Option(help="Play a journal or a bank instead of searching; the last state stays.")
+    ] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            min=0, help="Real seconds per second of a simulated rig (usually 0) or of a recording (usually 1)."
+        ),
+    ] = None,
     header_version: Annotated[
         int, typer.Option(min=1, max=2, help="Header version; 1 for clients before OpenIGTLink 3, without metadata.")
     ] = 2,
@@ -43,26 +53,46 @@ def command(
     A search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms, resets or homes it.
     """
-    from markerseek.bridges import Searches, SearchOptions
+    from markerseek.bridges import Searches, SearchOptions, open_recording
     from markerseek.bridges.igtl import SearchService
     from markerseek.cli.terminal import stderr
+    from markerseek.core import ConfigError
     from markerseek.rigs import read_rig_file
 
+    if rig is not None and play is not None:
+        raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
         read_rig_file(rig)
+    recording = None if play is None else open_recording(play)
 
     def note(sentence: str) -> None:
         stderr.print(sentence, markup=False)
 
     if host != LOOPBACK:
         note(f"warning: OpenIGTLink has no passwords: whoever reaches {host} can start and stop searches")
-    searches = Searches(SearchOptions(rig=rig, pace=pace, frames=True))
-    service = SearchService(searches, version=1 if header_version == 1 else 2, on_note=note)
-    raise typer.Exit(asyncio.run(_serve(service, host, port, note)))
+    searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    service = SearchService(
+        searches if recording is None else None,
+        recording=None if recording is None else recording.name,
+        version=1 if header_version == 1 else 2,
+        on_note=note,
+    )
+    playing = None if recording is None else Playing(recording=recording, pace=1.0 if pace is None else pace)
+    raise typer.Exit(asyncio.run(_serve(service, host, port, playing, note)))
 
 
-async def _serve(service: SearchService, host: str, port: int, note: Callable[[str], None]) -> int:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Playing:
+    """A recording, and real seconds per second of it."""
+
+    recording: Recording
+    pace: float
+
+
+async def _serve(
+    service: SearchService, host: str, port: int, playing: Playing | None, note: Callable[[str], None]
+) -> int:
     """Serve until a signal comes, and return the exit code."""
     stopped: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
@@ -75,6 +105,15 @@ async def _serve(service: SearchService, host: str, port: int, note: Callable[[s
     taken = await service.open(host, port)
     try:
         note(f"OpenIGTLink clients connect to {host}, port {taken}; Ctrl-C ends the bridge, and a search that runs")
+        if playing is not None:
+            played = asyncio.create_task(service.play(playing.recording, pace=playing.pace))
+            ends: set[asyncio.Future[Any]] = {played, stopped}
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            if played.done():
+                # A recording that cannot be read ends the command.
+                played.result()
+                note(f"{playing.recording.name} is over; Ctrl-C ends the bridge")
+            played.cancel()
         return 128 + await stopped
     finally:
         await service.close()

@@ -197,12 +197,11 @@ def sim(
 
 def _play(path: Path, *, pace: float, require_security: bool) -> None:
     """Play a recording to the topics of a search."""
-    from markerseek.bridges import Recording
-    from markerseek.bridges.ros2 import play
+    from markerseek.bridges.ros2 import RecordedSeries, play
     from markerseek.cli.terminal import announce_compilation, stdout
 
     announce_compilation()
-    recording = Recording(path)
+    recording = RecordedSeries(path)
     with _node("pa_search", {"plays": str(path)}, require_security=require_security) as node, _stopping() as stopped:
         stdout.print(f"playing {len(recording.series.angles_deg)} acquisitions; ready", markup=False)
         sys.stdout.flush()

@@ -3,6 +3,7 @@ from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
 from .former_marker import former_curve
+from .journalled import configuration_of
 from .points import PointRow, read_marker, read_points
 from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
@@ -38,6 +39,7 @@ __all__ = [
     "bank_images",
     "bank_samples",
     "calibrate",
+    "configuration_of",
     "dark_intensity",
     "described",
     "differences",

@@ -10,6 +10,7 @@ from markerseek.bridges.child import ChildRun
 from markerseek.bridges.igtl.commands import Answer, Request, search_request
 from markerseek.bridges.igtl.server import IgtlServer
 from markerseek.bridges.igtl.streams import MARKER, MARKER_POSITION, Stream, Streams
+from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
 from markerseek.records.stream import StreamItem
@@ -28,6 +29,8 @@ class SearchService:
     ----------
     searches
         Starts them; None where a recording is played, and no search can be asked for.
+    recording
+        Name of the recording.
     version
         As of `IgtlServer`.
     on_note
@@ -35,10 +38,15 @@ class SearchService:
     """
 
     def __init__(
-        self, searches: Searches | None, *, version: Literal[1, 2] = 2, on_note: Callable[[str], None]
+        self,
+        searches: Searches | None,
+        *,
+        recording: str | None = None,
+        version: Literal[1, 2] = 2,
+        on_note: Callable[[str], None],
     ) -> None:
         self._searches, self._on_note = searches, on_note
-        self._streams = Streams(activity="running" if searches is not None else "playing")
+        self._streams = Streams(recording=recording)
         self.server = IgtlServer(on_request=self._requested, version=version, on_note=on_note)
         self._following: asyncio.Task[None] | None = None
         self._alive: asyncio.Task[None] | None = None
@@ -90,6 +98,34 @@ class SearchService:
         self._begin()
         self._following = asyncio.create_task(self._follow(child))
         return Answer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
+
+    async def play(self, recording: Recording, *, pace: float) -> None:
+        """Send a recording once, with its own timing.
+
+        Parameters
+        ----------
+        recording
+            What to play.
+        pace
+            Real seconds per second of the recording; 0 as fast as images can be made.
+
+        Raises
+        ------
+        RecordError, AcquisitionError
+            If a frame cannot be read.
+        """
+        loop = asyncio.get_running_loop()
+        self._begin()
+        items = recording.items()
+        due_s, before_s = loop.time(), None
+        while (timed := await asyncio.to_thread(next, items, None)) is not None:
+            time_s, item = timed
+            # The clock of a run that was resumed in another process starts again.
+            due_s += pace * max(0.0, time_s - (time_s if before_s is None else before_s))
+            before_s = time_s
+            await asyncio.sleep(due_s - loop.time())
+            await self._show(item)
+        self._publish(self._streams.ended(recording.outcome))
 
     def _begin(self) -> None:
         # An empty POINT would say that there is no marker, but the library before OpenIGTLink 3 takes it for damaged.

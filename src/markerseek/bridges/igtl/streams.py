@@ -8,7 +8,7 @@ degrees, as long as nothing is registered to another.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -35,9 +35,6 @@ from markerseek.runs import rebuild_reader
 from markerseek.signals import ImageReader
 from markerseek.wire import igtl
 
-Activity: TypeAlias = Literal["idle", "running", "playing", "ended"]
-"""What the bridge does."""
-
 MARKER, MARKER_POSITION = "PaMarker", "PaMarkerToProbeHome"
 """Streams that tell of the last search only."""
 
@@ -55,16 +52,18 @@ class Streams:
 
     Parameters
     ----------
-    activity
-        What the bridge does while events come: ``running``, or ``playing`` a recording.
+    recording
+        Name of the recording that is played; None where searches run.
     """
 
-    def __init__(self, *, activity: Activity = "running") -> None:
-        self._busy = activity
+    def __init__(self, *, recording: str | None = None) -> None:
+        self._recording = recording
         self._begin({"state": "idle"})
 
     def _begin(self, state: dict[str, Any]) -> None:
         self._state = state
+        if self._recording is not None:
+            self._state["recording"] = self._recording
         self._code, self._name, self._sentence = igtl.OK, "IDLE", "no search runs"
         self._imaging: ImageReader | None = None
         self._face_radius_m: float | None = None
@@ -72,8 +71,8 @@ class Streams:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Sent with each message: the kind of the rig, so that what is simulated is called so."""
-        return {"rig": self._state["rig"]} if "rig" in self._state else {}
+        """Sent with each message: kind of the rig and name of a recording, so that neither seems a live bench."""
+        return {name: str(self._state[name]) for name in ("rig", "recording") if name in self._state}
 
     @property
     def status(self) -> Stream:
@@ -86,11 +85,11 @@ class Streams:
         return [self.status, self._said()]
 
     def started(self) -> list[Stream]:
-        """A search was asked for."""
-        self._begin({"state": self._busy})
-        self._code, self._name, self._sentence = igtl.BUSY, "SEARCHING", f"{self._busy}: it begins"
-        if self._busy == "playing":
-            self._name = "PLAYING"
+        """A search, or a recording, begins."""
+        playing = self._recording is not None
+        self._begin({"state": "playing" if playing else "running"})
+        self._code, self._name = igtl.BUSY, "PLAYING" if playing else "SEARCHING"
+        self._sentence = f"plays {self._recording}" if playing else "the search begins"
         return [self.status, self._said()]
 
     def after(self, item: StreamItem) -> list[Stream]:
@@ -107,7 +106,7 @@ class Streams:
                     self._state["no_image"] = (
                         "the rig has no probe.face_radius_m, so that the place of images is unknown"
                     )
-                self._sentence = f"{self._busy} on a {facts.kind} rig"
+                self._sentence += f", on a {facts.kind} rig"
                 return [self.status, self._said()]
             case StreamEvent():
                 self._state["lost_lines"] += item.lost_lines
@@ -159,8 +158,12 @@ class Streams:
         shades = messages.grey(image.envelope, brightest=self._brightest)
         return [Stream(device="PA_Reference", content=_image(image, shades, sample.angle_deg, self._face_radius_m))]
 
-    def ended(self, outcome: Outcome) -> list[Stream]:
-        """The child has ended."""
+    def ended(self, outcome: Outcome | None) -> list[Stream]:
+        """The search has ended, or a recording, which may have no outcome."""
+        if outcome is None:
+            self._state |= {"state": "ended", "target_deg": None}
+            self._code, self._name, self._sentence = igtl.OK, "ENDED", f"{self._recording} is over"
+            return [self.status, self._said()]
         answer = outcome.answer or {}
         self._state |= {
             "state": "ended",
@@ -184,12 +187,6 @@ class Streams:
             Stream(device=MARKER, content=igtl.Points(points=(point,))),
             Stream(device=MARKER_POSITION, content=igtl.Position(position_mm=(x, y, z))),
         ]
-
-    def played(self, sentence: str) -> list[Stream]:
-        """A recording has ended."""
-        self._state["state"] = "ended"
-        self._code, self._name, self._sentence = igtl.OK, "ENDED", sentence
-        return [self.status, self._said()]
 
     def _said(self) -> Stream:
         text = msgspec.json.encode(self._state)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from markerseek.bridges.recording import Recording
+from markerseek.bridges.ros2.recorded_series import RecordedSeries
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import require_range
 from markerseek.ros import RosNode, messages, topics
@@ -26,7 +26,7 @@ def _wait_for_subscribers(node: RosNode) -> None:
         node.spin(0.05)
 
 
-def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
+def play(recording: RecordedSeries, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
     """Publish the acquisitions of a recording; returns their number.
 
     Parameters

@@ -35,7 +35,7 @@ class PlayedSample:
     frame: Frame | None
 
 
-class Recording:
+class RecordedSeries:
     """A recording, open to be played.
 
     Parameters

@@ -1,0 +1,121 @@
+"""Recordings as the items that a running search would send, each with its time: journals of runs, and banks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from markerseek.bridges.child import Outcome
+from markerseek.core import Measured, Reading, Sample, SearchError, SearchPlan
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank
+from markerseek.records.exports import series_of
+from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
+from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+from markerseek.rigs import Rig, replayed
+from markerseek.runs import configuration_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """A recording that can be played.
+
+    Attributes
+    ----------
+    name
+        Name of its file.
+    outcome
+        Answer of a run that is over; None for a bank, and for a run that was not finished.
+    """
+
+    name: str
+    outcome: Outcome | None
+    _source: RecordedRun | tuple[Rig, IntensityBank | FrameBank]
+
+    def items(self) -> Iterator[tuple[float, StreamItem]]:
+        """Its items, each with its time in seconds on the clock of the recording; frames are read one at a time.
+
+        Raises
+        ------
+        RecordError, AcquisitionError
+            If a frame of a bank cannot be read.
+        """
+        if isinstance(self._source, RecordedRun):
+            return _journal_items(self._source)
+        return _bank_items(*self._source)
+
+
+def open_recording(path: Path) -> Recording:
+    """The recording in a file.
+
+    Parameters
+    ----------
+    path
+        A journal, also of a run that was not finished, or a bank.
+
+    Raises
+    ------
+    RecordError
+        If it is none.
+    """
+    if is_journal(path):
+        held = read_journal(path)
+        return Recording(name=path.name, outcome=_outcome(held), _source=held)
+    return Recording(name=path.name, outcome=None, _source=(replayed(path), read_bank(path)))
+
+
+def _outcome(held: RecordedRun) -> Outcome | None:
+    try:
+        _, result = result_of(held)
+    except SearchError:
+        return None
+    return Outcome(exit_code=0 if result.found else 3, answer=msgspec.to_builtins(result))
+
+
+def _journal_items(held: RecordedRun) -> Iterator[tuple[float, StreamItem]]:
+    first_s = held.entries[0].clock_s if held.entries else 0.0
+    yield first_s, StreamHead(configuration=held.configuration, frames=True)
+    for entry in held.entries:
+        yield (
+            entry.clock_s,
+            StreamEvent(
+                number=entry.number,
+                written=entry.written,
+                clock_s=entry.clock_s,
+                event=entry.event,
+                header=None,
+                lost_lines=0,
+                lost_frames=0,
+            ),
+        )
+
+
+def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[float, StreamItem]]:
+    """A scan as an exhaustive search that does not end at the marker, in the order of time."""
+    series = series_of(bank)
+    plan = SearchPlan(method="exhaustive", start_deg=series.angles_deg[0], stay=True)
+    yield series.times_s[0], StreamHead(configuration=configuration_of(rig, plan), frames=True)
+    for number, (index, time_s) in enumerate(zip(series.order, series.times_s, strict=True), start=1):
+        sample = _sample(rig, bank, index)
+        yield (
+            time_s,
+            StreamEvent(
+                number=number,
+                written="",
+                clock_s=time_s,
+                event=Measured(role="search", index=number, sample=sample),
+                header=None,
+                lost_lines=0,
+                lost_frames=0,
+            ),
+        )
+
+
+def _sample(rig: Rig, bank: IntensityBank | FrameBank, index: int) -> Sample:
+    angle_deg = bank.angles_deg[index]
+    if isinstance(bank, IntensityBank) or rig.imaging is None:
+        return Sample(angle_deg=angle_deg, reading=Reading(intensity=bank.intensities[index]))
+    frame = bank.frame(index)
+    return Sample(angle_deg=angle_deg, reading=rig.imaging.read(frame), frame=frame)
