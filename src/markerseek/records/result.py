@@ -171,7 +171,7 @@ class Recorder:
             interval95_deg=None if known is None else _ends(known.interval95_deg),
             interval_kind=None if known is None else known.interval_kind,
             marker_trus_m=None if marker is None else marker.position_m,
-            marker_sigma_m=None if marker is None else marker.sigma_m,
+            marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
             acquisitions=finished.acquisitions,
             refused=self._refused,
             travel_deg=finished.travel_deg,
