@@ -2,6 +2,7 @@ from .clock import SLICE_S, SystemClock
 from .exposure import exposure_line
 from .kdc101 import Kdc101Stage, StageSettings
 from .laserbox import LaserBox
+from .plus import PlusReceiver, connect_plus
 from .ros2 import Ros2Acquisition, Ros2Stage
 from .serial_port import SerialPort, SerialSettings
 from .settings import (
@@ -9,6 +10,7 @@ from .settings import (
     BenchProbe,
     BenchReceiver,
     BenchSettings,
+    PlusSettings,
     RosLaser,
     RosReceiver,
     RosStage,
@@ -25,6 +27,8 @@ __all__ = [
     "BenchSettings",
     "Kdc101Stage",
     "LaserBox",
+    "PlusReceiver",
+    "PlusSettings",
     "Ros2Acquisition",
     "Ros2Stage",
     "RosLaser",
@@ -38,5 +42,6 @@ __all__ = [
     "StageKeys",
     "StageSettings",
     "SystemClock",
+    "connect_plus",
     "exposure_line",
 ]

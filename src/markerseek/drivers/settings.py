@@ -12,6 +12,7 @@ from typing import Literal
 from markerseek.core import ConfigError, require_range
 from markerseek.drivers._kdc101_settings import StageKeys
 from markerseek.drivers._light import LaserKeys
+from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.drivers._ros2_settings import RosLaser, RosReceiver, RosStage
 from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
@@ -26,6 +27,7 @@ __all__ = [
     "BenchStage",
     "BenchSupervisor",
     "LaserKeys",
+    "PlusSettings",
     "RosLaser",
     "RosReceiver",
     "RosStage",
@@ -168,7 +170,7 @@ class BenchSettings:
 
     stage: BenchStage | RosStage
     laser: BenchLaser | RosLaser
-    receiver: BenchReceiver | RosReceiver
+    receiver: BenchReceiver | PlusSettings | RosReceiver
     probe: BenchProbe = field(default_factory=BenchProbe)
     limits: Limits = field(default_factory=Limits)
     firing: FiringLimits = field(default_factory=FiringLimits)
@@ -214,7 +216,8 @@ class BenchSettings:
         Only the last equals the number of a dark frame's triggers, so that neighbours always differ.
         """
         usual = self.laser.pulses
-        if isinstance(self.receiver, RosReceiver) or self.receiver.frames == "fixed":
+        receiver = self.receiver
+        if isinstance(receiver, RosReceiver) or (isinstance(receiver, BenchReceiver) and receiver.frames == "fixed"):
             return (usual,)
         # One more, one less, as set: close to the pulses that were set, and no two neighbours equal.
         return tuple(number for number in (usual + 1, usual - 1, usual) if number > 0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Collection
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from markerseek.drivers import (
     BenchSettings,
     Kdc101Stage,
     LaserBox,
+    PlusReceiver,
+    PlusSettings,
     Ros2Acquisition,
     Ros2Stage,
     RosLaser,
@@ -26,6 +29,7 @@ from markerseek.drivers import (
     SonixDaqSettings,
     StageKeys,
     StageSettings,
+    connect_plus,
     picolas,
 )
 from markerseek.guard import Admission, Guard
@@ -59,10 +63,13 @@ class OpenDevices:
         self._ports: dict[str, Port] = {}
         self.supervisor: Supervisor | None = None
         self.node: RosNode | None = None
+        self.plus: socket.socket | None = None
         lines = [line for line in lines_of(settings) if line.name in names]
         with ExitStack() as opening:
             if isinstance(settings.stage, RosStage) or isinstance(settings.receiver, RosReceiver):
                 self.node = opening.enter_context(RosNode("markerseek_rig", enclave="/markerseek/rig"))
+            if isinstance(settings.receiver, PlusSettings) and "laser" in names:
+                self.plus = opening.enter_context(closing(connect_plus(settings.receiver)))
             if settings.supervisor.enabled and lines:
                 self.supervisor = opening.enter_context(Supervisor(lines=lines, period_s=settings.supervisor.lease_s))
                 self._ports = {line.name: self.supervisor.port(line.name) for line in lines}
@@ -158,6 +165,11 @@ def acquisition_of(settings: BenchSettings, devices: OpenDevices, clock: Clock) 
         assert isinstance(keys, RosReceiver)  # noqa: S101
         node = Ros2Acquisition(node=_node(devices), clock=clock, settings=keys)
         return node, node, f"acquisition node on {keys.request_topic}"
+    if isinstance(keys, PlusSettings):
+        assert devices.plus is not None  # noqa: S101  `OpenDevices` connected it for these settings
+        images = PlusReceiver(connection=devices.plus, clock=clock, settings=keys, dark_triggers=laser.pulses)
+        where = f"PLUS server at {keys.host}, port {keys.port}"
+        return _laser(laser, devices.laser, clock), images, f"{laser.driver} at {laser.port}, {where}"
     receiver = SonixDaqReceiver(
         settings=SonixDaqSettings(folder=Path(keys.folder), dark_triggers=laser.pulses, **_values(keys, SonixDaqKeys)),
         clock=clock,

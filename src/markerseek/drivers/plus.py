@@ -1,0 +1,254 @@
+"""Driver of a receiver behind a PLUS server: int16 images of channels x samples over OpenIGTLink, one per trigger."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    DeviceError,
+    DeviceTimeoutError,
+    FrameHeader,
+    Int16,
+    NotConnectedError,
+    Permit,
+)
+from markerseek.drivers._plus_settings import PlusSettings
+from markerseek.wire import igtl
+
+MOST_IMAGE_BYTES = 1 << 24
+"""Largest message: 128 channels of 65,536 samples."""
+
+_READ_BYTES = 1 << 18
+_MOST_DRAINED_BYTES = 1 << 26
+_SLICE_S = 0.005
+
+
+def connect_plus(settings: PlusSettings) -> socket.socket:
+    """A connection to the server; `NotConnectedError` if it does not answer."""
+    where = f"{settings.host}, port {settings.port}"
+    try:
+        return socket.create_connection((settings.host, settings.port), timeout=settings.connect_s)
+    except OSError as problem:
+        raise NotConnectedError(
+            f"plus: no server on {where}: {problem.strerror or problem}; start PlusServer, or correct host and port"
+        ) from problem
+
+
+class PlusReceiver:
+    """Images of a PLUS server as frames.
+
+    A frame is the mean of as many images as pulses were permitted, all sent between `arm` and the end of the firing.
+    Any other number is refused: an image too many, or too few, may be of another acquisition.
+
+    Parameters
+    ----------
+    connection
+        To the server; it is closed by `close`.
+    clock
+        Real time, or virtual time in tests.
+    settings
+        Its keys in the rig file.
+    dark_triggers
+        Triggers of a dark acquisition.
+    unix_s
+        Time of day in seconds since 1970, which the images carry.
+    """
+
+    def __init__(
+        self,
+        *,
+        connection: socket.socket,
+        clock: Clock,
+        settings: PlusSettings,
+        dark_triggers: int,
+        unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
+    ) -> None:
+        connection.setblocking(False)
+        self._connection, self._clock, self._settings, self._unix_s = connection, clock, settings, unix_s
+        self._dark_triggers = dark_triggers
+        self._bytes = bytearray()
+        self._header: igtl.Header | None = None
+        self._armed: tuple[Permit, float, float] | None = None
+        self._sequence = 0
+
+    def close(self) -> None:
+        """Close the connection; allowed twice."""
+        self._connection.close()
+
+    def settle(self) -> None:
+        """Wait until no image comes.
+
+        Raises
+        ------
+        AcquisitionError
+            If images came although nothing was triggered; they are not used.
+        NotConnectedError
+            If the connection has ended.
+        """
+        self._armed = None
+        late = self._until_quiet(most=0)
+        if late:
+            raise AcquisitionError(
+                f"plus: {len(late)} images of {self._settings.device} came although nothing was triggered; they are "
+                "not used"
+            )
+
+    def arm(self, permit: Permit) -> None:
+        """Forget what came before, and check that no image comes without a trigger.
+
+        Raises
+        ------
+        AcquisitionError
+            If images come although nothing is triggered.
+        NotConnectedError
+            If the connection has ended.
+        """
+        self._armed = None
+        # What waits was sent before: it is of no acquisition that will be asked for.
+        self._received()
+        if self._until_quiet(most=0):
+            raise AcquisitionError(
+                f"plus: images of {self._settings.device} come although nothing is triggered; the device must send one "
+                "image for each trigger"
+            )
+        self._armed = permit, self._clock.now_s(), self._unix_s()
+
+    def acquire(self, permit: Permit) -> ChannelFrame:
+        """Mean of the images since `arm`.
+
+        Raises
+        ------
+        AcquisitionError
+            If it was not armed for this permit, or the images are not those of the permitted pulses.
+        DeviceTimeoutError
+            If too few come in time.
+        NotConnectedError
+            If the connection has ended.
+        """
+        if self._armed is None or self._armed[0] != permit:
+            raise AcquisitionError(f"plus: it was not armed for the permit {permit.token!r}; arm it before firing")
+        _, started_s, armed_unix_s = self._armed
+        # Disarmed before reading: a frame that was refused cannot be asked for again.
+        self._armed = None
+        count = permit.pulses or self._dark_triggers
+        images = self._images(count)
+        samples = _mean(images)
+        for image in images:
+            age_s = armed_unix_s - image.time_s
+            if age_s > self._settings.clock_s:
+                raise AcquisitionError(
+                    f"plus: an image was sent {age_s:.3f} s before the receiver was armed, clock_s allows "
+                    f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
+                )
+        self._sequence += 1
+        header = FrameHeader(
+            sequence=self._sequence,
+            token=permit.token,
+            pulses=permit.pulses,
+            commanded_deg=permit.angle_deg,
+            started_s=started_s,
+            ended_s=self._clock.now_s(),
+        )
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
+
+    def _images(self, count: int) -> list[igtl.Message]:
+        """Exactly so many images; the firing has ended."""
+        images: list[igtl.Message] = []
+        ends_s = self._clock.now_s() + self._settings.timeout_s
+        while len(images) < count:
+            images += self._received()
+            if len(images) < count:
+                if not self._clock.now_s() <= ends_s:
+                    raise DeviceTimeoutError(
+                        f"plus: {len(images)} of {count} images of {self._settings.device} came within "
+                        f"{self._settings.timeout_s:g} s; check the trigger and the name of the device"
+                    )
+                self._clock.wait(_SLICE_S)
+        images += self._until_quiet(most=count)
+        if len(images) > count:
+            raise AcquisitionError(
+                f"plus: {len(images)} images came for {count} pulses; which are of this acquisition is not known"
+            )
+        stamps = [image.time_s for image in images]
+        if any(later <= earlier for earlier, later in pairwise(stamps)):
+            raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
+        return images
+
+    def _until_quiet(self, *, most: int) -> list[igtl.Message]:
+        """Images until none came for a while, or more than are of use."""
+        images: list[igtl.Message] = []
+        quiet_s = self._clock.now_s() + self._settings.quiet_s
+        while self._clock.now_s() < quiet_s and len(images) <= most:
+            new = self._received()
+            images += new
+            if new:
+                quiet_s = self._clock.now_s() + self._settings.quiet_s
+            self._clock.wait(_SLICE_S)
+        return images
+
+    def _received(self) -> list[igtl.Message]:
+        """Images of the device that have come, without waiting; messages of other devices are left out."""
+        taken = 0
+        messages: list[igtl.Message] = []
+        while taken < _MOST_DRAINED_BYTES:
+            try:
+                data = self._connection.recv(_READ_BYTES)
+            except BlockingIOError:
+                break
+            except OSError as problem:
+                raise NotConnectedError(f"plus: the connection has ended: {problem.strerror}") from problem
+            if not data:
+                raise NotConnectedError("plus: the server has closed the connection; start it again")
+            taken += len(data)
+            self._bytes += data
+            try:
+                messages += self._decoded()
+            except DeviceError as problem:
+                # No next message begins at a known place.
+                self._connection.close()
+                raise NotConnectedError(f"plus: {problem}; the connection is closed") from problem
+        return messages
+
+    def _decoded(self) -> list[igtl.Message]:
+        images: list[igtl.Message] = []
+        while True:
+            if self._header is None:
+                if len(self._bytes) < igtl.HEADER_BYTES:
+                    return images
+                self._header = igtl.decode_header(self._taken(igtl.HEADER_BYTES), most_bytes=MOST_IMAGE_BYTES)
+            header = self._header
+            if len(self._bytes) < header.body_bytes:
+                return images
+            body, self._header = self._taken(header.body_bytes), None
+            if (header.kind, header.device) == ("IMAGE", self._settings.device):
+                images.append(igtl.decode(header, body))
+
+    def _taken(self, size: int) -> bytes:
+        taken = bytes(self._bytes[:size])
+        del self._bytes[:size]
+        return taken
+
+
+def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
+    """Mean of the channel data of images, rounded to counts."""
+    counts = []
+    for image in images:
+        pixels = image.content.pixels if isinstance(image.content, igtl.Image) else np.empty(0)
+        if pixels.dtype != np.int16 or pixels.ndim != 3 or pixels.shape[0] != 1:
+            raise AcquisitionError(
+                f"plus: an image of {pixels.dtype}, shape {pixels.shape}; channel data are int16 of 1 x channels x "
+                "samples"
+            )
+        counts.append(pixels[0])
+    if len({each.shape for each in counts}) > 1:
+        raise AcquisitionError(f"plus: images of the shapes {[each.shape for each in counts]} in one acquisition")
+    mean: Int16[np.ndarray, "channels samples"] = np.rint(np.mean(counts, axis=0)).astype(np.int16)
+    return mean
