@@ -38,8 +38,8 @@ def test_the_commands_of_the_readme_exist() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in set(re.findall(r"^make ([a-z]+)$", readme, re.MULTILINE)):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
-    commands = set(re.findall(r"`markerseek ([a-z]+)[ `]", readme))
-    assert len(commands) == 11
+    commands = set(re.findall(r"`markerseek ([a-z0-9]+)[ `]", readme))
+    assert len(commands) == 16
     for command in commands:
         ran = subprocess.run(
             [sys.executable, "-c", "from markerseek.cli import main; main()", command, "--help"],
