@@ -164,13 +164,6 @@ def scene_of(
     if material.clutter is not None:
         scale = spot.peak_counts / _largest_count([marker], model, marker)
         absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
-    second = None
-    if settings.second.present:
-        second = _draw_second(settings, marker, rng)
-        other = _spot_of(settings.second, material).draw(second, rng)
-        # As strong as the first: the same largest count with the probe on it.
-        scale = spot.peak_counts / _largest_count(other, model, second)
-        absorbers += tuple(replace(each, strength=each.strength * scale) for each in other)
     return Scene(
         description=material.description,
         model=model,
@@ -179,7 +172,6 @@ def scene_of(
         noise=spot.noise,
         peak=spot.peak,
         peak_counts=spot.peak_counts,
-        second=second,
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from markerseek.core import PAPER_RANGE, Laser, Permit, Reader, Receiver, Stage
+from markerseek.core import PAPER_RANGE, Laser, Permit, Reader, ReadingError, Receiver, Stage
 from markerseek.guard import FiringLimits, Permits
 from markerseek.search import GOLDEN, TERNARY, THRESHOLD, equal_steps
 from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, ONLINE_STEPS, PaperMethod
@@ -38,7 +38,11 @@ def unguarded_acquisition(
         permit = Permit(token=issued.token, angle_deg=angle_deg, pulses=pulses, expires_s=math.inf)
         receiver.arm(permit)
         laser.fire(permit)
-        return reader.read(receiver.acquire(permit)).intensity
+        try:
+            return reader.read(receiver.acquire(permit)).intensity
+        except ReadingError:
+            # Only ours refuses what is no number; a program without checks goes on with it.
+            return math.nan
 
     return acquire
 
