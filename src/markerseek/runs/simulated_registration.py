@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, MarkerPosition, Measured, SearchError
+from markerseek.core import ConfigError, Float64, MarkerCurve, MarkerPosition, Measured, SearchError
 from markerseek.geometry import LEAST_POINTS, RigidTransform, StereoCameras, triangulate
 from markerseek.records import SearchResult
 from markerseek.rigs import simulated
@@ -133,8 +133,10 @@ def simulate_registration(
     pairs, searches = [], []
     rig_seeds = rng.integers(2**31, size=len(spots_m)).tolist()
     angle_deg, readout_s = scene.rig.start_deg, 0.0
+    curve: MarkerCurve | None = None
     for number, (spot_m, rig_seed) in enumerate(zip(spots_m, rig_seeds, strict=True), start=1):
-        result, angle_deg, frames = _search(scene.rig, spot_m, seed=rig_seed, start_deg=angle_deg)
+        result, angle_deg, frames = _search(scene.rig, spot_m, seed=rig_seed, start_deg=angle_deg, prior=curve)
+        curve = result.curve or curve
         readout_s += frames * scene.rig.receiver.readout_s
         searches.append(_searched(str(number), result, spot_m))
         on_search(number)
@@ -171,7 +173,12 @@ def simulate_registration(
 
 
 def _search(
-    rig: SimulatedSettings, spot_m: Float64[np.ndarray, " 3"], *, seed: int, start_deg: float
+    rig: SimulatedSettings,
+    spot_m: Float64[np.ndarray, " 3"],
+    *,
+    seed: int,
+    start_deg: float,
+    prior: MarkerCurve | None,
 ) -> tuple[SearchResult, float, int]:
     """Result of one search for a spot, the angle at which the probe then stands, and the number of frames."""
     x, y, z = spot_m.tolist()
@@ -179,8 +186,8 @@ def _search(
         rig.marker, angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y, present=True
     )
     assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg))
-    # The next search will be told what the last one taught, by a prior of the posterior.
-    session = new_session(assembled, plan_on(assembled, method="posterior", start_deg=start_deg))
+    # A search begins with the intensity curve of the last marker, as `search --prior` does.
+    session = new_session(assembled, plan_on(assembled, method="posterior", start_deg=start_deg, prior=prior))
     with closing(session.events()) as events:
         frames = sum(isinstance(event, Measured) for event in events)
     return session.result(), assembled.stage.angle_deg, frames
