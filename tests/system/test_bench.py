@@ -243,8 +243,9 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
         assert devices.process.stdin is not None
         devices.process.stdin.write("\n")
         devices.process.stdin.flush()
-        last = tmp_path / "bench" / "daq" / "CH127.daq"
-        while not last.exists():
+        first, last = (tmp_path / "bench" / "daq" / name for name in ("CH000.daq", "CH127.daq"))
+        # Until the last file is whole, as the first is.
+        while not (last.exists() and last.stat().st_size == first.stat().st_size):
             assert devices.process.poll() is None
             time.sleep(0.02)
         devices.process.send_signal(signal.SIGINT)
