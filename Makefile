@@ -5,6 +5,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
+# Of all tests in real time, those that watch a search from outside wait long enough to share the computer.
+WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page)
 BENCH ?=
 
 .DEFAULT_GOAL := help
@@ -23,7 +25,8 @@ page: .venv/run  ## open the live page: searches on the simulated rig in the bro
 
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(BIN)/python -m pytest -m real_time $(TESTS) || test $$? -eq 5
+	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 -m real_time $(WATCHED))
+	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
 	$(BIN)/ruff check
