@@ -37,7 +37,8 @@ def heard(start: Start, *options: object) -> tuple[list[dict[str, Any]], list[An
             node.spin(0.05)
     result = json.loads(results[-1].data)
     assert result["state"] == "played"
-    assert result["acquisitions"] == len(samples)
+    # What is sent before the listener has been discovered does not reach it.
+    assert 0.9 * result["acquisitions"] <= len(samples) <= result["acquisitions"]
     return [json.loads(each.data) for each in samples], envelopes, json.loads(known[-1].data)
 
 
@@ -45,7 +46,7 @@ def test_a_table_is_played_row_by_row_in_its_own_time(start: Start) -> None:
     with SCAN.open() as file:
         rows = [(float(row["angle_deg"]), float(row["intensity"])) for row in csv.DictReader(file)]
     samples, _envelopes, known = heard(start, SCAN, "--pace", "0.05")
-    assert [(each["angle_deg"], each["intensity"]) for each in samples] == rows
+    assert [(each["angle_deg"], each["intensity"]) for each in samples] == rows[-len(samples) :]
     assert all(each["played"] for each in samples)
     assert known["played"]
     # One row a recorded second: the times between them are the pace, on the average.
