@@ -6,10 +6,12 @@ this, by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import sys
 import tracemalloc
+import warnings
 import zlib
 from functools import partial
 from pathlib import Path
@@ -193,6 +195,24 @@ def test_a_sandbox_that_is_garbage_collected_ends_its_child(tmp_path):
     child = sandbox._child
     del sandbox
     assert child.poll() is not None
+
+
+def test_a_sandbox_in_a_garbage_cycle_ends_its_child_before_python_deletes_it(tmp_path):
+    (tmp_path / "a.npy").write_bytes(DECODERS["npy"][1]())
+    sandbox = Sandbox()
+    arrays_in(tmp_path / "a.npy", sandbox, most_bytes=1 << 20)
+    cycle = {"child": sandbox._child, "sandbox": sandbox}
+    cycle["cycle"] = cycle
+    child_id = sandbox._child.pid
+    del sandbox
+    gc.collect()  # changes the order in which the next collection deletes them
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        del cycle
+        gc.collect()
+    assert [str(each.message) for each in caught] == []
+    with pytest.raises(ChildProcessError):
+        os.waitpid(child_id, os.WNOHANG)
 
 
 def corpus():

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -75,6 +76,8 @@ class Sandbox:
     def __init__(self) -> None:
         self._child: subprocess.Popen[bytes] | None = None
         self._owner = 0
+        # Holds the child, so that a garbage cycle cannot delete it, unended, before its sandbox.
+        self._end: weakref.finalize[[subprocess.Popen[bytes], int], Self] | None = None
 
     def read(self, reader: Reader, path: Path) -> dict[str, np.ndarray]:
         """Arrays that a reader returns for a file.
@@ -126,19 +129,9 @@ class Sandbox:
 
     def close(self) -> None:
         """End the child; allowed twice."""
-        child, self._child = self._child, None
-        if child is None or self._owner != os.getpid():
-            return
-        child.kill()
-        for pipe in (child.stdin, child.stdout):
-            # Unclosed pipes would keep descriptors until the garbage collector runs.
-            if pipe is not None:
-                try:
-                    pipe.close()
-                except OSError:
-                    # A request that the child did not take is lost with it.
-                    continue
-        child.wait()
+        self._child = None
+        if self._end is not None:
+            self._end()
 
     def __enter__(self) -> Self:
         """The sandbox itself."""
@@ -147,10 +140,6 @@ class Sandbox:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the child."""
-        self.close()
-
-    def __del__(self) -> None:
         """End the child."""
         self.close()
 
@@ -176,6 +165,7 @@ class Sandbox:
                     f"{path}: it cannot be read, no process can be started: {problem.strerror}"
                 ) from problem
             self._owner = os.getpid()
+            self._end = weakref.finalize(self, _end, self._child, self._owner)
         return self._child
 
 
@@ -183,6 +173,22 @@ def probe_in_child(reader: Reader, path: Path) -> None:
     """Run a reader on a file in a child, to refuse files that crash a library; errors as `Sandbox.read`."""
     with Sandbox() as sandbox:
         sandbox.read(reader, path)
+
+
+def _end(child: subprocess.Popen[bytes], owner: int) -> None:
+    # After a fork the child belongs to the other process.
+    if owner != os.getpid():
+        return
+    child.kill()
+    for pipe in (child.stdin, child.stdout):
+        # Unclosed pipes would keep descriptors until the garbage collector runs.
+        if pipe is not None:
+            try:
+                pipe.close()
+            except OSError:
+                # A request that the child did not take is lost with it.
+                continue
+    child.wait()
 
 
 def _expire(child: subprocess.Popen[bytes], expired: threading.Event) -> None:
