@@ -132,6 +132,7 @@ def fig8(searches: Sequence[OnlineSearch]) -> Section:
 
 def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
     truths_deg = {each.position: each.truth_deg for each in searches}
+    tracks_deg = {(each.position, each.method): each.track_deg for each in searches}
     figure, panels = panel_grid(
         [f"position {position}, marker at {truth_deg:.1f}°" for position, truth_deg in truths_deg.items()],
         heading="Track of the probe on the simulated rig",
@@ -142,16 +143,16 @@ def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
     )
     for axes, (position, truth_deg) in zip(panels, truths_deg.items(), strict=True):
         axes.axhline(truth_deg, color="#e08a1e", linestyle="--", linewidth=1.2, label="marker (truth)")
-        for each in searches:
-            if each.position == position:
-                axes.plot(
-                    range(1, len(each.track_deg) + 1),
-                    each.track_deg,
-                    label=each.method,
-                    color=COLOURS[each.method],
-                    marker=MARKS[each.method],
-                    markersize=3.5,
-                    linewidth=1.2,
-                )
+        for name in BRACKETS:
+            track_deg = tracks_deg[position, name]
+            axes.plot(
+                range(1, len(track_deg) + 1),
+                track_deg,
+                label=name,
+                color=COLOURS[name],
+                marker=MARKS[name],
+                markersize=3.5,
+                linewidth=1.2,
+            )
     shared_legend(figure)
     return figure

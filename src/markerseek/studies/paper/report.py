@@ -101,6 +101,7 @@ _COMPARISON_CELLS: dict[str, Callable[[Comparison], Cell]] = {
     "half_interval95": lambda each: each.half,
     "difference": lambda each: each.difference,
     "off": lambda each: each.failed,
+    "without_claim": lambda each: each.unclaimed,
 }
 
 
@@ -110,7 +111,7 @@ def comparison_table(section: Section) -> Table:
         section.comparisons,
         _COMPARISON_CELLS,
         name=f"{section.name}_beside_the_paper",
-        caption="The paper's numbers beside ours",
+        caption="The paper's numbers beside ours, and the posterior's",
     )
 
 

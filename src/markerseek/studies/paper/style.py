@@ -1,4 +1,4 @@
-"""Colours and marks of the three methods in all figures of the paper, and how errors are drawn."""
+"""Colours and marks of the methods in all figures of the paper, and how errors are drawn."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from markerseek.pictures import ERROR_BARS
-from markerseek.studies.paper.methods import PaperMethod
+from markerseek.studies.paper.methods import AnyMethod, PaperMethod
 from markerseek.studies.paper.section import Errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS: dict[PaperMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f"}
-"""Red, blue and green, as in Fig. 5 of the paper; the colour-blind can tell them apart."""
+COLOURS: dict[AnyMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f", "posterior": "#5b2a86"}
+"""Red, blue and green, as in Fig. 5 of the paper, and violet; the colour-blind can tell them apart by the marks too."""
 
-MARKS: dict[PaperMethod, str] = {"TS": "o", "GSS": "s", "WA": "^"}
+MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D"}
 
 
-def draw_errors(axes: Axes, name: PaperMethod, by_count: Mapping[int, Errors]) -> None:
+def draw_errors(axes: Axes, name: AnyMethod, by_count: Mapping[int, Errors]) -> None:
     """Draw the mean error of a method over the number of acquisitions, with the 95 % interval of the mean.
 
     Parameters
@@ -34,7 +34,7 @@ def draw_errors(axes: Axes, name: PaperMethod, by_count: Mapping[int, Errors]) -
         list(by_count),
         [errors.mean_deg for errors in by_count.values()],
         yerr=[_drawn_half(errors) for errors in by_count.values()],
-        label=f"{name}, ours",
+        label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
         color=COLOURS[name],
         marker=MARKS[name],
         **ERROR_BARS,
