@@ -305,5 +305,5 @@ def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
             draw_paper(axes, name, [28], [paper_number(f"fig5/{name}").value], f"{name}, paper")
         mean_deg = paper_number("fig5/WA").value
         axes.axhline(mean_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)")
-    shared_legend(figure)
+    shared_legend(figure, columns=4)
     return figure

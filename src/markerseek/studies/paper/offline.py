@@ -308,5 +308,5 @@ def _draw(errors: dict[_Group, Errors]) -> Figure:
             if is_simulated and name != "posterior":
                 paper_deg = paper_number(f"table1/{name}/{material}").value
                 draw_paper(axes, name, [TABLE_ACQUISITIONS], [paper_deg], f"{name}, paper (Table 1)")
-    shared_legend(figure)
+    shared_legend(figure, columns=4)
     return figure
