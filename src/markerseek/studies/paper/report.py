@@ -111,7 +111,7 @@ def comparison_table(section: Section) -> Table:
         section.comparisons,
         _COMPARISON_CELLS,
         name=f"{section.name}_beside_the_paper",
-        caption="The paper's numbers beside ours, and the posterior's",
+        caption="The paper's numbers beside ours",
     )
 
 
