@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import PAPER_RANGE, Float64
-from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.curve_runs import (
     Condition,
     MarkerErrors,
@@ -21,7 +20,6 @@ from markerseek.studies.paper.curve_runs import (
     study_of,
 )
 from markerseek.studies.paper.methods import (
-    ALL_METHODS,
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
@@ -44,7 +42,7 @@ from markerseek.studies.paper.section import (
     errors_of,
     summary_of,
 )
-from markerseek.studies.paper.style import COLOURS, draw_errors, draw_paper
+from markerseek.studies.paper.style import Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -289,21 +287,14 @@ def _remarks(noise_free: _NoiseFree) -> tuple[str, ...]:
 
 
 def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
-    figure, panels = panel_grid(
-        [condition.words for condition in by_condition],
+    printed_deg = {(name, 28): paper_number(f"fig5/{name}").value for name in BRACKETS}
+    return errors_figure(
+        [
+            Panel(title=condition.words, errors=errors, printed_deg=printed_deg)
+            for condition, errors in by_condition.items()
+        ],
         heading="Random markers, searched on simulated intensity curves",
-        x_label="acquisitions N",
-        y_label="mean error [deg]",
         columns=2,
         panel_in=(5.2, 3.8),
-        y_scale="log",
+        average_deg=paper_number("fig5/WA").value,
     )
-    for axes, errors in zip(panels, by_condition.values(), strict=True):
-        for name in ALL_METHODS:
-            draw_errors(axes, name, {count: each for (method, count), each in errors.items() if method == name})
-        for name in BRACKETS:
-            draw_paper(axes, name, [28], [paper_number(f"fig5/{name}").value], f"{name}, paper")
-        mean_deg = paper_number("fig5/WA").value
-        axes.axhline(mean_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)")
-    shared_legend(figure, columns=4)
-    return figure

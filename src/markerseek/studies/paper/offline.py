@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek import rigs
 from markerseek.core import Found, Policy
-from markerseek.pictures import panel_grid, shared_legend
 from markerseek.records.banks import read_bank
 from markerseek.studies.paper.banks import OfflineBank
 from markerseek.studies.paper.methods import (
@@ -17,6 +16,7 @@ from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
+    PAPER_METHODS,
     TABLE_ACQUISITIONS,
     AnyMethod,
     OnEncoderCounts,
@@ -40,7 +40,7 @@ from markerseek.studies.paper.section import (
     summary_of,
     table_of,
 )
-from markerseek.studies.paper.style import draw_errors, draw_paper
+from markerseek.studies.paper.style import Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -292,21 +292,21 @@ def _draw(errors: dict[_Group, Errors]) -> Figure:
     # By noise first: each noise has a row of panels, one for each material.
     places.sort(key=lambda place: place[0] or 0.0)
     is_simulated = places[0][0] is not None
-    figure, panels = panel_grid(
-        [material if level_db is None else f"{material}, {level_db:g} dB" for level_db, material in places],
+    return errors_figure(
+        [
+            Panel(
+                title=material if level_db is None else f"{material}, {level_db:g} dB",
+                errors={group[2:]: each for group, each in errors.items() if group[:2] == (material, level_db)},
+                printed_deg={
+                    (name, TABLE_ACQUISITIONS): paper_number(f"table1/{name}/{material}").value
+                    for name in PAPER_METHODS
+                    if is_simulated
+                },
+            )
+            for level_db, material in places
+        ],
         heading="Offline searches" + (" on simulated stand-ins" if is_simulated else ""),
-        x_label="acquisitions N",
-        y_label="mean error [deg]",
         columns=5,
         panel_in=(2.9, 3.0),
-        y_scale="log",
+        printed="paper (Table 1)",
     )
-    for axes, (level_db, material) in zip(panels, places, strict=True):
-        for name in ALL_METHODS:
-            here = [(group[3], each) for group, each in errors.items() if group[:3] == (material, level_db, name)]
-            draw_errors(axes, name, dict(here))
-            if is_simulated and name != "posterior":
-                paper_deg = paper_number(f"table1/{name}/{material}").value
-                draw_paper(axes, name, [TABLE_ACQUISITIONS], [paper_deg], f"{name}, paper (Table 1)")
-    shared_legend(figure, columns=4)
-    return figure
