@@ -307,6 +307,7 @@ def _draw(errors: dict[_Group, Errors]) -> Figure:
         ],
         heading="Offline searches" + (" on simulated stand-ins" if is_simulated else ""),
         columns=5,
-        panel_in=(2.9, 3.0),
+        # A panel alone must be wide enough for the legend.
+        panel_in=(2.9, 3.0) if len(places) > 1 else (6.0, 4.0),
         printed="paper (Table 1)",
     )
