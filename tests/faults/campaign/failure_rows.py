@@ -19,13 +19,13 @@ from markerseek.studies.paper.failure_runs import (
     CASES,
     METHODS,
     MOVED_AFTER,
-    AnyMethod,
     FaultRun,
     Outcome,
     draw_runs,
     outcomes_of,
 )
 from markerseek.studies.paper.failures import CLOSE_DEG, share_off
+from markerseek.studies.paper.methods import AnyMethod
 
 from .commit import commit_made_from
 from .tally import upper95
