@@ -67,12 +67,13 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert f"Searches on your own bank {bank}" in page
     assert "Simulated" not in page
     (made,) = json.loads(shell(*words, "--json")[1])["sections"]
-    assert {row["method"] for row in made["numbers"]} == {"TS", "GSS", "WA"}
+    assert {row["method"] for row in made["numbers"]} == {"TS", "GSS", "WA", "posterior"}
     assert all(row["mean_error_deg"] >= 0 for row in made["numbers"])
     assert code == 0
     errors = {(row["method"], int(row["acquisitions"])): row for row in rows_of(tmp_path / "fig6_searches.csv")}
     assert float(errors["TS", 28]["error_deg"]) < 70 * (2 / 3) ** 14
     assert float(errors["GSS", 28]["error_deg"]) < 0.3
+    assert (float(errors["posterior", 16]["error_deg"]) < 0.3, errors["posterior", 16]["claimed"]) == (True, "yes")
     asked = np.round(np.linspace(-35, 35, 16) * 1919.6418578623391) / 1919.6418578623391
     at = np.interp(asked, angles, intensities)
     kept = at >= 0.2 * at.max()
@@ -143,8 +144,15 @@ def test_fig_5_agrees_between_curves_and_frames(shell: Shell, tmp_path: Path) ->
     assert float(noise_free["TS", "16"]["mean_error_deg"]) == pytest.approx(0.32, abs=0.03)
     agreement = rows_of(tmp_path / "fig5_frames.csv")
     assert sum(row["agree"] == "yes" for row in agreement) >= len(agreement) - 2
-    assert len(section["numbers"]) == 6
-    assert len(rows_of(tmp_path / "fig5.csv")) == 2 * (14 + 14 + 21)
+    assert [number["paper"] is not None for number in section["numbers"]] == 2 * (3 * [True] + 3 * [False])
+    rows = rows_of(tmp_path / "fig5.csv")
+    assert len(rows) == 2 * (14 + 14 + 21 + 14)
+    ours = {
+        int(row["acquisitions"]): row for row in rows if row["method"] == "posterior" and row["peak_snr_db"] == "40.0"
+    }
+    assert float(ours[2]["share_without_a_claim"]) == 1 > float(ours[16]["share_without_a_claim"])
+    assert float(ours[16]["mean_error_deg"]) < 0.05 < float(ours[2]["mean_error_deg"])
+    assert {row["share_without_a_claim"] for row in rows if row["method"] != "posterior"} == {"0.0"}
 
 
 def test_failures_of_the_unguarded_rules_and_ours(shell: Shell, tmp_path: Path) -> None:

@@ -56,8 +56,8 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
                 policy = build(
                     settings.method, acquisitions=settings.acquisitions, as_published=True, early_end=settings.early_end
                 )
-                _, finished = searched(policy, study_rig(here, cell, draw).scanner)
-                by_loop = abs(finished.estimate.mean_deg - draw.marker_deg)
+                found = searched(policy, study_rig(here, cell, draw).scanner)
+                by_loop = abs(found.finished.estimate.mean_deg - draw.marker_deg)
                 assert errors["WA", settings.most] == pytest.approx(by_loop, abs=1e-9)
     monkeypatch.setattr(curve_runs, "_full_scans", lambda *_: {("WA", 8): 60.0})
     assert errors_of_trials((study, range(1)))[0]["WA", 8] == 60.0

@@ -11,7 +11,7 @@ import pytest
 from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.methods import OnEncoderCounts, noise_free_track, published, searched, shorter
+from markerseek.studies.paper.methods import OnEncoderCounts, Searched, noise_free_track, posterior, published, searched
 from markerseek.studies.paper.travel import rotation_s, shortest_order, travel, travel_deg
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
@@ -58,7 +58,7 @@ def test_the_shortest_order_is_that_of_all_orders_tried() -> None:
 def test_rotation_takes_as_long_as_on_the_simulated_rig() -> None:
     settings = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60))
     rig = rigs.simulated(seed=2, marker_deg=4.0, settings=settings)
-    samples, finished = searched(published("TS", acquisitions=6), rig.scanner)
+    samples, finished, _, _ = searched(published("TS", acquisitions=6), rig.scanner)
     acquiring_s = 6 * (settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz)
     track = [-35.0, *(sample.angle_deg for sample in samples)]
     assert finished.elapsed_s - acquiring_s == pytest.approx(rotation_s(track, motion=settings.stage), abs=2e-3)
@@ -71,16 +71,19 @@ def test_a_single_long_move_takes_a_trapezoid() -> None:
     assert rotation_s([0.0, 0.1], motion=motion) == pytest.approx(2 * math.sqrt(0.1 / 10))
 
 
-@pytest.mark.parametrize("name", ["TS", "GSS"])
+@pytest.mark.parametrize("name", ["TS", "GSS", "posterior"])
 def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
-    def rig() -> rigs.Rig:
-        return rigs.simulated(seed=5, marker_deg=-7.0)
+    def ended(acquisitions: int, *counts: int) -> Searched:
+        rig = rigs.simulated(seed=5, marker_deg=-7.0)
+        if name == "posterior":
+            policy = posterior(acquisitions=acquisitions, start_deg=rig.stage.angle_deg)
+        else:
+            policy = published(name, acquisitions=acquisitions)  # type: ignore[arg-type]
+        return searched(policy, rig.scanner, counts=counts)
 
-    samples, _ = searched(published(name, acquisitions=12), rig().scanner)  # type: ignore[arg-type]
-    cut = dict(shorter(name, samples))  # type: ignore[arg-type]
-    for acquisitions in (2, 8, 12):
-        _, finished = searched(published(name, acquisitions=acquisitions), rig().scanner)  # type: ignore[arg-type]
-        assert cut[acquisitions] == finished.estimate.mean_deg
+    counts = (2, 8, 12)
+    answers = ended(12, *counts).answers
+    assert answers == {count: ended(count).finished.estimate for count in counts}
 
 
 def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:

@@ -152,6 +152,7 @@ _SHOWN = {
     "acquisitions": "acquisitions",
     "mean_error_deg": "error from the reference [deg]",
     "mean_from_maximum_deg": "from the bank's maximum [deg]",
+    "share_without_a_claim": "no claim",
 }
 """Columns of a user's own bank that are printed, with their headings."""
 
@@ -184,7 +185,7 @@ def _print(section: Section, duration: Duration) -> None:
     stdout.print(f"[bold]{escape(section.title)}[/]")
     if section.comparisons:
         table = Printed(box=None, padding=(0, 2, 0, 0))
-        for name in ("", "condition", "paper", "ours", "difference"):
+        for name in ("", "condition", "paper", "ours", "difference", "no claim"):
             table.add_column(name, justify="left" if name in ("", "condition") else "right")
         for each in section.comparisons:
             half = "" if each.half is None else f" ± {shown(each.half)}"
@@ -194,6 +195,7 @@ def _print(section: Section, duration: Duration) -> None:
                 str(each.paper),
                 shown(each.ours) + half,
                 shown(each.difference),
+                "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
             )
         stdout.print(table)
     own = _errors_of_own_bank(section)

@@ -268,7 +268,8 @@ def _draw(measured: SensitiveRange, series: ImageSeries, angles_deg: list[float]
             angle_deg=frame.angle_deg,
             pixels=pixels[frame.angle_deg],
             centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
-            intensity=None if frame.tip is None else frame.tip.intensity,
+            # A region of no pixels has no grey value.
+            intensity=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.intensity,
             level=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.level,
         )
         for frame in measured.frames

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from markerseek.core import Estimate, Found, Interval, Sample
-from markerseek.pictures.style import TRUTH, new_figure, put_heading, shared_legend
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_COLOURS = (SIGNAL, ACCENT, "#5b2a86", "#b58900", "#0e7c86", "#b0307a", QUIET)
+"""Without green, which is the truth's."""
 
 _MARKERS = "osD^vP*X"
 
@@ -45,7 +48,7 @@ def comparison_figure(
     put_heading(figure, title)
     curve, track = figure.subplots(2, 1, height_ratios=(3, 2))
     for number, each in enumerate(searches):
-        style = {"color": f"C{number}", "marker": _MARKERS[number % len(_MARKERS)]}
+        style = {"color": _COLOURS[number % len(_COLOURS)], "marker": _MARKERS[number % len(_MARKERS)]}
         found = isinstance(each.estimate, Found)
         label = f"{each.name}, {len(each.samples)} acquisitions: {each.estimate.mean_deg:.2f}°" + (
             "" if found else " (not claimed)"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading
+from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,5 +60,5 @@ def registration_figure(
         axes.margins(0.15)
         axes.grid(visible=True, color=GRID, linewidth=0.6)
         axes.set_axisbelow(True)
-    figure.axes[0].legend(loc="best", fontsize=8, framealpha=0.8)
+    shared_legend(figure)
     return figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import UInt8
-from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading
+from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,6 +79,10 @@ def tip_figure(
     axes.set_xlabel("angle of the probe [deg]")
     axes.set_ylabel("grey value")
     axes.set_ylim(0, 260)
+    angles_deg = [each.angle_deg for each in images]
+    margin_deg = 0.04 * (max(angles_deg) - min(angles_deg)) or 1.0
+    # Also the angles at which nothing of the tip is left to measure.
+    axes.set_xlim(min(angles_deg) - margin_deg, max(angles_deg) + margin_deg)
     axes.grid(visible=True, color=GRID, linewidth=0.6)
-    axes.legend(fontsize=8)
+    shared_legend(figure)
     return figure

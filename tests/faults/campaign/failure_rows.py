@@ -15,22 +15,46 @@ import numpy as np
 from rich.progress import Progress
 
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.failure_runs import CASES, METHODS, AnyMethod, FaultRun, Outcome, draw_runs, outcomes_of
+from markerseek.studies.paper.failure_runs import (
+    CASES,
+    METHODS,
+    MOVED_AFTER,
+    FaultRun,
+    Outcome,
+    draw_runs,
+    outcomes_of,
+)
 from markerseek.studies.paper.failures import CLOSE_DEG, share_off
+from markerseek.studies.paper.methods import AnyMethod
 
 from .commit import commit_made_from
 from .tally import upper95
 
-HEAD = (
-    "| fault | to be seen | method | searches | found and off by more than 1° | upper 95 % limit | no angle |\n"
-    "|---|---|---|---|---|---|---|\n"
-)
+
+def _head(count: int, seed: int) -> str:
+    """Head of the page: what was searched for, what the columns are, and where it came from."""
+    return (
+        "# Searches under faults\n\n"
+        f"{count:,} simulated markers for each fault, searched for by each method behind the guard, with three dark "
+        "frames and its default number of acquisitions; from frames of channel data by the posterior alone. The "
+        "posterior also looks for other sources, as it does by default.\n\n"
+        "- *In the data*: whether the fault leaves a trace in what the devices send.\n"
+        f"- *Found and off*: answers `found` that are more than {CLOSE_DEG:g}° from the marker, with the one-sided "
+        "upper 95 % limit of their share (Clopper-Pearson).\n"
+        "- *No angle*: refused, not found, at bound, unsure or ambiguous. Without a marker that is the right answer.\n"
+        f"- A marker that moves does so after {MOVED_AFTER} acquisitions, and its last place counts as true: a search "
+        "that ended before the move is off by it.\n\n"
+        f"Made from commit {commit_made_from()} by `python -m tests.faults.campaign.failure_rows --count {count} "
+        f"--seed {seed}`. The paper's rules without a guard, on the same faults: `markerseek reproduce failures`.\n\n"
+        "| fault | in the data | method | searches | found and off | upper 95 % limit | no angle |\n"
+        "|---|---|---|---|---|---|---|\n"
+    )
 
 
-def row(words: str, seen: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
+def row(words: str, observable: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
     """Line of the table for one method under one fault."""
     off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
-    reported, most = {None: "", True: "yes", False: "no"}[seen], upper95(off.hits, off.count)
+    reported, most = {None: "", True: "yes", False: "no"}[observable], upper95(off.hits, off.count)
     return f"| {words} | {reported} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
 
 
@@ -49,12 +73,7 @@ def main() -> None:
     parser.add_argument("--faults", nargs="+", choices=tuple(CASES), default=tuple(CASES))
     parser.add_argument("--out", type=Path, required=True, help="page of the table")
     words = parser.parse_args()
-    head = (
-        "# The table of failures, for ours alone\n\n"
-        f"Made from commit {commit_made_from()} by `python -m tests.faults.campaign.failure_rows --count {words.count} "
-        f"--seed {words.seed}`. Limits are one-sided (Clopper-Pearson). All of it is simulated; the "
-        f"report of `markerseek reproduce failures` says what each fault does.\n\n{HEAD}"
-    )
+    head = _head(words.count, words.seed)
     done = words.out.read_text() if words.out.is_file() else ""
     page = done if done.startswith(head) else head
     with Progress() as progress:

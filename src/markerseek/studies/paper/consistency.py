@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ RESAMPLES = 400
 FAMILIES = ("simulation", "offline", "online")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+class Check(NamedTuple):
     """One number of the paper in the map, and the searches behind it: family, method, and acquisitions."""
 
     key: str
@@ -57,24 +56,20 @@ class Check:
         return PAPER_MARKERS if self.family == "simulation" else 9
 
 
-def _check(key: str, family: str, method: PaperMethod, *acquisitions: int) -> Check:
-    return Check(key=key, family=family, method=method, acquisitions=acquisitions)
-
-
 CHECKS = (
-    _check("fig5/WA", "simulation", "WA", *SWEEPS),
-    _check("fig5/TS", "simulation", "TS", 28),
-    _check("fig5/GSS", "simulation", "GSS", 28),
+    Check("fig5/WA", "simulation", "WA", SWEEPS),
+    Check("fig5/TS", "simulation", "TS", (28,)),
+    Check("fig5/GSS", "simulation", "GSS", (28,)),
     *(
-        _check(f"table1/{name}/{material}", "offline", name, TABLE_ACQUISITIONS)
+        Check(f"table1/{name}/{material}", "offline", name, (TABLE_ACQUISITIONS,))
         for material in MATERIALS[:-1]
         for name in PAPER_METHODS
     ),
-    _check("table2/WA", "online", "WA", ONLINE_STEPS),
-    _check("table2/TS", "online", "TS", TABLE_ACQUISITIONS),
-    _check("fig7/TS/28", "online", "TS", 28),
-    _check("table2/GSS", "online", "GSS", TABLE_ACQUISITIONS),
-    _check("fig7/GSS/28", "online", "GSS", 28),
+    Check("table2/WA", "online", "WA", (ONLINE_STEPS,)),
+    Check("table2/TS", "online", "TS", (TABLE_ACQUISITIONS,)),
+    Check("fig7/TS/28", "online", "TS", (28,)),
+    Check("table2/GSS", "online", "GSS", (TABLE_ACQUISITIONS,)),
+    Check("fig7/GSS/28", "online", "GSS", (28,)),
 )
 """Numbers that each combination is compared with: mean errors, without those of single searches and without counts.
 Their order is that of the random numbers of the resamples."""

@@ -1,15 +1,16 @@
-"""Errors of the paper's methods on simulated intensity curves, or on frames: the trials of Fig. 5 and of the map.
+"""Errors of the searches on simulated intensity curves, or on frames: the trials of Fig. 5 and of the map.
 
 Markers, noise and rigs are those of `markerseek.studies.trial`: every method searches for the same markers, from curves
-as from frames. A row of a study is one search; here the longest search of TS and GSS also gives all shorter ones.
+as from frames. A row of a study is one search; here the longest search of TS, GSS or the posterior also gives all
+shorter ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -24,10 +25,11 @@ from markerseek.studies.paper.methods import (
     ONLINE_STEPS,
     PAPER_METHODS,
     PaperMethod,
+    posterior,
     searched,
-    shorter,
 )
 from markerseek.studies.paper.options import RunOptions
+from markerseek.studies.paper.section import Answer
 from markerseek.studies.policies import PolicySettings, build_policy
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study, cells
@@ -142,28 +144,38 @@ MarkerErrors: TypeAlias = dict[tuple[PaperMethod, int], float]
 """Absolute errors of one marker in degrees, by method and number of acquisitions."""
 
 
-def errors_of_studies(studies: Sequence[Study], options: RunOptions, *, stage: str) -> list[list[MarkerErrors]]:
-    """Errors of each trial of each study.
+Done = TypeVar("Done")
+
+
+def over_trials(
+    function: Callable[[TrialsOf], list[Done]],
+    studies: Sequence[Study],
+    options: RunOptions,
+    *,
+    stage: str,
+    part: int = 20,
+) -> list[list[Done]]:
+    """Results of a function for each trial of each study.
 
     Parameters
     ----------
+    function
+        `errors_of_trials` or `posterior_of_trials`.
     studies
         Of `study_of`.
     options
         What may be used.
     stage
         What is done, in words.
+    part
+        Trials of one job.
     """
-    parts = [_parts(study) for study in studies]
-    errors = iter(options.each(errors_of_trials, [part for of_study in parts for part in of_study], stage=stage))
-    return [[of_marker for _ in of_study for of_marker in next(errors)] for of_study in parts]
-
-
-def _parts(study: Study) -> list[TrialsOf]:
-    # About a second of work each: a trial from frames takes fifty times as long as one from curves.
-    size = 2 if study.level == "frames" else 20
-    trials = range(study.trials)
-    return [(study, trials[first : first + size]) for first in range(0, study.trials, size)]
+    parts = [
+        [(study, range(study.trials)[first : first + part]) for first in range(0, study.trials, part)]
+        for study in studies
+    ]
+    results = iter(options.each(function, [trials for of_study in parts for trials in of_study], stage=stage))
+    return [[of_trial for _ in of_study for of_trial in next(results)] for of_study in parts]
 
 
 def errors_of_trials(part: TrialsOf) -> list[MarkerErrors]:
@@ -176,6 +188,28 @@ def errors_of_trials(part: TrialsOf) -> list[MarkerErrors]:
     """
     study, trials = part
     return [_errors(study, trial) for trial in trials]
+
+
+def posterior_of_trials(part: TrialsOf) -> list[dict[int, Answer]]:
+    """Answers of the posterior for each of these trials, by number of acquisitions.
+
+    Parameters
+    ----------
+    part
+        The study, of which only markers and rigs are used, and the numbers of the trials.
+    """
+    study, trials = part
+    cell = cells(study)[0]
+    answers = []
+    for trial in trials:
+        draw = draw_trial(study, cell, trial)
+        rig = study_rig(study, cell, draw)
+        policy = posterior(
+            limits=rig.limits.search, acquisitions=max(BRACKET_ACQUISITIONS), start_deg=rig.stage.angle_deg
+        )
+        found = searched(policy, rig.scanner, dark_frames=rig.dark_frames, counts=BRACKET_ACQUISITIONS)
+        answers.append({n: Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()})
+    return answers
 
 
 def _errors(study: Study, trial: int) -> MarkerErrors:
@@ -191,11 +225,12 @@ def _errors(study: Study, trial: int) -> MarkerErrors:
         name = names[settings.method]
         rig = study_rig(study, cell, draw)
         policy = build_policy(settings, limits=rig.limits.search, start_deg=None)
-        samples, finished = searched(policy, rig.scanner)
         if name == "WA":
-            errors[name, settings.most] = abs(finished.estimate.mean_deg - draw.marker_deg)
+            # It may end early, and stands under the number that it was given.
+            answers = {settings.most: searched(policy, rig.scanner).finished.estimate}
         else:
-            errors |= {(name, n): abs(angle_deg - draw.marker_deg) for n, angle_deg in shorter(name, samples)}
+            answers = searched(policy, rig.scanner, counts=BRACKET_ACQUISITIONS).answers
+        errors |= {(name, n): abs(each.mean_deg - draw.marker_deg) for n, each in answers.items()}
     return errors
 
 

@@ -18,7 +18,7 @@ from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import Condition
-from markerseek.studies.paper.methods import BUILT, PAPER_METHODS, PaperMethod, searched
+from markerseek.studies.paper.methods import ALL_METHODS, BUILT, PAPER_METHODS, AnyMethod, PaperMethod, searched
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.unguarded_rules import unguarded_acquisition, unguarded_answer
 from markerseek.studies.settings import CurveSettings
@@ -44,9 +44,7 @@ MARKERS_DEG = 30.0
 
 Rules: TypeAlias = Literal["the paper's", "ours"]
 
-AnyMethod: TypeAlias = PaperMethod | Literal["posterior"]
-
-METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": (*PAPER_METHODS, "posterior")}
+METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": ALL_METHODS}
 """Methods by rules."""
 
 _PART = 3
@@ -279,11 +277,11 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
     built = "posterior" if method == "posterior" else BUILT[method]
     policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
-        _, finished = searched(policy, scanner, dark_frames=rig.dark_frames)
+        estimate = searched(policy, scanner, dark_frames=rig.dark_frames).finished.estimate
     # A refusal of the guard, of the policy or of a device: none of them claims an angle.
     except MarkerseekError:
         return None
-    return finished.estimate.mean_deg if isinstance(finished.estimate, Found) else None
+    return estimate.mean_deg if isinstance(estimate, Found) else None
 
 
 def _rig(run: FaultRun) -> tuple[rigs.Rig, Receiver, SimulatedSettings]:

@@ -4,26 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from markerseek.core import PAPER_RANGE, Float64
-from markerseek.pictures import panel_grid, shared_legend
-from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_studies, study_of
+from markerseek.studies.paper.curve_runs import (
+    Condition,
+    MarkerErrors,
+    errors_of_trials,
+    over_trials,
+    posterior_of_trials,
+    study_of,
+)
 from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
-    PAPER_METHODS,
+    AnyMethod,
     PaperMethod,
     noise_free_track,
 )
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
-from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.printed import OwnNumber, paper_number
 from markerseek.studies.paper.section import (
     ERROR_COLUMNS,
+    Answer,
     Cell,
     Comparison,
     Errors,
@@ -32,8 +40,9 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    summary_of,
 )
-from markerseek.studies.paper.style import COLOURS, draw_errors, draw_paper
+from markerseek.studies.paper.style import Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,13 +66,25 @@ FRAME_SWEEPS = (8, 18, 28)
 FRAME_BRACKETS = (2, 8, 16, 28)
 """N of TS and GSS that are compared between curves and frames."""
 
+POSTERIOR_SHARE = 0.2
+"""Share of the markers that the posterior searches for: it computes a hundred times as long as TS."""
+
+POSTERIOR_COUNTS = (8, 16, 28)
+"""N of the posterior that stand beside the paper's numbers."""
+
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "
     "computed by the acoustic model and the imaging chain for one absorber; its radius sets the width. Intensities are "
     "drawn with the statistics of the peak of a noisy envelope image."
 )
+_POSTERIOR = (
+    "The posterior is markerseek's own search, and not in the paper. It makes exactly N acquisitions after three dark "
+    "frames, knows that there is one source, as the paper's searches assume, and searches for the first {markers} of "
+    "the markers. Its mean error is that of all its answers, those without a claim included: not found, at bound, "
+    "ambiguous or unsure. The paper's searches always claim an angle."
+)
 
-_Summary: TypeAlias = Mapping[tuple[PaperMethod, int], Errors]
+_Summary: TypeAlias = Mapping[tuple[AnyMethod, int], Errors]
 """Errors over the markers, by method and number of acquisitions."""
 
 _NoiseFree: TypeAlias = Mapping[PaperMethod, Mapping[int, Errors]]
@@ -83,8 +104,19 @@ def fig5(options: RunOptions) -> Section:
         study_of(condition, seed=options.seed, trials=options.markers, sweeps=AVERAGE_ACQUISITIONS)
         for condition in conditions
     ]
-    by_marker = errors_of_studies(studies, options, stage="Fig. 5 from curves")
-    errors = {condition: _summary(found) for condition, found in zip(conditions, by_marker, strict=True)}
+    by_marker = over_trials(errors_of_trials, studies, options, stage="Fig. 5 from curves")
+    fewer = max(10, round(POSTERIOR_SHARE * options.markers))
+    by_posterior = over_trials(
+        posterior_of_trials,
+        [replace(study, trials=fewer) for study in studies],
+        options,
+        stage=f"Fig. 5, posterior, {fewer} markers",
+        part=5,
+    )
+    errors = {
+        condition: {**_summary(found), **_posterior_summary(ours)}
+        for condition, found, ours in zip(conditions, by_marker, by_posterior, strict=True)
+    }
     rng = np.random.Generator(np.random.PCG64(options.seed))
     markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, 500)
     noise_free = {name: _noise_free_errors(name, markers_deg) for name in BRACKETS}
@@ -97,6 +129,7 @@ def fig5(options: RunOptions) -> Section:
                 f"Two conditions: {USUAL.words}, the defaults of the simulated rig; and {FITTED.words}, the condition "
                 "with the numbers nearest to the paper's in the sweep of the section on consistency."
             ),
+            _POSTERIOR.format(markers=fewer),
         ),
         comparisons=_comparisons(errors),
         tables=(
@@ -107,7 +140,8 @@ def fig5(options: RunOptions) -> Section:
         pictures=(
             Picture(
                 name="fig5",
-                alt="Mean error of TS, GSS and WA over the number of acquisitions, one panel for each condition",
+                alt="Mean error of TS, GSS, WA and the posterior over the number of acquisitions, one panel for each "
+                "condition",
                 draw=partial(_draw, errors),
             ),
         ),
@@ -117,6 +151,10 @@ def fig5(options: RunOptions) -> Section:
 
 def _summary(by_marker: Sequence[MarkerErrors]) -> _Summary:
     return {key: errors_of(errors[key] for errors in by_marker) for key in by_marker[0]}
+
+
+def _posterior_summary(by_marker: Sequence[Mapping[int, Answer]]) -> _Summary:
+    return {("posterior", count): summary_of(each[count] for each in by_marker) for count in BRACKET_ACQUISITIONS}
 
 
 def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison, ...]:
@@ -137,6 +175,14 @@ def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison
         comparisons += [
             compared(f"fig5/{name}", errors[name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
             for name in BRACKETS
+        ]
+        comparisons += [
+            compared(
+                OwnNumber(quantity=f"posterior (ours) after {count} acquisitions, mean error"),
+                errors["posterior", count],
+                condition=condition.words,
+            )
+            for count in POSTERIOR_COUNTS
         ]
     return tuple(comparisons)
 
@@ -189,7 +235,9 @@ def _frames_and_curves(options: RunOptions) -> Table:
     studies = [
         study_of(condition, seed=options.seed, trials=markers, sweeps=FRAME_SWEEPS, level=level) for level in levels
     ]
-    frames, curves = errors_of_studies(studies, options, stage=f"Fig. 5 from frames, {markers} markers")
+    # A trial from frames takes about a second.
+    stage = f"Fig. 5 from frames, {markers} markers"
+    frames, curves = over_trials(errors_of_trials, studies, options, stage=stage, part=2)
     rows: list[tuple[Cell, ...]] = []
     keys: list[tuple[PaperMethod, int]] = [(name, count) for name in BRACKETS for count in FRAME_BRACKETS]
     keys += [("WA", count) for count in FRAME_SWEEPS]
@@ -239,21 +287,14 @@ def _remarks(noise_free: _NoiseFree) -> tuple[str, ...]:
 
 
 def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
-    figure, panels = panel_grid(
-        [condition.words for condition in by_condition],
+    printed_deg = {(name, 28): paper_number(f"fig5/{name}").value for name in BRACKETS}
+    return errors_figure(
+        [
+            Panel(title=condition.words, errors=errors, printed_deg=printed_deg)
+            for condition, errors in by_condition.items()
+        ],
         heading="Random markers, searched on simulated intensity curves",
-        x_label="acquisitions N",
-        y_label="mean error [deg]",
         columns=2,
         panel_in=(5.2, 3.8),
-        y_scale="log",
+        average_deg=paper_number("fig5/WA").value,
     )
-    for axes, errors in zip(panels, by_condition.values(), strict=True):
-        for name in PAPER_METHODS:
-            draw_errors(axes, name, {count: each for (method, count), each in errors.items() if method == name})
-        for name in BRACKETS:
-            draw_paper(axes, name, [28], [paper_number(f"fig5/{name}").value], f"{name}, paper")
-        mean_deg = paper_number("fig5/WA").value
-        axes.axhline(mean_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)")
-    shared_legend(figure)
-    return figure

@@ -218,7 +218,8 @@ def _draw(series: _Series) -> Figure:
             angle_deg=frame.angle_deg,
             pixels=pixels,
             centroid=(frame.tip.row, frame.tip.column) if frame.tip is not None and frame.tip.visible else None,
-            intensity=None if frame.tip is None else frame.tip.intensity,
+            # A region of no pixels has no grey value.
+            intensity=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.intensity,
             level=None if frame.tip is None or frame.tip.area_px == 0 else frame.tip.level,
         )
         for frame, pixels in zip(series.found.frames, series.images, strict=True)

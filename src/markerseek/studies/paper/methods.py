@@ -1,11 +1,22 @@
-"""The paper's three methods in their published form, and how they are run."""
+"""The paper's three methods in their published form, the posterior beside them, and how they are run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Literal, TypeAlias
+from collections.abc import Collection
+from typing import Literal, NamedTuple, TypeAlias
 
-from markerseek.core import PAPER_RANGE, Estimate, Finished, Interval, Measured, Policy, Reading, Sample, SearchError
+from markerseek.core import (
+    PAPER_RANGE,
+    Asked,
+    Estimate,
+    Finished,
+    Interval,
+    Measured,
+    Policy,
+    Reading,
+    Sample,
+    SearchError,
+)
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import StageMotion
@@ -13,11 +24,16 @@ from markerseek.sim import StageMotion
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
 
+AnyMethod: TypeAlias = PaperMethod | Literal["posterior"]
+"""A method of the paper, or the posterior, which is ours."""
+
 PAPER_METHODS: tuple[PaperMethod, ...] = ("TS", "GSS", "WA")
 BRACKETS: tuple[PaperMethod, ...] = ("TS", "GSS")
 
+ALL_METHODS: tuple[AnyMethod, ...] = (*PAPER_METHODS, "posterior")
+
 BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
-"""N of TS and GSS in Fig. 5 to 7."""
+"""N of TS and GSS in Fig. 5 to 7, and of the posterior beside them."""
 
 AVERAGE_ACQUISITIONS = tuple(range(8, 29))
 """N of WA in Fig. 5 and 6: full scans."""
@@ -87,10 +103,46 @@ class OnEncoderCounts:
         return self._policy.estimate()
 
 
+def posterior(
+    *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None, early_end: bool = False
+) -> Policy:
+    """Policy of the posterior with a number of acquisitions, told that there is one source, as the paper assumes.
+
+    Parameters
+    ----------
+    limits
+        Range to search.
+    acquisitions
+        Number N of acquisitions, all of them made unless it may end early.
+    start_deg
+        Angle of the probe in degrees.
+    early_end
+        Whether it ends once the angle is known well enough.
+    """
+    return build(
+        "posterior", limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end, single=True
+    )
+
+
+class Searched(NamedTuple):
+    """One search: its samples in order, its end, and its answers after some numbers of acquisitions.
+
+    ``frames`` counts all that were taken, dark frames and confirmations included.
+    """
+
+    samples: list[Sample]
+    finished: Finished
+    answers: dict[int, Estimate]
+    frames: int
+
+
 def searched(
-    policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0
-) -> tuple[list[Sample], Finished]:
-    """Run a search on a rig, and return its samples in order and its end.
+    policy: Policy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
+) -> Searched:
+    """Run a search on a rig.
+
+    The angles of a bracket search, and of a posterior without an early end, do not depend on its length: its answers on
+    the way are those of shorter searches.
 
     Parameters
     ----------
@@ -100,6 +152,8 @@ def searched(
         Whether to leave out the last move to the angle found, and the confirmation there.
     dark_frames
         Acquisitions without laser before the first.
+    counts
+        Numbers of acquisitions after which the answer is kept.
 
     Raises
     ------
@@ -107,43 +161,22 @@ def searched(
         Whatever ended the run.
     """
     samples: list[Sample] = []
+    answers: dict[int, Estimate] = {}
+    frames = 0
     for event in run(policy, scanner, stay=stay, dark_frames=dark_frames):
-        # Without the confirmation at the end, which is not one of the paper's acquisitions.
-        if isinstance(event, Measured) and event.role == "search":
-            samples.append(event.sample)
+        # When acquisition n is asked for, the policy holds n − 1 samples.
+        if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
+            answers[event.index - 1] = policy.estimate()
+        elif isinstance(event, Measured):
+            frames += 1
+            # Without the confirmation at the end, which is not one of the paper's acquisitions.
+            if event.role == "search":
+                samples.append(event.sample)
         elif isinstance(event, Finished):
-            return samples, event
+            if event.acquisitions in counts:
+                answers[event.acquisitions] = event.estimate
+            return Searched(samples, event, answers, frames)
     raise SearchError("the run ended without an answer")
-
-
-def shorter(
-    name: PaperMethod, samples: Sequence[Sample], *, limits: Interval = PAPER_RANGE
-) -> Iterator[tuple[int, float]]:
-    """Answers of all shorter searches that one search of TS or GSS contains.
-
-    The angles of a bracket search do not depend on its length: its first N samples are those of a search of N
-    acquisitions.
-
-    Parameters
-    ----------
-    name
-        TS or GSS.
-    samples
-        Samples of the longest search, in order.
-    limits
-        Range to search.
-
-    Yields
-    ------
-    tuple of int and float
-        N = 2, 4, … and the angle answered, in degrees.
-    """
-    # The samples are replayed into a new policy, whose answers on the way are those of the shorter searches.
-    policy = published(name, acquisitions=len(samples), limits=limits)
-    for count, sample in enumerate(samples, start=1):
-        policy.tell(sample)
-        if count % 2 == 0:
-            yield count, policy.estimate().mean_deg
 
 
 def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int) -> tuple[list[float], float]:

@@ -8,25 +8,27 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek import rigs
-from markerseek.pictures import panel_grid, shared_legend
+from markerseek.core import Found, Policy
 from markerseek.records.banks import read_bank
 from markerseek.studies.paper.banks import OfflineBank
 from markerseek.studies.paper.methods import (
+    ALL_METHODS,
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
     PAPER_METHODS,
     TABLE_ACQUISITIONS,
+    AnyMethod,
     OnEncoderCounts,
-    PaperMethod,
+    posterior,
     published,
     searched,
-    shorter,
 )
 from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.printed import MATERIALS, paper_number
+from markerseek.studies.paper.printed import MATERIALS, OwnNumber, paper_number
 from markerseek.studies.paper.section import (
     ERROR_COLUMNS,
+    Answer,
     Cell,
     Comparison,
     Errors,
@@ -35,9 +37,10 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    summary_of,
     table_of,
 )
-from markerseek.studies.paper.style import draw_errors, draw_paper
+from markerseek.studies.paper.style import Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,9 +57,16 @@ _SIMULATED = (
     ),
 )
 _SEARCHES = (
-    "The searches are the published ones. They run on the bank through the same loop as on a rig, at angles rounded to "
-    "the motor's encoder counts, with linear interpolation between recorded angles. WA makes full scans and omits "
-    "samples below 0.2 of the largest."
+    (
+        "TS, GSS and WA are the published ones. All run on the bank through the same loop as on a rig, at angles "
+        "rounded to the motor's encoder counts, with linear interpolation between recorded angles. WA makes full scans "
+        "and omits samples below 0.2 of the largest."
+    ),
+    (
+        "The posterior is markerseek's own search, and not in the paper. It makes exactly N acquisitions, has "
+        "intensities only, as the others, and knows that there is one source, as they assume. Its mean error is that "
+        "of all its answers; those without a claim are not found, at bound, ambiguous or unsure."
+    ),
 )
 _COLUMNS = ("material", "peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS)
 
@@ -71,16 +81,17 @@ class OfflineSearch:
         The bank.
     method, acquisitions
         The method, and the number of its acquisitions.
-    angle_deg
-        Its answer, in degrees.
+    angle_deg, claimed
+        Its answer in degrees, and whether it claims that angle.
     reference_deg, maximum_deg
         Angle that counts as true, and that of the bank's largest intensity, in degrees.
     """
 
     bank: OfflineBank
-    method: PaperMethod
+    method: AnyMethod
     acquisitions: int
     angle_deg: float
+    claimed: bool
     reference_deg: float
     maximum_deg: float
 
@@ -88,6 +99,11 @@ class OfflineSearch:
     def error_deg(self) -> float:
         """Absolute difference from the reference, in degrees."""
         return abs(self.angle_deg - self.reference_deg)
+
+    @property
+    def answer(self) -> Answer:
+        """Its error from the reference, and whether it claims its angle."""
+        return Answer(error_deg=self.error_deg, claimed=self.claimed)
 
 
 def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[OfflineSearch]:
@@ -113,30 +129,31 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
     limits = rig.limits.search
     recorded = [rig.scanner.measure(angle_deg) for angle_deg in read_bank(bank.path).angles_deg]
     maximum_deg = max(recorded, key=lambda sample: sample.reading.intensity).angle_deg
-    answers: list[tuple[PaperMethod, int, float]] = []
-    for name in BRACKETS:
-        policy = published(name, acquisitions=max(BRACKET_ACQUISITIONS), limits=limits)
-        samples, _ = searched(OnEncoderCounts(policy, limits=limits), rig.scanner)
-        answers += [(name, count, angle_deg) for count, angle_deg in shorter(name, samples, limits=limits)]
-    # The steps of WA depend on N, so that each N is a search of its own.
-    for count in AVERAGE_ACQUISITIONS:
-        policy = published("WA", acquisitions=count, limits=limits)
-        _, finished = searched(OnEncoderCounts(policy, limits=limits), rig.scanner)
-        answers.append(("WA", count, finished.estimate.mean_deg))
+    most = max(BRACKET_ACQUISITIONS)
+    # The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
+    policies: list[tuple[AnyMethod, Policy, tuple[int, ...]]] = [
+        *((name, published(name, acquisitions=most, limits=limits), BRACKET_ACQUISITIONS) for name in BRACKETS),
+        *(("WA", published("WA", acquisitions=count, limits=limits), (count,)) for count in AVERAGE_ACQUISITIONS),
+        ("posterior", posterior(acquisitions=most, limits=limits, start_deg=limits.low_deg), BRACKET_ACQUISITIONS),
+    ]
     return [
         OfflineSearch(
             bank=bank,
             method=name,
             acquisitions=count,
-            angle_deg=angle_deg,
+            angle_deg=answer.mean_deg,
+            claimed=isinstance(answer, Found),
             reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
             maximum_deg=maximum_deg,
         )
-        for name, count, angle_deg in answers
+        for name, policy, counts in policies
+        for count, answer in searched(
+            OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts
+        ).answers.items()
     ]
 
 
-_Group: TypeAlias = tuple[str, float | None, PaperMethod, int]
+_Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
 """Material, peak SNR, method, number of acquisitions."""
 
 
@@ -148,7 +165,7 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
     searches
         Of `offline_searches`.
     """
-    errors = {group: errors_of(each.error_deg for each in found) for group, found in _groups(searches).items()}
+    errors = {group: summary_of(each.answer for each in found) for group, found in _groups(searches).items()}
     return Section(
         name="fig6",
         title="Fig. 6: offline analysis, mean error over the number of acquisitions",
@@ -167,7 +184,8 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
         pictures=(
             Picture(
                 name="fig6",
-                alt="Mean error over the number of acquisitions for TS, GSS and WA, one panel for each material",
+                alt="Mean error over the number of acquisitions for TS, GSS, WA and the posterior, one panel for each "
+                "material",
                 draw=partial(_draw, errors),
             ),
         ),
@@ -183,16 +201,16 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
         Of `offline_searches`.
     """
     groups = {group: found for group, found in _groups(searches).items() if group[3] == TABLE_ACQUISITIONS}
-    errors = {group: errors_of(each.error_deg for each in found) for group, found in groups.items()}
+    errors = {group: summary_of(each.answer for each in found) for group, found in groups.items()}
     rows = []
     for group, found in groups.items():
         from_maximum = errors_of(abs(each.angle_deg - each.maximum_deg) for each in found)
         rows.append((*group, *errors[group].cells, from_maximum.mean_deg, from_maximum.sd_deg))
     # A user's own bank is of another material, to which none of the paper's numbers belongs.
     comparisons = [
-        compared(f"table1/{name}/{material}", errors[material, level_db, name, 16], condition=f"{level_db:g} dB")
+        compared(_number(name, material), errors[material, level_db, name, 16], condition=f"{level_db:g} dB")
         for material in MATERIALS
-        for name in PAPER_METHODS
+        for name in ALL_METHODS
         for level_db in _levels(groups)
         if _is_simulated(searches)
     ]
@@ -212,16 +230,23 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
     )
 
 
+def _number(name: AnyMethod, material: str) -> str | OwnNumber:
+    """Key of the number of Table 1, or of the posterior its name."""
+    if name != "posterior":
+        return f"table1/{name}/{material}"
+    return OwnNumber(quantity=f"posterior (ours) on {material} after {TABLE_ACQUISITIONS} acquisitions, mean error")
+
+
 def _is_simulated(searches: Sequence[OfflineSearch]) -> bool:
     return searches[0].bank.peak_snr_db is not None
 
 
 def _method(searches: Sequence[OfflineSearch]) -> tuple[str, ...]:
     if _is_simulated(searches):
-        return (*_SIMULATED, _SEARCHES)
+        return (*_SIMULATED, *_SEARCHES)
     bank = searches[0].bank
     reference = "given" if bank.reference_deg is not None else "the angle of the bank's largest intensity"
-    return (f"The bank is the user's own, {bank.path}; the reference angle is {reference}.", _SEARCHES)
+    return (f"The bank is the user's own, {bank.path}; the reference angle is {reference}.", *_SEARCHES)
 
 
 def _groups(searches: Sequence[OfflineSearch]) -> dict[_Group, list[OfflineSearch]]:
@@ -245,17 +270,20 @@ _SEARCH_CELLS: dict[str, Callable[[OfflineSearch], Cell]] = {
     "reference_deg": lambda each: each.reference_deg,
     "bank_maximum_deg": lambda each: each.maximum_deg,
     "error_deg": lambda each: each.error_deg,
+    "claimed": lambda each: "yes" if each.claimed else "no",
 }
 
 
 def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:
-    """The conclusion's "below 0.5° on all materials": the largest mean error of TS and of GSS."""
+    """The conclusion's "below 0.5° on all materials": the largest mean error of TS, of GSS, and of the posterior."""
+    ours = OwnNumber(quantity="posterior (ours) on every material after 28 acquisitions, mean error: at most")
     comparisons = []
     for level_db in _levels(errors):
-        for name in BRACKETS:
+        for name in (*BRACKETS, "posterior"):
             found = [each for (_, *group), each in errors.items() if group == [level_db, name, 28]]
             worst = max(found, key=lambda each: each.mean_deg)
-            comparisons.append(compared("fig6/28", worst, condition=f"{name}, the worst material, {level_db:g} dB"))
+            number = ours if name == "posterior" else "fig6/28"
+            comparisons.append(compared(number, worst, condition=f"{name}, the worst material, {level_db:g} dB"))
     return tuple(comparisons)
 
 
@@ -264,21 +292,22 @@ def _draw(errors: dict[_Group, Errors]) -> Figure:
     # By noise first: each noise has a row of panels, one for each material.
     places.sort(key=lambda place: place[0] or 0.0)
     is_simulated = places[0][0] is not None
-    figure, panels = panel_grid(
-        [material if level_db is None else f"{material}, {level_db:g} dB" for level_db, material in places],
+    return errors_figure(
+        [
+            Panel(
+                title=material if level_db is None else f"{material}, {level_db:g} dB",
+                errors={group[2:]: each for group, each in errors.items() if group[:2] == (material, level_db)},
+                printed_deg={
+                    (name, TABLE_ACQUISITIONS): paper_number(f"table1/{name}/{material}").value
+                    for name in PAPER_METHODS
+                    if is_simulated
+                },
+            )
+            for level_db, material in places
+        ],
         heading="Offline searches" + (" on simulated stand-ins" if is_simulated else ""),
-        x_label="acquisitions N",
-        y_label="mean error [deg]",
         columns=5,
-        panel_in=(2.9, 3.0),
-        y_scale="log",
+        # A panel alone must be wide enough for the legend.
+        panel_in=(2.9, 3.0) if len(places) > 1 else (6.0, 4.0),
+        printed="paper (Table 1)",
     )
-    for axes, (level_db, material) in zip(panels, places, strict=True):
-        for name in PAPER_METHODS:
-            here = [(group[3], each) for group, each in errors.items() if group[:3] == (material, level_db, name)]
-            draw_errors(axes, name, dict(here))
-            if is_simulated:
-                paper_deg = paper_number(f"table1/{name}/{material}").value
-                draw_paper(axes, name, [TABLE_ACQUISITIONS], [paper_deg], f"{name}, paper (Table 1)")
-    shared_legend(figure)
-    return figure

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import SearchError
+from markerseek.core import PAPER_RANGE, Found, Policy, SearchError
+from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
 from markerseek.studies.paper.methods import (
@@ -22,20 +24,22 @@ from markerseek.studies.paper.methods import (
     PAPER_METHODS,
     TABLE_ACQUISITIONS,
     PaperMethod,
+    posterior,
     published,
     searched,
-    shorter,
 )
 from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.printed import paper_number
+from markerseek.studies.paper.printed import OwnNumber, paper_number
 from markerseek.studies.paper.section import (
     ERROR_COLUMNS,
+    Answer,
     Cell,
     Comparison,
     Section,
     Table,
     compared,
     errors_of,
+    summary_of,
     table_of,
 )
 
@@ -44,6 +48,24 @@ REPEATS = 4
 
 TISSUE = "plastisol-phantom"
 """The simulated stand-in for the phantom of the online analysis."""
+
+Ours: TypeAlias = Literal["posterior", "posterior, 16", "posterior, survey"]
+"""The posterior in three forms; see `_FORMS`."""
+
+OnlineMethod: TypeAlias = PaperMethod | Ours
+
+_ORDER: tuple[OnlineMethod, ...] = (*PAPER_METHODS, *get_args(Ours))
+
+ENDS_BY_ITSELF: tuple[OnlineMethod, ...] = ("WA", "posterior", "posterior, survey")
+"""Methods whose number of acquisitions is a result."""
+
+_FORMS = (
+    "The posterior is markerseek's own search, and not in the paper. It takes three dark frames first, and is shown in "
+    'three forms: "posterior" ends by itself after at most 16 acquisitions, "posterior, 16" makes exactly 16; both '
+    'know that there is one source, as the paper\'s searches assume. "posterior, survey", the default of `markerseek '
+    "search`, does not know it, and also makes sure that no other source as strong lies in the range. Their mean error "
+    "is that of all their answers; those without a claim are not found, at bound, ambiguous or unsure."
+)
 
 METHOD = (
     (
@@ -69,37 +91,45 @@ class OnlineSearch:
     track_deg
         Angles reached, one for each acquisition, in degrees.
     answers_deg
-        Answers by number of acquisitions, in degrees; of WA the last only.
+        Answers by number of acquisitions, in degrees; of WA and ours the last only.
+    claimed
+        Whether the last answer claims its angle.
     travel_deg
         Rotation from −35° to the angle found, in degrees.
     elapsed_s, acquiring_s
         Virtual time from the first move to the end, and the part of it that acquisitions took, in seconds.
     """
 
-    method: PaperMethod
+    method: OnlineMethod
     peak_snr_db: float
     repeat: int
     position: int
     truth_deg: float
     track_deg: tuple[float, ...]
     answers_deg: dict[int, float]
+    claimed: bool
     travel_deg: float
     elapsed_s: float
     acquiring_s: float
 
     @property
     def table_acquisitions(self) -> int:
-        """Acquisitions of Table 2: 16 of a bracket search, all of WA."""
+        """Acquisitions of Table 2: 16 of a bracket search, all of the others."""
         return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
 
     def error_deg(self, acquisitions: int) -> float:
         """Absolute error of the answer after this number of acquisitions, in degrees."""
         return abs(self.answers_deg[acquisitions] - self.truth_deg)
 
+    @property
+    def table_answer(self) -> Answer:
+        """Answer of Table 2."""
+        return Answer(error_deg=self.error_deg(self.table_acquisitions), claimed=self.claimed)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Job:
-    method: PaperMethod
+    method: OnlineMethod
     peak_snr_db: float
     repeat: int
     position: int
@@ -108,7 +138,7 @@ class _Job:
 
 
 def online_searches(options: RunOptions) -> list[OnlineSearch]:
-    """Searches of TS, GSS (28 acquisitions) and WA (5° steps, early end) at the nine positions under each noise.
+    """Searches of TS, GSS (28 acquisitions), WA (5° steps, early end) and ours at the nine positions under each noise.
 
     The markers are the same for all methods and noises. With fewer markers than the paper's there are fewer repeats.
 
@@ -126,7 +156,7 @@ def online_searches(options: RunOptions) -> list[OnlineSearch]:
             jobs += [
                 _Job(method=name, peak_snr_db=level_db, repeat=repeat, position=position, marker=marker, seed=seed)
                 for level_db in LEVELS_DB
-                for name in PAPER_METHODS
+                for name in _ORDER
             ]
     return options.each(_search, jobs, stage="online searches, from channel data")
 
@@ -137,18 +167,20 @@ def _search(job: _Job) -> OnlineSearch:
         marker=job.marker,
         noise=NoiseSettings(peak_snr_db=job.peak_snr_db),
         receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
-        start_deg=-35.0,
+        start_deg=PAPER_RANGE.low_deg,
     )
     rig = rigs.simulated(seed=job.seed, settings=settings)
     if rig.facts.truth_deg is None:
         raise SearchError("online: the rig has no marker, so that there is no error")
-    bracket = job.method in BRACKETS
-    # TS and GSS with the largest N only: it contains the shorter searches.
-    policy = published(
-        job.method, acquisitions=max(BRACKET_ACQUISITIONS) if bracket else ONLINE_STEPS, early_end=not bracket
+    is_ours = job.method in get_args(Ours)
+    found = searched(
+        _policy(job.method),
+        rig.scanner,
+        stay=False,
+        dark_frames=rig.dark_frames if is_ours else 0,
+        counts=BRACKET_ACQUISITIONS if job.method in BRACKETS else (),
     )
-    samples, finished = searched(policy, rig.scanner, stay=False)
-    last = {len(samples): finished.estimate.mean_deg}
+    samples, finished = found.samples, found.finished
     each_s = settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz
     return OnlineSearch(
         method=job.method,
@@ -157,12 +189,26 @@ def _search(job: _Job) -> OnlineSearch:
         position=job.position,
         truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
-        answers_deg=dict(shorter(job.method, samples)) if bracket else last,
+        answers_deg={n: each.mean_deg for n, each in (found.answers or {len(samples): finished.estimate}).items()},
+        claimed=isinstance(finished.estimate, Found),
         travel_deg=finished.travel_deg,
         elapsed_s=finished.elapsed_s,
         # The confirmation at the end is one more acquisition.
-        acquiring_s=each_s * (len(samples) + 1),
+        acquiring_s=each_s * found.frames,
     )
+
+
+def _policy(method: OnlineMethod) -> Policy:
+    start_deg = PAPER_RANGE.low_deg
+    match method:
+        case "TS" | "GSS":
+            # With the largest N only: it contains the shorter searches.
+            return published(method, acquisitions=max(BRACKET_ACQUISITIONS))
+        case "WA":
+            return published(method, acquisitions=ONLINE_STEPS, early_end=True)
+        case "posterior, survey":
+            return build("posterior", start_deg=start_deg)
+    return posterior(acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
 
 
 def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
@@ -181,17 +227,23 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
     comparisons: list[Comparison] = []
     rows: list[tuple[Cell, ...]] = []
     for level_db in levels_of(searches):
-        for name in PAPER_METHODS:
+        for name in _ORDER:
             found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
-            errors = errors_of(search.error_deg(search.table_acquisitions) for search in found)
+            errors = summary_of(search.table_answer for search in found)
             counts = errors_of(float(search.table_acquisitions) for search in found)
             rows.append((name, level_db, counts.mean_deg, *errors.cells))
             condition = f"{level_db:g} dB"
-            comparisons.append(compared(f"table2/{name}", errors, condition=condition))
-            if name == "WA":
+            is_ours = name in get_args(Ours)
+            number = OwnNumber(quantity=f"{name} (ours) online, mean error") if is_ours else f"table2/{name}"
+            comparisons.append(compared(number, errors, condition=condition))
+            if name in ENDS_BY_ITSELF:
                 comparisons.append(
                     Comparison(
-                        paper=paper_number("table2/WA/N"),
+                        paper=OwnNumber(
+                            quantity=f"{name} (ours) online, acquisitions until it ended", unit="acquisitions"
+                        )
+                        if is_ours
+                        else paper_number(f"table2/{name}/N"),
                         ours=counts.mean_deg,
                         sd=counts.sd_deg,
                         half=counts.half_deg,
@@ -201,7 +253,7 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
     return Section(
         name="table2",
         title="Table 2: online analysis",
-        method=METHOD,
+        method=(*METHOD, _FORMS),
         comparisons=tuple(comparisons),
         tables=(
             Table(
@@ -227,4 +279,5 @@ _SEARCH_CELLS: dict[str, Callable[[OnlineSearch], Cell]] = {
     "travel_of_whole_run_deg": lambda each: each.travel_deg,
     "elapsed_s": lambda each: each.elapsed_s,
     "acquiring_s": lambda each: each.acquiring_s,
+    "claimed": lambda each: "yes" if each.claimed else "no",
 }

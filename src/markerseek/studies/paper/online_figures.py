@@ -11,7 +11,7 @@ from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, TAB
 from markerseek.studies.paper.online import METHOD, OnlineSearch, levels_of
 from markerseek.studies.paper.printed import paper_number
 from markerseek.studies.paper.section import ERROR_COLUMNS, Errors, Picture, Section, Table, compared, errors_of
-from markerseek.studies.paper.style import COLOURS, MARKS, draw_errors, draw_paper
+from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,24 +66,24 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
 
 
 def _draw_errors(errors: _ByGroup) -> Figure:
-    levels_db = list(dict.fromkeys(level_db for level_db, _, _ in errors))
-    figure, panels = panel_grid(
-        [f"simulated rig, {level_db:g} dB" for level_db in levels_db],
+    printed_deg = {
+        (name, count): paper_number(key).value
+        for name in BRACKETS
+        for count, key in ((2, f"fig7/{name}/2"), (TABLE_ACQUISITIONS, f"table2/{name}"), (28, f"fig7/{name}/28"))
+    }
+    return errors_figure(
+        [
+            Panel(
+                title=f"simulated rig, {level_db:g} dB",
+                errors={group[1:]: each for group, each in errors.items() if group[0] == level_db},
+                printed_deg=printed_deg,
+            )
+            for level_db in dict.fromkeys(level_db for level_db, _, _ in errors)
+        ],
         heading="Online searches on the simulated rig",
-        x_label="acquisitions N",
-        y_label="mean error [deg]",
         columns=2,
         panel_in=(5.0, 3.6),
-        y_scale="log",
     )
-    for axes, level_db in zip(panels, levels_db, strict=True):
-        for name in BRACKETS:
-            draw_errors(axes, name, {n: errors[level_db, name, n] for n in BRACKET_ACQUISITIONS})
-            keys = {2: f"fig7/{name}/2", TABLE_ACQUISITIONS: f"table2/{name}", 28: f"fig7/{name}/28"}
-            paper_deg = [paper_number(key).value for key in keys.values()]
-            draw_paper(axes, name, list(keys), paper_deg, f"{name}, paper")
-    shared_legend(figure)
-    return figure
 
 
 def fig8(searches: Sequence[OnlineSearch]) -> Section:
@@ -132,6 +132,7 @@ def fig8(searches: Sequence[OnlineSearch]) -> Section:
 
 def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
     truths_deg = {each.position: each.truth_deg for each in searches}
+    tracks_deg = {(each.position, each.method): each.track_deg for each in searches}
     figure, panels = panel_grid(
         [f"position {position}, marker at {truth_deg:.1f}°" for position, truth_deg in truths_deg.items()],
         heading="Track of the probe on the simulated rig",
@@ -142,16 +143,16 @@ def _draw_tracks(searches: Sequence[OnlineSearch]) -> Figure:
     )
     for axes, (position, truth_deg) in zip(panels, truths_deg.items(), strict=True):
         axes.axhline(truth_deg, color="#e08a1e", linestyle="--", linewidth=1.2, label="marker (truth)")
-        for each in searches:
-            if each.position == position:
-                axes.plot(
-                    range(1, len(each.track_deg) + 1),
-                    each.track_deg,
-                    label=each.method,
-                    color=COLOURS[each.method],
-                    marker=MARKS[each.method],
-                    markersize=3.5,
-                    linewidth=1.2,
-                )
+        for name in BRACKETS:
+            track_deg = tracks_deg[position, name]
+            axes.plot(
+                range(1, len(track_deg) + 1),
+                track_deg,
+                label=name,
+                color=COLOURS[name],
+                marker=MARKS[name],
+                markersize=3.5,
+                linewidth=1.2,
+            )
     shared_legend(figure)
     return figure

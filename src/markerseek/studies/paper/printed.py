@@ -54,6 +54,22 @@ class PaperNumber:
         return f"{self.value:g}{sd} {self.unit}".replace(" deg", "°")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnNumber:
+    """A number that the paper has not, because it is of the posterior: what it is, and its unit."""
+
+    quantity: str
+    unit: str = "deg"
+    place: str = "not in the paper"
+    value: None = None
+    sd: None = None
+    limitation: None = None
+    note: None = None
+
+    def __str__(self) -> str:
+        return "–"
+
+
 def _read() -> dict[str, PaperNumber]:
     text = resources.files(__package__).joinpath("printed.csv").read_text(encoding="utf-8")
     # An empty cell is a missing value.

@@ -101,6 +101,7 @@ _COMPARISON_CELLS: dict[str, Callable[[Comparison], Cell]] = {
     "half_interval95": lambda each: each.half,
     "difference": lambda each: each.difference,
     "off": lambda each: each.failed,
+    "without_claim": lambda each: each.unclaimed,
 }
 
 

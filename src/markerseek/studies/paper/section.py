@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from markerseek.core import ConfigError
-from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
+from markerseek.core import ConfigError, Estimate, Found
+from markerseek.studies.paper.printed import SENSITIVE_DEG, OwnNumber, PaperNumber, paper_number
 from markerseek.studies.statistics import Moments
 
 if TYPE_CHECKING:
@@ -78,8 +78,23 @@ ERROR_COLUMNS = (
     "spread_deg",
     "half_interval95_deg",
     "share_off_by_more_than_4.33_deg",
+    "share_without_a_claim",
+    "claimed_and_off_by_more_than_4.33_deg",
 )
 """Columns of `Errors.cells`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """Absolute error of an answer in degrees, and whether it claims its angle; the paper's methods always do."""
+
+    error_deg: float
+    claimed: bool = True
+
+    @classmethod
+    def of(cls, estimate: Estimate, *, truth_deg: float) -> Answer:
+        """Answer of an estimate: it claims its angle if it is `Found`."""
+        return cls(error_deg=abs(estimate.mean_deg - truth_deg), claimed=isinstance(estimate, Found))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +110,11 @@ class Errors:
     half_deg
         Half the width of the 95 % interval of the mean in degrees; None for one search.
     failed
-        Share of searches with an error beyond `SENSITIVE_DEG`.
+        Share of searches with an error beyond `SENSITIVE_DEG`, whether they claim their angle or not.
+    unclaimed
+        Share of searches that claim no angle: not found, at bound, ambiguous or unsure.
+    claimed_failed
+        Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`.
     """
 
     count: int
@@ -103,18 +122,28 @@ class Errors:
     sd_deg: float | None
     half_deg: float | None
     failed: float
+    unclaimed: float
+    claimed_failed: float
 
     @property
     def cells(self) -> tuple[Cell, ...]:
         """The summary as cells under `ERROR_COLUMNS`."""
-        return self.count, self.mean_deg, self.sd_deg, self.half_deg, self.failed
+        shares = self.failed, self.unclaimed, self.claimed_failed
+        return self.count, self.mean_deg, self.sd_deg, self.half_deg, *shares
 
 
 def errors_of(errors_deg: Iterable[float]) -> Errors:
-    """Summary of the absolute errors of one search or more, in degrees."""
-    errors = np.array(list(errors_deg))
+    """Summary of the absolute errors of one search or more, in degrees, each of which claims its angle."""
+    return summary_of(Answer(error_deg=error_deg) for error_deg in errors_deg)
+
+
+def summary_of(answers: Iterable[Answer]) -> Errors:
+    """Summary of one answer or more."""
+    of_all = list(answers)
+    errors = np.array([each.error_deg for each in of_all])
     if errors.size == 0:
         raise ConfigError("errors: there is no search to summarise; run at least one")
+    claimed = np.array([each.claimed for each in of_all])
     moments = Moments.of(errors.tolist())
     interval = moments.interval
     return Errors(
@@ -123,48 +152,54 @@ def errors_of(errors_deg: Iterable[float]) -> Errors:
         sd_deg=moments.sd,
         half_deg=None if interval is None else (interval[1] - interval[0]) / 2,
         failed=float(np.mean(errors > SENSITIVE_DEG)),
+        unclaimed=float(np.mean(~claimed)),
+        claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A number of the paper and ours.
+    """A number of the paper and ours; or, of the posterior, ours alone.
 
     Attributes
     ----------
     paper
-        The paper's.
+        The paper's; of the posterior what is counted, in words.
     ours, sd
         Ours, and its standard deviation.
     half
         Half the width of the 95 % interval of ours; None where there is none.
     failed
         Share of our searches with an error beyond `SENSITIVE_DEG`; None where it is no mean of errors.
+    unclaimed
+        Share of our searches that claim no angle; None where it is no mean of errors.
     condition
         Condition of ours, such as the noise; empty where there is only one.
     """
 
-    paper: PaperNumber
+    paper: PaperNumber | OwnNumber
     ours: float
     sd: float | None = None
     half: float | None = None
     failed: float | None = None
+    unclaimed: float | None = None
     condition: str = ""
 
     @property
-    def difference(self) -> float:
-        """Ours minus the paper's."""
-        return self.ours - self.paper.value
+    def difference(self) -> float | None:
+        """Ours minus the paper's; None where the paper has none."""
+        return None if self.paper.value is None else self.ours - self.paper.value
 
 
-def compared(key: str, ours: Errors, *, condition: str = "") -> Comparison:
-    """Return our errors beside the paper's number with that key."""
+def compared(number: str | OwnNumber, ours: Errors, *, condition: str = "") -> Comparison:
+    """Return our errors beside the paper's number with that key, or under a name of our own."""
     return Comparison(
-        paper=paper_number(key),
+        paper=paper_number(number) if isinstance(number, str) else number,
         ours=ours.mean_deg,
         sd=ours.sd_deg,
         half=ours.half_deg,
         failed=ours.failed,
+        unclaimed=ours.unclaimed,
         condition=condition,
     )
 
@@ -201,7 +236,7 @@ class Section:
     method
         What was done, in paragraphs.
     comparisons
-        The paper's numbers beside ours.
+        The paper's numbers beside ours, and those of the posterior.
     tables, pictures
         See the classes.
     remarks

@@ -1,72 +1,116 @@
-"""Colours and marks of the three methods in all figures of the paper, and how errors are drawn."""
+"""Colours and marks of the methods in all figures of the paper, and the figure of errors over acquisitions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from markerseek.pictures import ERROR_BARS
-from markerseek.studies.paper.methods import PaperMethod
+from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
+from markerseek.studies.paper.methods import ALL_METHODS, AnyMethod, PaperMethod
 from markerseek.studies.paper.section import Errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-COLOURS: dict[PaperMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f"}
-"""Red, blue and green, as in Fig. 5 of the paper; the colour-blind can tell them apart."""
+COLOURS: dict[AnyMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f", "posterior": "#5b2a86"}
+"""Red, blue and green, as in Fig. 5 of the paper, and violet; the colour-blind can tell them apart by the marks too."""
 
-MARKS: dict[PaperMethod, str] = {"TS": "o", "GSS": "s", "WA": "^"}
+MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D"}
 
 
-def draw_errors(axes: Axes, name: PaperMethod, by_count: Mapping[int, Errors]) -> None:
-    """Draw the mean error of a method over the number of acquisitions, with the 95 % interval of the mean.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """One panel of the figure.
+
+    Attributes
+    ----------
+    title
+        Its title.
+    errors
+        Ours, by method and number of acquisitions.
+    printed_deg
+        Mean errors that the paper prints, likewise, in degrees.
+    """
+
+    title: str
+    errors: Mapping[tuple[AnyMethod, int], Errors]
+    printed_deg: Mapping[tuple[PaperMethod, int], float] = field(default_factory=dict)
+
+
+def errors_figure(
+    panels: Sequence[Panel],
+    *,
+    heading: str,
+    columns: int,
+    panel_in: tuple[float, float],
+    printed: str = "paper",
+    average_deg: float | None = None,
+) -> Figure:
+    """Figure of the mean error over the number of acquisitions, with the 95 % interval of the mean.
 
     Parameters
     ----------
-    axes
-        Where to draw.
-    name
-        The method.
-    by_count
-        Errors by number of acquisitions.
+    panels
+        The panels, row by row.
+    heading
+        Heading of the figure.
+    columns, panel_in
+        As for `markerseek.pictures.panel_grid`.
+    printed
+        What the legend calls the paper's numbers, which are open marks.
+    average_deg
+        The paper's mean error of WA over all N, in degrees, as a line; None draws none.
     """
-    axes.errorbar(
-        list(by_count),
-        [errors.mean_deg for errors in by_count.values()],
-        yerr=[_drawn_half(errors) for errors in by_count.values()],
-        label=f"{name}, ours",
-        color=COLOURS[name],
-        marker=MARKS[name],
-        **ERROR_BARS,
+    figure, grid = panel_grid(
+        [panel.title for panel in panels],
+        heading=heading,
+        x_label="acquisitions N",
+        y_label="mean error [deg]",
+        columns=columns,
+        panel_in=panel_in,
+        y_scale="log",
     )
+    for axes, panel in zip(grid, panels, strict=True):
+        for name in ALL_METHODS:
+            _draw_errors(axes, name, {count: each for (method, count), each in panel.errors.items() if method == name})
+            here = [(count, value) for (method, count), value in panel.printed_deg.items() if method == name]
+            _draw_printed(axes, name, here, label=f"{name}, {printed}")
+        if average_deg is not None:
+            axes.axhline(
+                average_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
+            )
+    shared_legend(figure, columns=4)
+    return figure
 
 
-def draw_paper(axes: Axes, name: PaperMethod, counts: Sequence[int], values_deg: Sequence[float], label: str) -> None:
-    """Draw numbers of the paper as open marks over the number of acquisitions.
+def _draw_errors(axes: Axes, name: AnyMethod, by_count: Mapping[int, Errors]) -> None:
+    if by_count:
+        axes.errorbar(
+            list(by_count),
+            [errors.mean_deg for errors in by_count.values()],
+            yerr=[_drawn_half(errors) for errors in by_count.values()],
+            label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
+            color=COLOURS[name],
+            marker=MARKS[name],
+            **ERROR_BARS,
+        )
 
-    Parameters
-    ----------
-    axes
-        Where to draw.
-    name
-        The method.
-    counts, values_deg
-        Acquisitions, and the paper's mean errors in degrees.
-    label
-        Name in the legend.
-    """
-    axes.plot(
-        counts,
-        values_deg,
-        label=label,
-        color=COLOURS[name],
-        marker=MARKS[name],
-        linestyle="none",
-        markersize=8,
-        markerfacecolor="none",
-        markeredgewidth=1.6,
-        zorder=5,
-    )
+
+def _draw_printed(axes: Axes, name: AnyMethod, printed: Sequence[tuple[int, float]], *, label: str) -> None:
+    if printed:
+        axes.plot(
+            *zip(*printed, strict=True),
+            label=label,
+            color=COLOURS[name],
+            marker=MARKS[name],
+            linestyle="none",
+            markersize=8,
+            markerfacecolor="none",
+            markeredgewidth=1.6,
+            zorder=5,
+        )
 
 
 def _drawn_half(errors: Errors) -> float:
