@@ -64,7 +64,7 @@ def test_a_finished_journal_is_played_with_its_images(start: Start, tmp_path: Pa
     assert searched.items() <= {**played, **searched}.items()
     assert set(searched) <= set(played)
     assert len(envelopes) == len(samples)
-    assert known["simulated"]
+    assert known["rig"] == "simulated"
 
 
 def test_a_run_that_is_not_over_is_not_played(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from markerseek.cli.emulated_rig import world_text, write_rig_file
+
 if TYPE_CHECKING:
     from markerseek.emulators import EmulatedBench
     from markerseek.sim import SimulatedSettings
@@ -87,7 +89,6 @@ def _serve(
     from markerseek.cli.terminal import stdout
     from markerseek.drivers import SystemClock
     from markerseek.emulators import serve
-    from markerseek.files import replace_file
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -103,8 +104,7 @@ def _serve(
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             rig_file = folder / "rig.toml"
-            with replace_file(rig_file) as part:
-                part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
+            write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace))
             stdout.print(f"try: markerseek search --rig {rig_file} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
@@ -150,7 +150,6 @@ def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float) -> str:
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
-    limits = settings.limits
     return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
 # begin_s, age_s, answer_s and lease_s are longer than for hardware, because the emulator shares this computer with the
 # search: on a busy one, waits of 20 ms end more than 0.1 s late. Do not copy them to the rig file of real devices.
@@ -180,18 +179,7 @@ frames = "triggered"
 [supervisor]
 lease_s = 1.0
 
-[probe]
-trigger_offset_s = {settings.receiver.trigger_offset_s}
-face_radius_m = {settings.probe.face_radius_m}
-
-[limits.search]
-low_deg = {limits.search.low_deg}
-high_deg = {limits.search.high_deg}
-
-[limits.travel]
-low_deg = {limits.travel.low_deg}
-high_deg = {limits.travel.high_deg}
-"""
+{world_text(settings)}"""
 
 
 def _truth(emulated: EmulatedBench, device: Device) -> list[str]:

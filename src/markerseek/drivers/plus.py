@@ -15,11 +15,11 @@ from markerseek.core import (
     Clock,
     DeviceError,
     DeviceTimeoutError,
-    FrameHeader,
     Int16,
     NotConnectedError,
     Permit,
 )
+from markerseek.drivers._acquired_frame import acquired_frame
 from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.wire import igtl
 
@@ -149,15 +149,15 @@ class PlusReceiver:
                     f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
                 )
         self._sequence += 1
-        header = FrameHeader(
+        return acquired_frame(
+            samples,
+            permit,
             sequence=self._sequence,
-            token=permit.token,
             pulses=permit.pulses,
-            commanded_deg=permit.angle_deg,
             started_s=started_s,
-            ended_s=self._clock.now_s(),
+            clock=self._clock,
+            sampling_hz=self._settings.sampling_hz,
         )
-        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
     def _images(self, count: int) -> list[igtl.Message]:
         """Exactly so many images; the firing has ended."""

@@ -117,13 +117,10 @@ class SearchService:
         loop = asyncio.get_running_loop()
         self._begin()
         items = recording.items()
-        due_s, before_s = loop.time(), None
+        began_s = loop.time()
         while (timed := await asyncio.to_thread(next, items, None)) is not None:
-            time_s, item = timed
-            # The clock of a run that was resumed in another process starts again.
-            due_s += pace * max(0.0, time_s - (time_s if before_s is None else before_s))
-            before_s = time_s
-            await asyncio.sleep(due_s - loop.time())
+            after_s, item = timed
+            await asyncio.sleep(began_s + pace * after_s - loop.time())
             await self._show(item)
         self._publish(self._streams.ended(recording.outcome))
 

@@ -1,7 +1,6 @@
 from .acquisition_node import AcquisitionNode
 from .interrupted import Interrupted
 from .player import play
-from .recorded_series import RecordedSeries
 from .search_node import SearchNode
 from .serving import Beat, Served, serve
 from .stage_node import PlainTopics, StageNode
@@ -11,7 +10,6 @@ __all__ = [
     "Beat",
     "Interrupted",
     "PlainTopics",
-    "RecordedSeries",
     "SearchNode",
     "Served",
     "StageNode",

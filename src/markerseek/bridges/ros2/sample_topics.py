@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from markerseek.core import ChannelFrame, Frame, PaImage
+from markerseek.core import ChannelFrame, Measured, PaImage
+from markerseek.records.stream import StreamHead
 from markerseek.ros import RosNode, messages, topics
+from markerseek.runs import rebuild_reader
 from markerseek.signals import ImageReader
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
@@ -40,36 +40,38 @@ class SampleTopics:
         ):
             node.advertise(topic, kind)
 
-    def begin(self, known: Mapping[str, object], *, imaging: ImageReader | None, face_radius_m: float | None) -> None:
+    def begin(self, head: StreamHead, **facts: object) -> None:
         """Begin a run or a recording.
 
         Parameters
         ----------
-        known
-            What is known of it; published as JSON, and kept for subscribers that come later.
-        imaging
-            Makes the images; None where there are intensities only.
-        face_radius_m
-            Distance of the array's face from the axis of rotation in metres; None where it is not known.
+        head
+            Its configuration; published as JSON, and kept for subscribers that come later.
+        facts
+            More for that JSON.
         """
-        self._imaging, self._face_radius_m, self._brightest = imaging, face_radius_m, 0.0
-        message = messages.text(self._node.kinds, {**known, "picture_range_db": messages.RANGE_DB})
+        configuration = head.configuration
+        reader = rebuild_reader(configuration)
+        self._imaging = reader if isinstance(reader, ImageReader) else None
+        self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
+        known = configuration.flat()
+        # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
+        known.pop("recipe")
+        message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, _TEXT, message, latched=True)
 
-    def publish(self, *, angle_deg: float, intensity: float, frame: Frame | None, lit: bool, **facts: object) -> None:
+    def publish(self, event: Measured, **facts: object) -> None:
         """Publish one acquisition, stamped now.
 
         Parameters
         ----------
-        angle_deg, intensity
-            Where it was taken, in degrees, and its intensity.
-        frame
-            Its frame, to make an image of; None where it is not at hand.
-        lit
-            Whether it was taken with light: a dark frame has no intensity to be plotted.
+        event
+            The acquisition; an image is made of its frame where it has one.
         facts
             More for the JSON of the sample.
         """
+        sample = event.sample
+        angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
         node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
         image = None
         if isinstance(frame, ChannelFrame) and self._imaging is not None:
@@ -83,9 +85,10 @@ class SampleTopics:
             # White is the brightest so far: what will come is not known.
             picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest or 1.0)
             node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
-        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, **facts}
+        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s}
+        content |= {"role": event.role, "index": event.index, **facts}
         node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, content))
-        if lit:
+        if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, "std_msgs/msg/Float64", messages.number(kinds, intensity))
 
     def _publish_transforms(self, angle_deg: float, image: PaImage | None, now_s: float) -> None:
