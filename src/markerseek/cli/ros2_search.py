@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from markerseek.cli.ros2_nodes import RequireSecurity, ros_node, stopping
+
+if TYPE_CHECKING:
+    from markerseek.runs import KnownRegistration
 
 NAME = "search"
 EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
@@ -28,6 +31,10 @@ def command(
     play: Annotated[
         Path | None, typer.Option(help="Search nothing: play a bank or the journal of a finished run, once.")
     ] = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+    ] = None,
     stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
@@ -41,11 +48,13 @@ def command(
     armed, each time; no message arms it.
     """
     from markerseek.bridges import Searches, SearchOptions, SearchRequest
-    from markerseek.bridges.ros2 import SearchNode
+    from markerseek.bridges.ros2 import SearchNode, publish_registration
     from markerseek.cli.terminal import print_json, stderr
+    from markerseek.runs import read_registration
 
+    known = None if registration is None else read_registration(registration)
     if play is not None:
-        _play(play, pace=1.0 if pace is None else pace, require_security=require_security)
+        _play(play, known, pace=1.0 if pace is None else pace, require_security=require_security)
         return
     request = SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
     searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
@@ -55,6 +64,8 @@ def command(
         "rig": "simulated" if rig is None else str(rig),
     }
     with ros_node("pa_search", parameters, require_security=require_security) as node, stopping() as stopped:
+        if known is not None:
+            publish_registration(node, known)
         served = SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
         try:
             if once:
@@ -75,10 +86,10 @@ def command(
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 
-def _play(path: Path, *, pace: float, require_security: bool) -> None:
+def _play(path: Path, registration: KnownRegistration | None, *, pace: float, require_security: bool) -> None:
     """Play a recording to the topics of a search."""
     from markerseek.bridges import open_recording
-    from markerseek.bridges.ros2 import play
+    from markerseek.bridges.ros2 import play, publish_registration
     from markerseek.cli.terminal import announce_compilation, stdout
 
     announce_compilation()
@@ -87,6 +98,8 @@ def _play(path: Path, *, pace: float, require_security: bool) -> None:
         ros_node("pa_search", {"plays": str(path)}, require_security=require_security) as node,
         stopping() as stopped,
     ):
+        if registration is not None:
+            publish_registration(node, registration)
         stdout.print(f"playing {recording.name}; ready", markup=False)
         sys.stdout.flush()
         played = play(recording, node, pace=pace, until=lambda: bool(stopped))

@@ -1,6 +1,7 @@
 from .acquisition_node import AcquisitionNode
 from .interrupted import Interrupted
 from .player import play
+from .sample_topics import publish_registration
 from .search_node import SearchNode
 from .serving import Beat, Served, serve
 from .stage_node import PlainTopics, StageNode
@@ -14,5 +15,6 @@ __all__ = [
     "Served",
     "StageNode",
     "play",
+    "publish_registration",
     "serve",
 ]
