@@ -60,6 +60,11 @@ class PlusReceiver:
         Triggers of a dark acquisition.
     unix_s
         Time of day in seconds since 1970, which the images carry.
+
+    Attributes
+    ----------
+    emulated
+        Whether the server says that it is an emulator.
     """
 
     def __init__(
@@ -78,6 +83,9 @@ class PlusReceiver:
         self._header: igtl.Header | None = None
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
+        self.emulated = False
+        # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
+        self._until_quiet(most=0)
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -140,6 +148,9 @@ class PlusReceiver:
         self._armed = None
         count = permit.pulses or self._dark_triggers
         images = self._images(count)
+        if not self.emulated and any("emulator" in image.metadata for image in images):
+            # Its greeting came late: what was taken for a device must not go into a result as one.
+            raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
         samples = _mean(images)
         for image in images:
             age_s = armed_unix_s - image.time_s
@@ -230,6 +241,9 @@ class PlusReceiver:
             body, self._header = self._taken(header.body_bytes), None
             if (header.kind, header.device) == ("IMAGE", self._settings.device):
                 images.append(igtl.decode(header, body))
+            elif header.kind == "STATUS":
+                said = igtl.decode(header, body).content
+                self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
 
     def _taken(self, size: int) -> bytes:
         taken = bytes(self._bytes[:size])

@@ -22,7 +22,10 @@ from markerseek.core import (
 from markerseek.drivers._acquired_frame import acquired_frame
 from markerseek.drivers._ros2_settings import RosReceiver
 from markerseek.drivers._ros2_wait import RosWait
-from markerseek.ros import RosNode, messages
+from markerseek.ros import RosNode, messages, topics
+
+_STATE_S = 1.0
+"""Longest wait for a node that may not say whether it is simulated, in seconds."""
 
 
 class Ros2Acquisition:
@@ -34,6 +37,11 @@ class Ros2Acquisition:
         As of `Ros2Stage`.
     settings
         Its keys in the rig file.
+
+    Attributes
+    ----------
+    simulated
+        Whether its node says that it is simulated.
 
     Raises
     ------
@@ -51,7 +59,10 @@ class Ros2Acquisition:
         self._fired: tuple[Permit, float] | None = None
         self._answers: dict[str, messages.Acquired] = {}
         self._frames: dict[int, Int16[np.ndarray, "channels samples"]] = {}
+        self.simulated = False
+        self._states = 0
         node.advertise(settings.request_topic, "std_msgs/msg/String")
+        node.subscribe(topics.ACQUISITION_STATE, "std_msgs/msg/String", self._on_state, latched=True)
         node.subscribe(settings.answer_topic, "std_msgs/msg/String", self._on_answer)
         node.subscribe(settings.frame_topic, "sensor_msgs/msg/Image", self._on_frame)
 
@@ -65,6 +76,15 @@ class Ros2Acquisition:
                 f"receiver: no acquisition node on {settings.request_topic} within {settings.connect_s:g} s; start "
                 "markerseek ros2 acquire, and compare topics, ROS_DOMAIN_ID and the transport"
             )
+
+        # A node of another program need not say what it is.
+        says = node.publishes(topics.ACQUISITION_STATE)
+        self._wait.until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.acquisition_state_of(message)
+        self._states += 1
+        self.simulated = self.simulated or (state is not None and state.simulated)
 
     def _on_answer(self, message: Any) -> None:
         answer = messages.acquired_of(message)
@@ -111,6 +131,9 @@ class Ros2Acquisition:
         answer = self._answered(permit, "fired", what="laser")
         if answer.error:
             raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
+        if answer.simulated and not self.simulated:
+            # It said so too late: what was taken for a laser must not go into a result as one.
+            raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
         self._fired = (permit, began_s)
         return answer.pulses
 

@@ -129,7 +129,7 @@ class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
 class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     """Answer of an acquisition node: first ``fired``, then ``frame``, or ``error``.
 
-    ``stamp_ns`` of a frame is the stamp of its channel data.
+    ``stamp_ns`` of a frame is the stamp of its channel data; ``simulated`` says that there was no light.
     """
 
     id: str
@@ -139,6 +139,13 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     sampling_hz: float = 0.0
     stamp_ns: int = 0
     error: str = ""
+    simulated: bool = False
+
+
+class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
+    """What an acquisition node is."""
+
+    simulated: bool
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
@@ -161,6 +168,11 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
 def acquired_of(message: Any) -> Acquired | None:
     """Answer in a std_msgs/String; None if it holds none."""
     return _decoded(message.data, Acquired)
+
+
+def acquisition_state_of(message: Any) -> AcquisitionState | None:
+    """What an acquisition node is, from a std_msgs/String; None if it does not say."""
+    return _decoded(message.data, AcquisitionState)
 
 
 def request_of(message: Any) -> AcquireRequest | None:

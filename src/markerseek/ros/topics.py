@@ -17,6 +17,9 @@ OPERATING_STATE = "/TRUS/operating_state"
 ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
 """Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""
 
+ACQUISITION_STATE = "/TRUS/pa/state"
+"""What an acquisition node is, latched: std_msgs/String with JSON, ``simulated``."""
+
 FRAMES = "/tf"
 """tf2_msgs/TFMessage where it is installed, else geometry_msgs/TransformStamped."""
 
