@@ -83,7 +83,7 @@ class RosNode:
     name
         Its name, without a namespace.
     parameters
-        Read-only parameters, such as limits.
+        Read-only parameters, such as limits; None for a node that only asks others, which has no services of its own.
     on_active
         Called with True and False when somebody activates or deactivates it.
     enclave
@@ -130,7 +130,15 @@ class RosNode:
                 return TransitionCallbackReturn.SUCCESS
 
         try:
-            self._node = _Node(name, context=self.network.context)
+            # Each service costs in every wait, and who has no parameters serves nobody.
+            serves = parameters is not None
+            self._node = _Node(
+                name,
+                context=self.network.context,
+                enable_communication_interface=serves,
+                start_parameter_services=serves,
+                enable_rosout=False,
+            )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
         self._declare(parameters or {})
