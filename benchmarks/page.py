@@ -15,19 +15,14 @@ import tempfile
 import threading
 import time
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import numpy as np
 from tests.page.page_browser import CHROMIUM, Served, Watched, browsing, open_tab, served
 
+from benchmarks.loop_times import PACE, described, own_times_s
 from markerseek.bridges.page.state import RunState
-from markerseek.core import Asked
 from markerseek.records.journal import read_journal
-
-PACE = 0.02
-"""Real seconds for a second of the rig: a search of two minutes takes three seconds."""
 
 WATCH_LOG = """() => {
     const log = document.querySelector('.ms-log');
@@ -81,21 +76,6 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
     for at_s, text in lines:
         first.setdefault(text.strip(), at_s)
     return [at_s - written[text] for text, at_s in first.items() if text in written]
-
-
-def own_times_s(journal: Path) -> list[float]:
-    """Time from one question of a paced search to the next, without what the rig's clock takes, in seconds."""
-    asked = [each for each in read_journal(journal, frames=False).entries if isinstance(each.event, Asked)]
-    at = [(datetime.fromisoformat(each.written).timestamp(), each.clock_s) for each in asked]
-    steps = [(end[0] - begin[0]) - PACE * (end[1] - begin[1]) for begin, end in pairwise(at)]
-    # The first question loads the posterior's kernels.
-    return steps[1:]
-
-
-def described(values: list[float]) -> str:
-    """Median, 99th percentile and largest value in milliseconds."""
-    p50, p99 = np.percentile(values, [50, 99])
-    return f"median {1e3 * p50:.0f} ms, p99 {1e3 * p99:.0f} ms, largest {1e3 * max(values):.0f} ms, n = {len(values)}"
 
 
 def endurance(minutes: float) -> None:

@@ -18,7 +18,8 @@ import numpy as np
 from pyigtl.messages import CRC64
 
 from hostile_folders import FolderClock, whole_folder
-from markerseek.core import Clock, DeviceError, LaserError, Permit
+from markerseek.bridges.igtl.commands import is_command, read_request, search_request
+from markerseek.core import Clock, ConfigError, DeviceError, LaserError, Permit
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.picolas import PicolasLaser
@@ -30,6 +31,7 @@ from markerseek.sim import VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
+from stream_decoders import read_stream, whole_stream
 
 PULSES = 4
 MOST_READS = 100_000
@@ -275,10 +277,18 @@ def _read_folder(data: bytes) -> None:
 
 
 def _read_igtl(data: bytes) -> None:
-    """A message, with the checksum that fits, which chance would not find."""
+    """A message, with the checksum that fits, which chance would not find; a command in it is read too."""
     header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=1 << 16)
     body = data[igtl.HEADER_BYTES :]
-    igtl.decode(replace(header, body_bytes=len(body), crc=CRC64(body)), body)
+    message = igtl.decode(replace(header, body_bytes=len(body), crc=CRC64(body)), body)
+    if is_command(message):
+        try:
+            search_request(read_request(message).values)
+        except ConfigError as refusal:
+            raise DeviceError(str(refusal)) from refusal
+    elif not isinstance(message.content, igtl.Other):
+        # What was accepted can be sent on.
+        igtl.encode(message)
 
 
 def _whole_igtl() -> bytes:
@@ -290,6 +300,7 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     "apt-messages": (_whole_messages, _read_messages),
     "laserbox-lines": (_whole_lines, _read_lines),
     "igtl": (_whole_igtl, _read_igtl),
+    "event-stream": (whole_stream, read_stream),
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
     "laserbox-signed": (_whole_unsigned, _scripted(_use_laser_box, _require_permits_as_permitted, dress=_signed)),

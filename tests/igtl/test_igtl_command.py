@@ -10,15 +10,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pyigtl
 import pytest
 from igtl_bridge import bridge, compiled_peer
 from igtl_client import IgtlClient
 
+from markerseek.cli.register import point_pairs
 from markerseek.records.exports import probe_to_probe_home
+from markerseek.runs import register_pairs
 from markerseek.wire import igtl
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 START = '<Command Name="StartSearch" Seed="3" Method="golden-section" Acquisitions="6" />'
 
 
@@ -121,17 +125,23 @@ def test_a_taken_port_ends_with_exit_code_2_and_a_sentence() -> None:
     assert f"port {running.port} of 127.0.0.1 is taken by another program" in " ".join(second.stderr.split())
 
 
-def test_the_client_of_pyigtl_gets_what_is_sent() -> None:
-    with bridge() as running, IgtlClient(running.port) as asking:
+def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
+    registered = register_pairs(point_pairs(EXAMPLES / "points.csv", searches=[], cameras=None))
+    (tmp_path / "registration.json").write_bytes(msgspec.json.encode(registered))
+    with bridge("--registration", str(tmp_path / "registration.json")) as running, IgtlClient(running.port) as asking:
         client = pyigtl.OpenIGTLinkClient("127.0.0.1", running.port)
         status = client.wait_for_message("SearchState", timeout=30)
-        assert json.loads(status.string) == {"state": "idle"}
+        said = json.loads(status.string)
+        assert (said["state"], said["registration"]["simulated"]) == ("idle", False)
+        camera = client.wait_for_message("DaVinciToTrus", timeout=30)
         asking.ask(START)
         image = client.wait_for_message("PA_Reference", timeout=60)
         turned = client.wait_for_message("ProbeToProbeHome", timeout=60)
         client.stop()
     assert image.image.dtype == np.uint8
     assert image.metadata["rig"] == "simulated"
+    moved_mm = 1e3 * np.array(registered.davinci_to_trus)[:3, 3]
+    assert camera.matrix[:3, 3] == pytest.approx(moved_mm, rel=1e-6)
     # The image's plane holds the axis of rotation, and turns with the probe.
     assert turned.matrix.shape == (4, 4)
     assert np.linalg.det(turned.matrix) == pytest.approx(1)

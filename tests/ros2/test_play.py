@@ -14,7 +14,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 from markerseek.ros import RosNode, topics
 
-SCAN = Path(__file__).parents[2] / "examples" / "simulated_scan.csv"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCAN = EXAMPLES / "simulated_scan.csv"
 
 
 def heard(start: Start, *options: object) -> tuple[list[dict[str, Any]], list[Any], dict[str, Any]]:
@@ -64,7 +65,33 @@ def test_a_finished_journal_is_played_with_its_images(start: Start, tmp_path: Pa
     assert searched.items() <= {**played, **searched}.items()
     assert set(searched) <= set(played)
     assert len(envelopes) == len(samples)
-    assert known["simulated"]
+    assert known["rig"] == "simulated"
+
+
+def test_b_mode_images_and_a_registration_are_shown(start: Start, tmp_path: Path) -> None:
+    journal, rig, registration = tmp_path / "tip.journal", tmp_path / "rig.toml", tmp_path / "registration.json"
+    rig.write_text('kind = "simulated"\n[receiver]\ndata = "b-mode"\n')
+    answer_of("search", "--rig", rig, "--acquisitions", 4, "--method", "ternary", "--journal", journal, "--json")
+    code, registered = answer_of("register", EXAMPLES / "points.csv", "--json")
+    assert code == 0
+    registration.write_text(json.dumps(registered | {"simulation": {}}))
+    images: list[Any] = []
+    cameras: list[Any] = []
+    with RosNode("listener") as node:
+        node.subscribe(topics.BMODE, "sensor_msgs/msg/Image", images.append)
+        for topic in (topics.REGISTRATION, topics.STATIC_FRAMES):
+            node.subscribe(topic, "geometry_msgs/msg/TransformStamped", cameras.append, latched=True)
+        start(*MARKERSEEK, "ros2", "search", "--play", journal, "--registration", registration, "--pace", "0.05")
+        for _ in range(600):
+            node.spin(0.05)
+            if images and len(cameras) == 2:
+                break
+    assert (images[-1].encoding, images[-1].header.frame_id) == ("mono8", "trus_bmode")
+    assert len(images[-1].data) == images[-1].height * images[-1].width
+    # A transform on its own must not pass for one of a real camera.
+    assert {each.child_frame_id for each in cameras} == {"simulated_davinci_camera"}
+    place = cameras[-1].transform.translation
+    assert [place.x, place.y, place.z] == [row[3] for row in registered["davinci_to_trus"][:3]]
 
 
 def test_a_run_that_is_not_over_is_not_played(tmp_path: Path) -> None:

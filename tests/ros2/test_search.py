@@ -57,8 +57,9 @@ def test_a_search_on_simulated_nodes_in_another_process(start: Start, tmp_path: 
     rig = tmp_path / "rig.toml"
     nodes = start(*MARKERSEEK, "ros2", "sim", "--seed", SEED, "--write-rig", rig)
     code, answer = answer_of("search", "--rig", rig, "--arm", "--json", "--no-journal")
-    assert code == 0
+    assert code == 0, answer
     require_same(answer, alone)
+    assert answer["emulated"] == ["stage", "laser", "receiver"]
     assert sockets_of(nodes.pid) == []
     _code, unarmed = answer_of("search", "--rig", rig, "--json", "--no-journal")
     assert unarmed["rig"].startswith("SIMULATED stage node on /TRUS/move_jp")
@@ -69,7 +70,7 @@ def test_a_search_on_a_stage_of_plain_numbers(start: Start, tmp_path: Path, alon
     (tmp_path / "rig.toml").write_text(PLAIN_RIG)
     start(sys.executable, HERE / "plain_rig.py", SEED)
     code, answer = answer_of("search", "--rig", tmp_path / "rig.toml", "--arm", "--json", "--no-journal")
-    assert code == 0
+    assert code == 0, answer
     require_same(answer, alone)
 
 
@@ -96,7 +97,7 @@ def test_a_rig_whose_nodes_are_killed_ends_the_search_and_serves_the_next_when_s
     assert "node" in answer["error"]
     start(*MARKERSEEK, "ros2", "sim", "--seed", SEED)
     code, answer = answer_of("search", "--rig", rig, "--arm", "--json", "--no-journal")
-    assert code == 0
+    assert code == 0, answer
     require_same(answer, alone)
 
 

@@ -20,7 +20,18 @@ from hypothesis import strategies as st
 from every_kind_of_entry import VERSIONS, journal_events
 from every_kind_of_entry import rig as entries_rig
 from markerseek import rigs
-from markerseek.core import ChannelFrame, Finished, FrameHeader, Measured, Reading, RecordError, Refused, Sample
+from markerseek.core import (
+    BModeFrame,
+    ChannelFrame,
+    Finished,
+    FrameHeader,
+    Measured,
+    Reading,
+    RecordError,
+    Refused,
+    Sample,
+    ScanGeometry,
+)
 from markerseek.records.journal import Checked, Configuration, Entry, Journal, JournalEvent, read_journal
 from markerseek.records.stream import EventStream, StreamDecoder, StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.runs import new_session, plan_on, resumed_session
@@ -91,6 +102,21 @@ def test_every_kind_of_event_comes_back_as_it_was_sent(
             assert np.array_equal(received.samples, held.samples)
         else:
             assert received is None
+
+
+@pytest.mark.parametrize("frames", [True, False])
+def test_b_mode_images_are_sent_with_frames_and_left_out_without(
+    tmp_path: Path, configuration: Configuration, frames: bool
+) -> None:
+    event = lit(1, samples=64)
+    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    geometry = ScanGeometry(first_lateral_m=0.0, lateral_step_m=1e-4, first_depth_m=0.0, depth_step_m=1e-4)
+    frame = BModeFrame(header=event.sample.frame.header, pixels=pixels, geometry=geometry)
+    sent = replace(event, sample=replace(event.sample, frame=frame))
+    item = StreamDecoder().feed(written(tmp_path / "e", configuration, [sent], frames=frames))[1]
+    assert item.header == frame.header
+    received = item.event.sample.frame
+    assert received is None if not frames else np.array_equal(received.pixels, pixels)
 
 
 @settings(max_examples=30)

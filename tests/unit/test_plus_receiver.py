@@ -174,6 +174,30 @@ def test_a_damaged_message_ends_the_connection(plus: EmulatedPlus) -> None:
         plus.receiver.arm(permit(1))
 
 
+def test_a_server_that_says_so_is_an_emulator_and_one_that_says_it_too_late_is_refused() -> None:
+    """What an emulator gives must not go into a result as a measurement."""
+    for greeted in (True, False):
+        server, connection = socket.socketpair()
+        status = igtl.Status(code=igtl.OK, name="EMULATOR", message=igtl.EMULATOR)
+        if greeted:
+            server.sendall(igtl.encode(igtl.Message(device="PlusServer", content=status)))
+        receiver = PlusReceiver(
+            connection=connection, clock=VirtualClock(), settings=SETTINGS, dark_triggers=3, unix_s=lambda: 0.0
+        )
+        assert receiver.emulated is greeted
+        receiver.arm(permit(1))
+        content = igtl.Image(pixels=np.zeros((1, 4, 8), np.int16), matrix=np.eye(4))
+        known = {"emulator": igtl.EMULATOR}
+        server.sendall(igtl.encode(igtl.Message(device=DEVICE, content=content, metadata=known)))
+        if greeted:
+            assert receiver.acquire(permit(1)).header.pulses == 1
+        else:
+            with pytest.raises(NotConnectedError, match="is an emulator, which it did not say in time"):
+                receiver.acquire(permit(1))
+        server.close()
+        receiver.close()
+
+
 def test_a_server_that_ends_is_not_connected(plus: EmulatedPlus) -> None:
     plus.server.close()
     with pytest.raises(NotConnectedError, match="closed the connection"):

@@ -52,7 +52,7 @@ def test_spacing_and_transforms_together_take_a_pixel_to_where_it_is(sequence, n
 def test_rotations_are_those_of_scipy_and_images_right_handed(angle_deg):
     expected = Rotation.from_euler("y", angle_deg, degrees=True).as_matrix()
     np.testing.assert_allclose(probe_to_probe_home(angle_deg)[:3, :3], expected, atol=1e-12)
-    assert np.linalg.det(image_to_probe(images()[0], face_radius_m=0.0)[:3, :3]) > 0
+    assert np.linalg.det(image_to_probe(images()[0].geometry, face_radius_m=0.0)[:3, :3]) > 0
 
 
 def test_transducer_x_is_the_array_towards_its_last_element_and_y_is_far():
@@ -62,7 +62,7 @@ def test_transducer_x_is_the_array_towards_its_last_element_and_y_is_far():
     np.testing.assert_array_equal(axes @ (0, 1, 0), (0, 0, 1))
     np.testing.assert_array_equal(axes[:, 2], np.cross(axes[:, 0], axes[:, 1]))
     assert IMAGE_ORIENTATION == "MF"
-    image = image_to_transducer(images()[0])
+    image = image_to_transducer(images()[0].geometry)
     np.testing.assert_allclose(image @ (0, 0, 0, 1), (-4, 5, 0, 1))
     np.testing.assert_allclose(image @ (8, 12, 0, 1), (4, 8, 0, 1))
 

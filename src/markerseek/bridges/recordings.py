@@ -35,16 +35,21 @@ class Recording:
     _source: RecordedRun | tuple[Rig, IntensityBank | FrameBank]
 
     def items(self) -> Iterator[tuple[float, StreamItem]]:
-        """Its items, each with its time in seconds on the clock of the recording; frames are read one at a time.
+        """Its items, each with its time in seconds since the first; frames of a bank are read one at a time.
 
         Raises
         ------
         RecordError, AcquisitionError
             If a frame of a bank cannot be read.
         """
-        if isinstance(self._source, RecordedRun):
-            return _journal_items(self._source)
-        return _bank_items(*self._source)
+        source = self._source
+        timed = _journal_items(source) if isinstance(source, RecordedRun) else _bank_items(*source)
+        after_s, before_s = 0.0, None
+        for time_s, item in timed:
+            # The clock of a run that was resumed in another process starts again.
+            after_s += max(0.0, time_s - (time_s if before_s is None else before_s))
+            before_s = time_s
+            yield after_s, item
 
 
 def open_recording(path: Path) -> Recording:

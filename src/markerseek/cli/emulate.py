@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from markerseek.cli.emulated_rig import world_text, write_rig_file
+
 if TYPE_CHECKING:
-    from markerseek.emulators import EmulatedBench
+    from markerseek.emulators import EmulatedBench, EmulatedPlus
     from markerseek.sim import SimulatedSettings
 
 NAME = "emulate"
@@ -20,6 +22,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek emulate bench --dir /tmp/bench\n\n"
     "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
+    "  markerseek emulate bench --dir /tmp/bench --receiver plus\n\n"
     "  markerseek emulate kdc101 --dir /tmp/stage"
 )
 
@@ -45,6 +48,10 @@ def command(
     mirrored: Annotated[
         bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
     ] = False,
+    receiver: Annotated[
+        Literal["sonixdaq", "plus"],
+        typer.Option(help="Emulate a SonixDAQ's folder, or a PLUS server on this computer (bench)."),
+    ] = "sonixdaq",
     sdk: Annotated[
         int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
     ] = 6,
@@ -59,15 +66,24 @@ def command(
     from markerseek.sim import SimulatedSettings
 
     require_pace(pace)
+    if receiver == "plus" and device != "bench":
+        raise ConfigError(f"--receiver plus is for bench, and {device} is emulated; leave it out")
     settings = SimulatedSettings() if rig is None else read_rig_file(rig)
     if not isinstance(settings, SimulatedSettings):
         raise ConfigError(f"{rig}: its kind is bench; the world behind emulated devices is of kind simulated")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ConfigError(
+            f"the folder {folder} cannot be created ({problem.strerror}); name another --dir"
+        ) from problem
     emulated = EmulatedBench(
         settings=settings,
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
         stage=Kdc101Settings(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
         sdk=5 if sdk == 5 else 6,
+        receiver=receiver,
     )
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -86,8 +102,7 @@ def _serve(
 
     from markerseek.cli.terminal import stdout
     from markerseek.drivers import SystemClock
-    from markerseek.emulators import serve
-    from markerseek.files import replace_file
+    from markerseek.emulators import EmulatedPlus, serve
 
     real = SystemClock()
     if device in ("daq", "bench"):
@@ -99,12 +114,15 @@ def _serve(
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
-        if device != "kdc101":
+        plus = emulated.daq if isinstance(emulated.daq, EmulatedPlus) else None
+        if plus is not None:
+            opened.callback(plus.close)
+            stdout.print(f"PLUS server: 127.0.0.1, port {plus.port}")
+        elif device != "kdc101":
             stdout.print(f"channel files: {folder / 'daq'}")
         if device == "bench":
             rig_file = folder / "rig.toml"
-            with replace_file(rig_file) as part:
-                part.write_text(_rig_toml(folder, settings, pace=pace), encoding="utf-8")
+            write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, plus=plus))
             stdout.print(f"try: markerseek search --rig {rig_file} --arm")
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
@@ -145,12 +163,23 @@ def _typed_line() -> bool:
     return bool(ready) and bool(sys.stdin.readline())
 
 
-def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float) -> str:
+def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, plus: EmulatedPlus | None) -> str:
     """Text of the rig file for the emulated devices."""
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
-    limits = settings.limits
+    receiver = (
+        f"""folder = {json.dumps(str(place / "daq"))}
+readout_s = {readout_s}
+frames = "triggered"
+"""
+        if plus is None
+        else f"""driver = "plus"
+device = "{plus.device}"
+port = {plus.port}
+quiet_s = 0.5
+"""
+    )
     return f"""# Emulated devices: no light, nothing turns. Every key is explained in examples/rigs/bench.toml.
 # begin_s, age_s, answer_s and lease_s are longer than for hardware, because the emulator shares this computer with the
 # search: on a busy one, waits of 20 ms end more than 0.1 s late. Do not copy them to the rig file of real devices.
@@ -172,26 +201,12 @@ rate_hz = {settings.laser.rate_hz}
 answer_s = 5.0
 
 [receiver]
-folder = {json.dumps(str(place / "daq"))}
-sampling_hz = {settings.receiver.sampling_hz}
-readout_s = {readout_s}
-frames = "triggered"
+{receiver}sampling_hz = {settings.receiver.sampling_hz}
 
 [supervisor]
 lease_s = 1.0
 
-[probe]
-trigger_offset_s = {settings.receiver.trigger_offset_s}
-face_radius_m = {settings.probe.face_radius_m}
-
-[limits.search]
-low_deg = {limits.search.low_deg}
-high_deg = {limits.search.high_deg}
-
-[limits.travel]
-low_deg = {limits.travel.low_deg}
-high_deg = {limits.travel.high_deg}
-"""
+{world_text(settings)}"""
 
 
 def _truth(emulated: EmulatedBench, device: Device) -> list[str]:

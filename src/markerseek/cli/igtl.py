@@ -21,7 +21,8 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek igtl\n\n"
     "  markerseek igtl --rig examples/rigs/bench.toml\n\n"
-    "  markerseek igtl --play run.journal --pace 0.1"
+    "  markerseek igtl --play run.journal --pace 0.1\n\n"
+    "  markerseek igtl --registration registration.json"
 )
 
 LOOPBACK = "127.0.0.1"
@@ -37,6 +38,10 @@ def command(
     host: Annotated[str, typer.Option(help="Address of this computer.")] = LOOPBACK,
     play: Annotated[
         Path | None, typer.Option(help="Play a journal or a bank instead of searching; the last state stays.")
+    ] = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="Also send the transform of the da Vinci camera: JSON of `markerseek register --json`."),
     ] = None,
     pace: Annotated[
         float | None,
@@ -58,6 +63,7 @@ def command(
     from markerseek.cli.terminal import stderr
     from markerseek.core import ConfigError
     from markerseek.rigs import read_rig_file
+    from markerseek.runs import read_registration
 
     if rig is not None and play is not None:
         raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
@@ -75,6 +81,7 @@ def command(
     service = SearchService(
         searches if recording is None else None,
         recording=None if recording is None else recording.name,
+        registration=None if registration is None else read_registration(registration),
         version=1 if header_version == 1 else 2,
         on_note=note,
     )

@@ -3,7 +3,8 @@ from .exposure import exposure_line
 from .kdc101 import Kdc101Stage, StageSettings
 from .laserbox import LaserBox
 from .plus import PlusReceiver, connect_plus
-from .ros2 import Ros2Acquisition, Ros2Stage
+from .ros2_acquisition import Ros2Acquisition
+from .ros2_stage import Ros2Stage
 from .serial_port import SerialPort, SerialSettings
 from .settings import (
     BenchLaser,

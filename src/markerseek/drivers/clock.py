@@ -34,7 +34,9 @@ class SystemClock:
         if not 0 <= duration_s < math.inf:
             raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
         if self._beat is None:
-            time.sleep(duration_s)  # noqa: TID251  the one clock that is real
+            # A sleep of 0 s gives the processor away: on a busy computer for milliseconds.
+            if duration_s > 0:
+                time.sleep(duration_s)  # noqa: TID251  the one clock that is real
             return
         # A wait has an end and so is a step of the loop; the beat must never move into a timer thread.
         ends_s = self.now_s() + duration_s

@@ -15,11 +15,11 @@ from markerseek.core import (
     Clock,
     DeviceError,
     DeviceTimeoutError,
-    FrameHeader,
     Int16,
     NotConnectedError,
     Permit,
 )
+from markerseek.drivers._acquired_frame import acquired_frame
 from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.wire import igtl
 
@@ -60,6 +60,11 @@ class PlusReceiver:
         Triggers of a dark acquisition.
     unix_s
         Time of day in seconds since 1970, which the images carry.
+
+    Attributes
+    ----------
+    emulated
+        Whether the server says that it is an emulator.
     """
 
     def __init__(
@@ -78,6 +83,9 @@ class PlusReceiver:
         self._header: igtl.Header | None = None
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
+        self.emulated = False
+        # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
+        self._until_quiet(most=0)
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -140,6 +148,9 @@ class PlusReceiver:
         self._armed = None
         count = permit.pulses or self._dark_triggers
         images = self._images(count)
+        if not self.emulated and any("emulator" in image.metadata for image in images):
+            # Its greeting came late: what was taken for a device must not go into a result as one.
+            raise NotConnectedError("plus: the server is an emulator, which it did not say in time; connect again")
         samples = _mean(images)
         for image in images:
             age_s = armed_unix_s - image.time_s
@@ -149,15 +160,15 @@ class PlusReceiver:
                     f"{self._settings.clock_s:g} s; it is stale, or the clocks of the two computers differ"
                 )
         self._sequence += 1
-        header = FrameHeader(
+        return acquired_frame(
+            samples,
+            permit,
             sequence=self._sequence,
-            token=permit.token,
             pulses=permit.pulses,
-            commanded_deg=permit.angle_deg,
             started_s=started_s,
-            ended_s=self._clock.now_s(),
+            clock=self._clock,
+            sampling_hz=self._settings.sampling_hz,
         )
-        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
     def _images(self, count: int) -> list[igtl.Message]:
         """Exactly so many images; the firing has ended."""
@@ -230,6 +241,9 @@ class PlusReceiver:
             body, self._header = self._taken(header.body_bytes), None
             if (header.kind, header.device) == ("IMAGE", self._settings.device):
                 images.append(igtl.decode(header, body))
+            elif header.kind == "STATUS":
+                said = igtl.decode(header, body).content
+                self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
 
     def _taken(self, size: int) -> bytes:
         taken = bytes(self._bytes[:size])

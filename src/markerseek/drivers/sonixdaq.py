@@ -16,9 +16,9 @@ from markerseek.core import (
     ChannelFrame,
     Clock,
     DeviceTimeoutError,
-    FrameHeader,
     Permit,
 )
+from markerseek.drivers._acquired_frame import acquired_frame
 from markerseek.drivers._sonixdaq_settings import SonixDaqSettings
 from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
 from markerseek.drivers.program import run_to_its_end
@@ -141,15 +141,15 @@ class SonixDaqReceiver:
         if self._folder.state() != state:
             raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
         self._sequence += 1
-        header = FrameHeader(
+        return acquired_frame(
+            samples,
+            permit,
             sequence=self._sequence,
-            token=permit.token,
             pulses=permit.pulses,
-            commanded_deg=permit.angle_deg,
             started_s=started_s,
-            ended_s=self._clock.now_s(),
+            clock=self._clock,
+            sampling_hz=self._settings.sampling_hz,
         )
-        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
     def _triggers(self, permit: Permit) -> int:
         """Number of triggers that the laser box sends under a permit."""

@@ -19,6 +19,7 @@ from markerseek.acoustics import Digitiser
 from markerseek.core import Clock, ConfigError
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.emulators.plus import EmulatedPlus
 from markerseek.emulators.pty_line import PtyLine
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.rigs import draw_scene
@@ -45,6 +46,8 @@ class EmulatedBench:
         State of the stage at the start; None: its play is that of the settings.
     sdk
         Layout of the channel files.
+    receiver
+        Whether channel files are written, or images are sent as by a PLUS server.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class EmulatedBench:
         folder: Path,
         stage: Kdc101Settings | None = None,
         sdk: Literal[5, 6] = 6,
+        receiver: Literal["sonixdaq", "plus"] = "sonixdaq",
     ) -> None:
         if settings.receiver.data != "channels":
             raise ConfigError(
@@ -76,9 +80,13 @@ class EmulatedBench:
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise
         )
-        self.daq = EmulatedSonixDaq(
-            world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
-        )
+        self.daq: EmulatedSonixDaq | EmulatedPlus
+        if receiver == "plus":
+            self.daq = EmulatedPlus(world=self.world, rng=apart)
+        else:
+            self.daq = EmulatedSonixDaq(
+                world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
+            )
         self.laser_box = EmulatedLaserBox(world=self.world, on_triggers=self.daq.trigger)
 
     def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
@@ -159,7 +167,12 @@ class ServingClock:
 
 
 def serve(
-    *, lines: Sequence[PtyLine], clock: Clock, pace: float, daq: EmulatedSonixDaq | None, until: Callable[[], bool]
+    *,
+    lines: Sequence[PtyLine],
+    clock: Clock,
+    pace: float,
+    daq: EmulatedSonixDaq | EmulatedPlus | None,
+    until: Callable[[], bool],
 ) -> None:
     """Serve emulated devices until ``until`` is true.
 
@@ -172,20 +185,20 @@ def serve(
     pace
         Seconds of real time for one second of the acquisition.
     daq
-        Acquisition that writes files, in a thread of its own: neither a slow disk nor the forward model may delay the
-        lines.
+        Acquisition that writes files or sends images, in a thread of its own: neither a slow disk or client nor the
+        forward model may delay the lines.
     until
         Called at every tick.
     """
     ended = threading.Event()
 
-    def write_files() -> None:
+    def acquire() -> None:
         while daq is not None and not ended.is_set():
             daq.advance(clock.now_s() / pace)
             clock.wait(_TICK_S)
 
     with ThreadPoolExecutor(max_workers=1) as worker:
-        writing = worker.submit(write_files)
+        writing = worker.submit(acquire)
         try:
             while not until() and not (daq is not None and writing.done()):
                 for line in lines:

@@ -10,22 +10,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import copy, deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, ConfigError, FrameHeader, Int16
-from markerseek.sim import Flash, SimulatedWorld
+from markerseek.core import ConfigError
+from markerseek.emulators._trains import Train, Trains
+from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
-
-_SPREAD_COUNTS = 8
-"""Most counts by which a single pulse differs from the average."""
-
-# 12-bit converter, signed.
-_FULL_SCALE = 2047
 
 
 @dataclass(slots=True, kw_only=True)
@@ -57,25 +51,6 @@ class SonixDaqFaults:
     one_behind: bool = False
     swapped: bool = False
     garbage: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Train:
-    """A train of triggers: a copy of the world, and the light that came with the first of them."""
-
-    world: SimulatedWorld
-    flash: Flash | None
-    triggers: int
-
-    def split(self, count: int) -> tuple[_Train, _Train]:
-        """The first `count` triggers, and the rest."""
-        first, rest = min(count, self.triggers), self.triggers - min(count, self.triggers)
-        lit = 0 if self.flash is None else min(self.flash.pulses, self.triggers)
-        return self._part(first, lit=min(lit, first)), self._part(rest, lit=max(0, lit - first))
-
-    def _part(self, triggers: int, *, lit: int) -> _Train:
-        flash = replace(self.flash, pulses=lit) if self.flash is not None and lit else None
-        return replace(self, flash=flash, triggers=triggers)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -133,36 +108,25 @@ class EmulatedSonixDaq:
         except OSError as error:
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
         self.faults = faults or SonixDaqFaults()
-        self._world = world
+        self._trains = Trains(world=world, rng=rng)
         self._folder = folder
         self._rng = rng
         self._readout_s = readout_s
         self._counts = counts
         self._numbered = sdk == 6
-        self._flashes = len(world.flashes)
         self._now_s = 0.0
-        self._triggered: deque[_Train] = deque()
-        self._counted: list[_Train] = []
+        self._triggered: deque[Train] = deque()
+        self._counted: list[Train] = []
         self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
 
     def warm_up(self) -> None:
-        """Compute one acquisition and discard it, so that the first real one is not delayed by imports and compilation.
-
-        The world and its random numbers do not change.
-        """
-        flash = Flash(at_s=0.0, pulses=1, energy=1.0)
-        self._acquisition([_Train(world=deepcopy(self._world), flash=flash, triggers=1)])
+        """Compute one acquisition and discard it: the first real one is not delayed by imports and compilation."""
+        self._acquisition([self._trains.trial()])
 
     def trigger(self, count: int) -> None:
-        """Receive a train of triggers at the present angle of the probe; `advance` does the work.
-
-        Where there were fewer pulses of light than triggers, as in a train cut short, the light came with the first.
-        """
-        new = self._world.flashes[self._flashes :]
-        self._flashes = len(self._world.flashes)
-        # A shallow copy keeps its angle while the world's probe is turned further.
-        self._triggered.append(_Train(world=copy(self._world), flash=new[-1] if new else None, triggers=count))
+        """Receive a train of triggers at the present angle of the probe; `advance` does the work."""
+        self._triggered.append(self._trains.begin(count))
 
     def advance(self, now_s: float) -> None:
         """Write the files that are due at that time in seconds; the next one is written half.
@@ -192,7 +156,7 @@ class EmulatedSonixDaq:
         writing.written = max(due, writing.written)
         return share == 1.0
 
-    def _take_up(self, train: _Train) -> None:
+    def _take_up(self, train: Train) -> None:
         """Make the files of a train, or of all acquisitions that it completes; they are written in turn."""
         if self._counts is None:
             self._finish([train])
@@ -208,7 +172,7 @@ class EmulatedSonixDaq:
             self._counted = left
             self._finish(parts)
 
-    def _finish(self, parts: list[_Train]) -> None:
+    def _finish(self, parts: list[Train]) -> None:
         """Make the files of an acquisition, and queue them for writing."""
         fresh = self._acquisition(parts)
         files = self._previous if self._previous and (self.faults.stuck or self.faults.one_behind) else fresh
@@ -217,40 +181,15 @@ class EmulatedSonixDaq:
         if not self.faults.off:
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.delay_s))
 
-    def _acquisition(self, parts: list[_Train]) -> list[bytes]:
+    def _acquisition(self, parts: list[Train]) -> list[bytes]:
         """Channel files of the triggers of these trains, one after the other."""
-        pulses = np.concatenate([self._pulses(self._average(part), part.triggers) for part in parts])
+        pulses = np.concatenate([self._trains.pulses(part) for part in parts])
         files = []
         for number in range(wire.CHANNELS):
             other = {5: 6, 6: 5}.get(number, number) if self.faults.swapped else number
             data = wire.encode_file(pulses[:, wire.element_of_file(other)], number=other if self._numbered else None)
             files.append(self._rng.bytes(12) + data[12:] if self.faults.garbage else data)
         return files
-
-    def _average(self, part: _Train) -> Int16[np.ndarray, "channels samples"]:
-        """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
-        # Only the samples are used; the driver makes the header that the guard checks.
-        header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-        flash = part.flash
-        if flash is not None and flash.pulses < part.triggers:
-            flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
-        frame = part.world.frame(flash, header=header)
-        if not isinstance(frame, ChannelFrame):
-            raise ConfigError("sonixdaq: this world gives intensities only; emulate a world of frames")
-        return frame.samples
-
-    def _pulses(
-        self, averaged: Int16[np.ndarray, "channels samples"], count: int
-    ) -> Int16[np.ndarray, "pulses channels samples"]:
-        """Pulses that differ in pairs, by opposite amounts, so that their average stays exact."""
-        pulses = np.repeat(averaged[np.newaxis], count, axis=0)
-        for pair in range(count // 2):
-            apart = self._rng.integers(-_SPREAD_COUNTS, _SPREAD_COUNTS + 1, averaged.shape, dtype=np.int16)
-            # Near full scale no difference: a clipped pulse would change the average.
-            apart[np.abs(averaged) > _FULL_SCALE - _SPREAD_COUNTS] = 0
-            pulses[2 * pair] += apart
-            pulses[2 * pair + 1] -= apart
-        return pulses
 
     def _write(self, number: int, data: bytes) -> None:
         """Replace a file atomically, under a new inode, by which the driver recognises it as new."""

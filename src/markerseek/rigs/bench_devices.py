@@ -109,17 +109,21 @@ def guard_of(settings: BenchSettings) -> Guard:
     )
 
 
-def emulated(stage: Stage, laser: Laser) -> tuple[str, ...]:
-    """Names of the devices that say of themselves that they are emulators.
+def emulated(stage: Stage, laser: Laser, receiver: Receiver) -> tuple[str, ...]:
+    """Names of the devices that say of themselves that they are emulators, or simulated.
 
     Parameters
     ----------
-    stage, laser
+    stage, laser, receiver
         The connected devices.
     """
     box = isinstance(laser, LaserBox) and laser.identity == laserbox_wire.EMULATOR
     controller = isinstance(stage, Kdc101Stage) and stage.identity.emulated
-    return tuple(name for name, is_so in (("stage", controller), ("laser", box)) if is_so)
+    node = isinstance(stage, Ros2Stage) and stage.simulated
+    server = isinstance(receiver, PlusReceiver) and receiver.emulated
+    both = isinstance(receiver, Ros2Acquisition) and receiver.simulated
+    answers = (("stage", controller or node), ("laser", box or both), ("receiver", server or both))
+    return tuple(name for name, is_so in answers if is_so)
 
 
 def lines_of(settings: BenchSettings) -> list[Line]:
@@ -164,7 +168,7 @@ def acquisition_of(settings: BenchSettings, devices: OpenDevices, clock: Clock) 
         # `BenchSettings` has checked that they go together.
         assert isinstance(keys, RosReceiver)  # noqa: S101
         node = Ros2Acquisition(node=_node(devices), clock=clock, settings=keys)
-        return node, node, f"acquisition node on {keys.request_topic}"
+        return node, node, f"{'SIMULATED ' if node.simulated else ''}acquisition node on {keys.request_topic}"
     if isinstance(keys, PlusSettings):
         assert devices.plus is not None  # noqa: S101  `OpenDevices` connected it for these settings
         images = PlusReceiver(connection=devices.plus, clock=clock, settings=keys, dark_triggers=laser.pulses)

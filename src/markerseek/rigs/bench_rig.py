@@ -70,7 +70,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
-        emulated=emulated(stage, laser),
+        emulated=emulated(stage, laser, receiver),
     )
     return Rig(
         facts=with_probe(facts, imaging),

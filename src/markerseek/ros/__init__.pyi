@@ -1,5 +1,6 @@
 from . import messages, topics
-from .node import Network, RosNode, Security, local_transport
+from .node import Network, RosNode, local_transport
+from .security import Security
 from .stamps import MOST_AGE_S, MOST_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 
 __all__ = [

@@ -1,6 +1,6 @@
 """ROS 2 messages of a rig and of one acquisition, for running nodes and for logs.
 
-The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.node.Kinds`).
+The classes are passed in: those of rosbags for a log, those of rclpy for a node (`markerseek.ros.kinds.Kinds`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import msgspec
 import numpy as np
 
-from markerseek.core import Float32, Int16, PaImage, UInt8
+from markerseek.core import BModeFrame, Float32, Int16, PaImage, ScanGeometry, UInt8
+from markerseek.geometry import RigidTransform
 
 Kinds: TypeAlias = Mapping[str, Any]
 """Classes of messages by name."""
@@ -20,8 +21,11 @@ Kinds: TypeAlias = Mapping[str, Any]
 JOINT = "trus_roll"
 """Name of the joint."""
 
-HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
-"""Frames: the probe at 0 degrees, the probe, and the image (x along columns, y along rows, from the first pixel)."""
+HOME, PROBE, IMAGE, BMODE = "trus_home", "trus_probe", "trus_image", "trus_bmode"
+"""Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
+
+CAMERA, SIMULATED_CAMERA = "davinci_camera", "simulated_davinci_camera"
+"""Frame of the da Vinci camera, by whether its registration is simulated: a transform has no other place to say so."""
 
 RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
@@ -56,9 +60,15 @@ def joint_state(kinds: Kinds, *, time_s: float, angle_deg: float) -> Any:
 
 
 def transforms(
-    kinds: Kinds, *, time_s: float, angle_deg: float, image: PaImage | None, face_radius_m: float | None
+    kinds: Kinds,
+    *,
+    time_s: float,
+    angle_deg: float,
+    geometry: ScanGeometry | None,
+    face_radius_m: float | None,
+    frame: str = IMAGE,
 ) -> list[Any]:
-    """Transforms of the probe in its home frame, and of the image in the probe where the face radius is known.
+    """Transforms of the probe in its home frame, and of an image in the probe where the face radius is known.
 
     A list of geometry_msgs/TransformStamped.
     """
@@ -67,11 +77,21 @@ def transforms(
     turned = _transform(
         kinds, time_s, (HOME, PROBE), quaternion=(0.0, math.sin(half), 0.0, math.cos(half)), place_m=(0.0, 0.0, 0.0)
     )
-    if image is None or face_radius_m is None:
+    if geometry is None or face_radius_m is None:
         return [turned]
-    place_m = (0.0, float(image.lateral_m[0]), face_radius_m + float(image.depth_m[0]))
-    mounted = _transform(kinds, time_s, (PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
+    place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
+    mounted = _transform(kinds, time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
     return [turned, mounted]
+
+
+def registered(kinds: Kinds, davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
+    """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = map(float, Rotation.from_matrix(davinci_to_trus.rotation).as_quat())
+    place_x_m, place_y_m, place_z_m = map(float, davinci_to_trus.translation_m)
+    frames = HOME, SIMULATED_CAMERA if simulated else CAMERA
+    return _transform(kinds, time_s, frames, quaternion=(x, y, z, w), place_m=(place_x_m, place_y_m, place_z_m))
 
 
 def text(kinds: Kinds, content: Any) -> Any:
@@ -109,7 +129,7 @@ class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
 class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     """Answer of an acquisition node: first ``fired``, then ``frame``, or ``error``.
 
-    ``stamp_ns`` of a frame is the stamp of its channel data.
+    ``stamp_ns`` of a frame is the stamp of its channel data; ``simulated`` says that there was no light.
     """
 
     id: str
@@ -119,6 +139,13 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
     sampling_hz: float = 0.0
     stamp_ns: int = 0
     error: str = ""
+    simulated: bool = False
+
+
+class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
+    """What an acquisition node is."""
+
+    simulated: bool
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
@@ -141,6 +168,11 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
 def acquired_of(message: Any) -> Acquired | None:
     """Answer in a std_msgs/String; None if it holds none."""
     return _decoded(message.data, Acquired)
+
+
+def acquisition_state_of(message: Any) -> AcquisitionState | None:
+    """What an acquisition node is, from a std_msgs/String; None if it does not say."""
+    return _decoded(message.data, AcquisitionState)
 
 
 def request_of(message: Any) -> AcquireRequest | None:
@@ -233,6 +265,11 @@ def picture(kinds: Kinds, image: PaImage, *, time_s: float, brightest: float) ->
     return _image(kinds, grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
 
 
+def b_mode(kinds: Kinds, frame: BModeFrame, *, time_s: float) -> Any:
+    """Image message of a B-mode image, mono8, as the machine shows it."""
+    return _image(kinds, frame.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
+
+
 def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
     """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
     # The lower end is clipped before the logarithm, which has none of zero.
@@ -240,10 +277,10 @@ def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UI
     return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
 
 
-def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float) -> Any:
+def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float, frame: str = IMAGE) -> Any:
     rows, columns = pixels.shape
     return kinds["sensor_msgs/msg/Image"](
-        header=header(kinds, time_s=time_s, frame=IMAGE),
+        header=header(kinds, time_s=time_s, frame=frame),
         height=rows,
         width=columns,
         encoding=encoding,

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import array
-import importlib
 import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-
 from markerseek.core import ConfigError, MissingExtraError, RecordError
+from markerseek.ros.kinds import Kinds
 
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -30,102 +25,6 @@ def local_transport() -> str:
     if not any(name in os.environ for name in _PROFILES):
         os.environ.setdefault(_TRANSPORTS, "SHM")
     return os.environ.get(_TRANSPORTS, "that of the profiles file")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Security:
-    """Whether this process takes part in ROS 2 with keys (SROS 2), from its environment.
-
-    Attributes
-    ----------
-    enforced
-        Whether a node without keys is refused.
-    keystore
-        Folder of the keys; None if none is named.
-    """
-
-    enforced: bool
-    keystore: Path | None
-
-    @classmethod
-    def of_environment(cls) -> Security:
-        """As ROS 2 reads it."""
-        enabled = os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true"
-        keystore = os.environ.get("ROS_SECURITY_KEYSTORE")
-        return cls(
-            enforced=enabled and os.environ.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce",
-            keystore=None if keystore is None else Path(keystore),
-        )
-
-    def require(self, enclave: str) -> None:
-        """Refuse to start without keys.
-
-        Parameters
-        ----------
-        enclave
-            Name of the keys of this node, such as ``/markerseek/stage``.
-
-        Raises
-        ------
-        ConfigError
-            If security is not enforced, or there are no keys.
-        """
-        if not self.enforced:
-            raise ConfigError(
-                "--require-security: ROS 2 would start without keys; set ROS_SECURITY_ENABLE=true, "
-                "ROS_SECURITY_STRATEGY=Enforce and ROS_SECURITY_KEYSTORE"
-            )
-        folder = None if self.keystore is None else self.keystore / "enclaves" / enclave.strip("/")
-        missing = [
-            name
-            for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s")
-            if folder is None or not (folder / name).is_file()
-        ]
-        if missing:
-            raise ConfigError(
-                f"--require-security: there are no keys for {enclave} in {folder}: {', '.join(missing)} missing; "
-                "make them with: ros2 security create_enclave KEYSTORE ENCLAVE"
-            )
-
-
-class Kinds(Mapping[str, Any]):
-    """Classes of messages by name, imported when they are asked for; NumPy arrays become those of the message."""
-
-    def __init__(self) -> None:
-        self._classes: dict[str, Any] = {}
-
-    def __getitem__(self, name: str) -> Any:
-        kind = self.kind(name)
-        return lambda **fields: kind(**{key: _native(value) for key, value in fields.items()})
-
-    def kind(self, name: str) -> Any:
-        """The class itself; `KeyError` if its package is not installed."""
-        if name not in self._classes:
-            package, folder, member = name.split("/")
-            try:
-                self._classes[name] = getattr(importlib.import_module(f"{package}.{folder}"), member)
-            except (ImportError, AttributeError) as problem:
-                raise KeyError(name) from problem
-        return self._classes[name]
-
-    def has(self, name: str) -> bool:
-        """Whether the package of a message is installed."""
-        try:
-            self.kind(name)
-        except KeyError:
-            return False
-        return True
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._classes)
-
-    def __len__(self) -> int:
-        return len(self._classes)
-
-
-def _native(value: object) -> object:
-    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
-    return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
 class Network:
@@ -184,7 +83,7 @@ class RosNode:
     name
         Its name, without a namespace.
     parameters
-        Read-only parameters, such as limits.
+        Read-only parameters, such as limits; None for a node that only asks others, which has no services of its own.
     on_active
         Called with True and False when somebody activates or deactivates it.
     enclave
@@ -231,7 +130,15 @@ class RosNode:
                 return TransitionCallbackReturn.SUCCESS
 
         try:
-            self._node = _Node(name, context=self.network.context)
+            # Each service costs in every wait, and who has no parameters serves nobody.
+            serves = parameters is not None
+            self._node = _Node(
+                name,
+                context=self.network.context,
+                enable_communication_interface=serves,
+                start_parameter_services=serves,
+                enable_rosout=False,
+            )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
         self._declare(parameters or {})

@@ -17,11 +17,21 @@ OPERATING_STATE = "/TRUS/operating_state"
 ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
 """Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""
 
+ACQUISITION_STATE = "/TRUS/pa/state"
+"""What an acquisition node is, latched: std_msgs/String with JSON, ``simulated``."""
+
 FRAMES = "/tf"
 """tf2_msgs/TFMessage where it is installed, else geometry_msgs/TransformStamped."""
 
 PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
 """Photoacoustic image to be looked at (mono8) and to be calculated with (32FC1): sensor_msgs/Image."""
+
+BMODE = "/TRUS/bmode/image"
+"""B-mode image of the machine: sensor_msgs/Image, mono8."""
+
+REGISTRATION, STATIC_FRAMES = "/pa_search/registration", "/tf_static"
+"""The camera of the da Vinci system in the home frame of the probe, latched, as geometry_msgs/TransformStamped, and for
+tf2 with the type of `FRAMES`."""
 
 BANK, SAMPLE, INTENSITY = "/pa_search/bank", "/pa_search/sample", "/pa_search/intensity"
 """What is known of the rig, latched; each acquisition as JSON; its intensity as std_msgs/Float64."""

@@ -9,6 +9,7 @@ from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, re
 from .recheck import samples_to_recheck
 from .recompute import differences
 from .registration import UNDER_M, PointPair, PointReport, RegistrationReport, register_pairs
+from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
 from .session import Session, new_session, plan_on, resumed_session
@@ -26,6 +27,7 @@ __all__ = [
     "MARKER_PLACES",
     "UNDER_M",
     "Calibration",
+    "KnownRegistration",
     "PointPair",
     "PointReport",
     "PointRow",
@@ -50,6 +52,7 @@ __all__ = [
     "plan_on",
     "read_marker",
     "read_points",
+    "read_registration",
     "read_stereo",
     "rebuild_policy",
     "rebuild_reader",

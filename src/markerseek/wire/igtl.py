@@ -16,6 +16,7 @@ from typing import Literal
 from markerseek.core import ConfigError, DeviceError, is_finite
 from markerseek.wire.igtl_contents import (
     BUSY,
+    EMULATOR,
     HARDWARE_FAILURE,
     MOST_TEXT_BYTES,
     NOT_READY,
@@ -37,6 +38,7 @@ from markerseek.wire.igtl_packing import HEADER_BYTES, KINDS, character_set, crc
 
 __all__ = [
     "BUSY",
+    "EMULATOR",
     "HARDWARE_FAILURE",
     "HEADER_BYTES",
     "KINDS",

@@ -15,6 +15,9 @@ MOST_TEXT_BYTES = 0xFFFF
 COMMAND_NAME_BYTES, STATUS_NAME_BYTES = 128, 20
 """Longest name of a COMMAND, and of a STATUS."""
 
+EMULATOR = "simulated by markerseek"
+"""What an emulated server says of itself in a STATUS, and in the metadata ``emulator`` of its images."""
+
 OK, UNKNOWN_ERROR, BUSY, NOT_READY, HARDWARE_FAILURE = 1, 2, 6, 13, 18
 """Codes of a STATUS."""
 

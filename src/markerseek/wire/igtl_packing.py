@@ -14,29 +14,14 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import ConfigError, MissingExtraError
-from markerseek.wire.igtl_contents import (
-    COMMAND_NAME_BYTES,
-    SCALARS,
-    STATUS_NAME_BYTES,
-    Command,
-    Content,
-    Image,
-    Other,
-    Point,
-    Points,
-    Position,
-    Reply,
-    Status,
-    Text,
-    Transform,
-)
+from markerseek.wire import igtl_contents as contents
 
 HEADER_BYTES = 58
 """Length of the header of each message."""
 
 _STRING = struct.Struct(">HH")
-_STATUS = struct.Struct(f">Hq{STATUS_NAME_BYTES}s")
-_COMMAND = struct.Struct(f">I{COMMAND_NAME_BYTES}sHI")
+_STATUS = struct.Struct(f">Hq{contents.STATUS_NAME_BYTES}s")
+_COMMAND = struct.Struct(f">I{contents.COMMAND_NAME_BYTES}sHI")
 _POSITION = struct.Struct(">7f")
 _IMAGE = struct.Struct(">HBBBB3H12f3H3H")
 _TRANSFORM_BYTES, _POINT_BYTES = 48, 136
@@ -60,87 +45,87 @@ def text_of(data: bytes, number: int) -> str:
     raise ConfigError(f"its character set has the number {number}; send ASCII (3) or UTF-8 (106)")
 
 
-def pack(content: Content) -> bytes:
+def pack(content: contents.Content) -> bytes:
     """A content as bytes."""
     match content:
-        case Transform():
+        case contents.Transform():
             return _by_pyigtl(_pyigtl().TransformMessage(content.matrix, timestamp=0.0))
-        case Image():
+        case contents.Image():
             pixels = content.pixels
             return _by_pyigtl(_pyigtl().ImageMessage(pixels, content.matrix, content.system, timestamp=0.0))
-        case Points():
+        case contents.Points():
             return b"".join(map(_point, content.points))
-        case Position():
+        case contents.Position():
             return _POSITION.pack(*content.position_mm, *content.quaternion)
-        case Text():
+        case contents.Text():
             data = content.text.encode()
             return _STRING.pack(character_set(content.text), len(data)) + data
-        case Status():
+        case contents.Status():
             head = _STATUS.pack(content.code, content.subcode, content.name.encode())
             return head + content.message.encode() + b"\0"
-        case Command():  # and its answer
+        case contents.Command():  # and its answer
             data = content.text.encode()
             head = _COMMAND.pack(content.number, content.name.encode(), character_set(content.text), len(data))
             return head + data
-        case Other():
+        case contents.Other():
             return b""
 
 
-def _point(point: Point) -> bytes:
+def _point(point: contents.Point) -> bytes:
     message = _pyigtl().PointMessage(
         [point.position_mm], names=[point.name], groups=[point.group], diameters=[point.diameter_mm], timestamp=0.0
     )
     return _by_pyigtl(message)
 
 
-def unpack(kind: str, content: bytes) -> Content:
+def unpack(kind: str, content: bytes) -> contents.Content:
     """Content of a message of that type; `ConfigError` or UnicodeDecodeError if its bytes are none."""
     known = _UNPACK.get(kind)
-    return Other(kind=kind) if known is None else known(content)
+    return contents.Other(kind=kind) if known is None else known(content)
 
 
-def _transform(content: bytes) -> Transform:
+def _transform(content: bytes) -> contents.Transform:
     _require_size("TRANSFORM", content, _TRANSFORM_BYTES)
     message = _pyigtl().TransformMessage()
     message.unpack(_PLAIN, content)
-    return Transform(matrix=np.asarray(message.matrix, dtype=np.float64))
+    return contents.Transform(matrix=np.asarray(message.matrix, dtype=np.float64))
 
 
-def _image(content: bytes) -> Image:
+def _image(content: bytes) -> contents.Image:
     if len(content) < _IMAGE.size:
         raise ConfigError(f"{len(content)} bytes, the head of an IMAGE has {_IMAGE.size}")
     _, components, scalar, order, system, *rest = _IMAGE.unpack_from(content)
     size, first, part = rest[:3], rest[15:18], rest[18:]
-    if components != 1 or scalar not in SCALARS or order not in (1, 2) or system not in (1, 2):
+    if components != 1 or scalar not in contents.SCALARS or order not in (1, 2) or system not in (1, 2):
         raise ConfigError(
             f"an IMAGE with {components} components, scalar type {scalar}, byte order {order} and coordinate system "
             f"{system}; send one component of a known type, byte order 1 or 2, system 1 or 2"
         )
     if first != [0, 0, 0] or part != size or 0 in size:
         raise ConfigError(f"an IMAGE of the size {size} with the part {part} at {first}; send it whole")
-    expected = _IMAGE.size + math.prod(size) * SCALARS[scalar].itemsize
+    expected = _IMAGE.size + math.prod(size) * contents.SCALARS[scalar].itemsize
     _require_size(f"IMAGE of the size {size}", content, expected)
     message = _pyigtl().ImageMessage()
     message.unpack(_PLAIN, content)
-    pixels = message.image.astype(SCALARS[scalar], copy=False)
-    return Image(pixels=pixels, matrix=message.ijk_to_world_matrix, system="ras" if system == 1 else "lps")
+    pixels = message.image.astype(contents.SCALARS[scalar], copy=False)
+    return contents.Image(pixels=pixels, matrix=message.ijk_to_world_matrix, system="ras" if system == 1 else "lps")
 
 
-def _points(content: bytes) -> Points:
+def _points(content: bytes) -> contents.Points:
     if len(content) % _POINT_BYTES:
         raise ConfigError(f"{len(content)} bytes, each POINT has {_POINT_BYTES}")
     message = _pyigtl().PointMessage()
     message.unpack(_PLAIN, content)
     values = zip(message.names, message.groups, message.positions, message.diameters, strict=True)
-    return Points(
+    return contents.Points(
         points=tuple(
-            Point(name=name, group=group, position_mm=position, diameter_mm=diameter)
+            contents.Point(name=name, group=group, position_mm=position, diameter_mm=diameter)
             for name, group, position, diameter in values
         )
     )
 
 
-def _position(content: bytes) -> Position:
+def _position(content: bytes) -> contents.Position:
     # The standard allows a position alone, and one with three numbers of a unit quaternion.
     if len(content) not in (12, 24, _POSITION.size):
         raise ConfigError(f"{len(content)} bytes, a POSITION has 12, 24 or {_POSITION.size}")
@@ -148,34 +133,34 @@ def _position(content: bytes) -> Position:
     position, turned = values[:3], values[3:]
     if len(turned) == 3:
         turned = (*turned, math.sqrt(max(0.0, 1 - sum(value**2 for value in turned))))
-    return Position(position_mm=position, quaternion=turned or (0.0, 0.0, 0.0, 1.0))
+    return contents.Position(position_mm=position, quaternion=turned or (0.0, 0.0, 0.0, 1.0))
 
 
-def _string(content: bytes) -> Text:
+def _string(content: bytes) -> contents.Text:
     if len(content) < _STRING.size:
         raise ConfigError(f"{len(content)} bytes, the head of a STRING has {_STRING.size}")
     number, size = _STRING.unpack_from(content)
     _require_size("STRING", content, _STRING.size + size)
-    return Text(text=text_of(content[_STRING.size :], number))
+    return contents.Text(text=text_of(content[_STRING.size :], number))
 
 
-def _status(content: bytes) -> Status:
+def _status(content: bytes) -> contents.Status:
     if len(content) < _STATUS.size:
         raise ConfigError(f"{len(content)} bytes, the head of a STATUS has {_STATUS.size}")
     code, subcode, name = _STATUS.unpack_from(content)
     message = content[_STATUS.size :]
-    return Status(code=code, subcode=subcode, name=_c_text(name), message=_c_text(message))
+    return contents.Status(code=code, subcode=subcode, name=_c_text(name), message=_c_text(message))
 
 
-def _command(content: bytes) -> Command:
-    return _command_of(content, Command)
+def _command(content: bytes) -> contents.Command:
+    return _command_of(content, contents.Command)
 
 
-def _reply(content: bytes) -> Command:
-    return _command_of(content, Reply)
+def _reply(content: bytes) -> contents.Command:
+    return _command_of(content, contents.Reply)
 
 
-def _command_of(content: bytes, kind: type[Command]) -> Command:
+def _command_of(content: bytes, kind: type[contents.Command]) -> contents.Command:
     if len(content) < _COMMAND.size:
         raise ConfigError(f"{len(content)} bytes, the head of a {kind.kind} has {_COMMAND.size}")
     number, name, encoding, size = _COMMAND.unpack_from(content)
@@ -192,7 +177,7 @@ def _require_size(what: str, content: bytes, size: int) -> None:
         raise ConfigError(f"{len(content)} bytes, a {what} has {size}")
 
 
-_UNPACK: dict[str, Callable[[bytes], Content]] = {
+_UNPACK: dict[str, Callable[[bytes], contents.Content]] = {
     "TRANSFORM": _transform,
     "IMAGE": _image,
     "POINT": _points,

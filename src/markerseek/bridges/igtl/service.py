@@ -14,6 +14,7 @@ from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches
 from markerseek.core import ConfigError, RecordError, SearchError
 from markerseek.records.stream import StreamItem
+from markerseek.runs import KnownRegistration
 
 ALIVE_S = 1.0
 """Time from one sign of life to the next, in seconds."""
@@ -31,6 +32,8 @@ class SearchService:
         Starts them; None where a recording is played, and no search can be asked for.
     recording
         Name of the recording.
+    registration
+        Of the da Vinci system to the probe, to be shown.
     version
         As of `IgtlServer`.
     on_note
@@ -42,11 +45,12 @@ class SearchService:
         searches: Searches | None,
         *,
         recording: str | None = None,
+        registration: KnownRegistration | None = None,
         version: Literal[1, 2] = 2,
         on_note: Callable[[str], None],
     ) -> None:
         self._searches, self._on_note = searches, on_note
-        self._streams = Streams(recording=recording)
+        self._streams = Streams(recording=recording, registration=registration)
         self.server = IgtlServer(on_request=self._requested, version=version, on_note=on_note)
         self._following: asyncio.Task[None] | None = None
         self._alive: asyncio.Task[None] | None = None
@@ -117,13 +121,10 @@ class SearchService:
         loop = asyncio.get_running_loop()
         self._begin()
         items = recording.items()
-        due_s, before_s = loop.time(), None
+        began_s = loop.time()
         while (timed := await asyncio.to_thread(next, items, None)) is not None:
-            time_s, item = timed
-            # The clock of a run that was resumed in another process starts again.
-            due_s += pace * max(0.0, time_s - (time_s if before_s is None else before_s))
-            before_s = time_s
-            await asyncio.sleep(due_s - loop.time())
+            after_s, item = timed
+            await asyncio.sleep(began_s + pace * after_s - loop.time())
             await self._show(item)
         self._publish(self._streams.ended(recording.outcome))
 

@@ -1,8 +1,8 @@
 """What a search, or a recording, shows on OpenIGTLink: pure, contents of messages made from its events.
 
-TRANSFORM ``ProbeToProbeHome``, IMAGE ``PA_Reference``, POINT ``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING
-``SearchState``, STATUS ``PaSearch``. Lengths are in millimetres. Reference is ProbeHome, the frame of the probe at 0
-degrees, as long as nothing is registered to another.
+TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToTrus``, IMAGE ``PA_Reference`` and ``BMode_Reference``, POINT
+``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch``. Lengths are in
+millimetres. Reference and Trus are ProbeHome, the frame of the probe at 0 degrees.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from markerseek.bridges.child import Outcome
 from markerseek.core import (
     AcquisitionError,
     Asked,
+    BModeFrame,
     ChannelFrame,
     Failed,
     Finished,
     Measured,
-    PaImage,
     Refused,
     Sample,
     Started,
@@ -31,7 +31,7 @@ from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Checked, Interrupted
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.ros import messages
-from markerseek.runs import rebuild_reader
+from markerseek.runs import KnownRegistration, rebuild_reader
 from markerseek.signals import ImageReader
 from markerseek.wire import igtl
 
@@ -54,16 +54,20 @@ class Streams:
     ----------
     recording
         Name of the recording that is played; None where searches run.
+    registration
+        Of the da Vinci system to the probe; None where none is known.
     """
 
-    def __init__(self, *, recording: str | None = None) -> None:
-        self._recording = recording
+    def __init__(self, *, recording: str | None = None, registration: KnownRegistration | None = None) -> None:
+        self._recording, self._registration = recording, registration
         self._begin({"state": "idle"})
 
     def _begin(self, state: dict[str, Any]) -> None:
         self._state = state
         if self._recording is not None:
             self._state["recording"] = self._recording
+        if self._registration is not None:
+            self._state["registration"] = self._registration.known
         self._code, self._name, self._sentence = igtl.OK, "IDLE", "no search runs"
         self._imaging: ImageReader | None = None
         self._face_radius_m: float | None = None
@@ -71,8 +75,11 @@ class Streams:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Sent with each message: kind of the rig and name of a recording, so that neither seems a live bench."""
-        return {name: str(self._state[name]) for name in ("rig", "recording") if name in self._state}
+        """Sent with each message: kind of the rig, name of a recording, kind of the registration: what is no bench."""
+        known: dict[str, str] = {name: str(self._state[name]) for name in ("rig", "recording") if name in self._state}
+        if self._registration is not None:
+            known["registration"] = "simulated" if self._registration.simulated else "measured"
+        return known
 
     @property
     def status(self) -> Stream:
@@ -82,7 +89,14 @@ class Streams:
 
     def idle(self) -> list[Stream]:
         """Before the first search."""
-        return [self.status, self._said()]
+        return [self.status, self._said(), *self._registered()]
+
+    def _registered(self) -> list[Stream]:
+        if self._registration is None:
+            return []
+        matrix = self._registration.davinci_to_trus.matrix
+        matrix[:3, 3] *= 1e3
+        return [Stream(device="DaVinciToTrus", content=igtl.Transform(matrix=matrix))]
 
     def started(self) -> list[Stream]:
         """A search, or a recording, begins."""
@@ -146,8 +160,15 @@ class Streams:
         return Stream(device="ProbeToProbeHome", content=igtl.Transform(matrix=probe_to_probe_home(angle_deg)))
 
     def _pictured(self, sample: Sample) -> list[Stream]:
-        """The image of an acquisition, in shades of decibels, at its place."""
-        if self._imaging is None or self._face_radius_m is None or not isinstance(sample.frame, ChannelFrame):
+        """The image of an acquisition at its place: a photoacoustic one in shades of decibels, B-mode as it is."""
+        if self._face_radius_m is None:
+            return []
+        placed = probe_to_probe_home(sample.angle_deg)
+        if isinstance(sample.frame, BModeFrame):
+            matrix = placed @ image_to_probe(sample.frame.geometry, face_radius_m=self._face_radius_m)
+            b_mode = igtl.Image(pixels=sample.frame.pixels[np.newaxis], matrix=matrix)
+            return [Stream(device="BMode_Reference", content=b_mode)]
+        if self._imaging is None or not isinstance(sample.frame, ChannelFrame):
             return []
         try:
             image = self._imaging.picture(sample.frame)
@@ -156,7 +177,8 @@ class Streams:
             return []
         self._brightest = max(self._brightest, float(image.envelope.max()))
         shades = messages.grey(image.envelope, brightest=self._brightest)
-        return [Stream(device="PA_Reference", content=_image(image, shades, sample.angle_deg, self._face_radius_m))]
+        matrix = placed @ image_to_probe(image.geometry, face_radius_m=self._face_radius_m)
+        return [Stream(device="PA_Reference", content=igtl.Image(pixels=shades[np.newaxis], matrix=matrix))]
 
     def ended(self, outcome: Outcome | None) -> list[Stream]:
         """The search has ended, or a recording, which may have no outcome."""
@@ -203,8 +225,3 @@ _STATUS = {
     143: (igtl.OK, "STOPPED"),
 }
 """Code and name of a STATUS by the exit code of a search; any other is a fault."""
-
-
-def _image(image: PaImage, shades: np.ndarray[Any, Any], angle_deg: float, face_radius_m: float) -> igtl.Image:
-    placed = probe_to_probe_home(angle_deg) @ image_to_probe(image, face_radius_m=face_radius_m)
-    return igtl.Image(pixels=shades[np.newaxis], matrix=placed)

@@ -1,7 +1,7 @@
 from .acquisition_node import AcquisitionNode
 from .interrupted import Interrupted
 from .player import play
-from .recorded_series import RecordedSeries
+from .sample_topics import publish_registration
 from .search_node import SearchNode
 from .serving import Beat, Served, serve
 from .stage_node import PlainTopics, StageNode
@@ -11,10 +11,10 @@ __all__ = [
     "Beat",
     "Interrupted",
     "PlainTopics",
-    "RecordedSeries",
     "SearchNode",
     "Served",
     "StageNode",
     "play",
+    "publish_registration",
     "serve",
 ]

@@ -68,6 +68,8 @@ class AcquisitionNode:
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
         node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
         node.subscribe(topics.ACQUIRE, _TEXT, self._on_request)
+        state = messages.text(node.kinds, messages.AcquisitionState(simulated=simulated))
+        node.publish(topics.ACQUISITION_STATE, _TEXT, state, latched=True)
 
     def _on_request(self, message: Any) -> None:
         request = messages.request_of(message)
@@ -176,7 +178,7 @@ class AcquisitionNode:
 
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:
         self._errors += step == "error"
-        answer = messages.Acquired(id=request.id, step=step, error=error, **facts)
+        answer = messages.Acquired(id=request.id, step=step, error=error, simulated=self._simulated, **facts)
         self.node.publish(topics.ACQUIRED, _TEXT, messages.text(self.node.kinds, answer))
 
     def _make_safe(self) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from markerseek.bridges.ros2.recorded_series import RecordedSeries
+from markerseek.bridges.recordings import Recording
 from markerseek.bridges.ros2.sample_topics import SampleTopics
-from markerseek.core import require_range
+from markerseek.core import Measured, require_range
+from markerseek.records.stream import StreamEvent, StreamHead
 from markerseek.ros import RosNode, messages, topics
 
 _FIND_S = 2.0
@@ -26,7 +27,7 @@ def _wait_for_subscribers(node: RosNode) -> None:
         node.spin(0.05)
 
 
-def play(recording: RecordedSeries, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
+def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[], bool]) -> int:
     """Publish the acquisitions of a recording; returns their number.
 
     Parameters
@@ -46,25 +47,22 @@ def play(recording: RecordedSeries, node: RosNode, *, pace: float, until: Callab
         If the pace cannot be used.
     """
     require_range("pace", pace, low=0, high=100)
-    series = recording.series
     publisher = SampleTopics(node=node, publishes_angle=True)
     node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
-    publisher.begin(
-        {"played": True, "angles": len(series.angles_deg), **series.known},
-        imaging=recording.imaging,
-        face_radius_m=series.facts.face_radius_m,
-    )
-    _wait_for_subscribers(node)
     began_s, played = node.now_s(), 0
-    for sample in recording.samples():
-        while (left_s := began_s + pace * sample.after_s - node.now_s()) > 0 and not until():
+    for after_s, item in recording.items():
+        while (left_s := began_s + pace * after_s - node.now_s()) > 0 and not until():
             node.spin(min(left_s, 0.1))
         if until():
             break
-        publisher.publish(
-            angle_deg=sample.angle_deg, intensity=sample.intensity, frame=sample.frame, lit=True, played=True
-        )
-        played += 1
+        match item:
+            case StreamHead():
+                publisher.begin(item, played=True, recording=recording.name)
+                _wait_for_subscribers(node)
+                began_s = node.now_s()
+            case StreamEvent(event=Measured() as event):
+                publisher.publish(event, played=True)
+                played += 1
         node.spin(0.0)
     result = messages.text(node.kinds, {"state": "played", "acquisitions": played})
     node.publish(topics.RESULT, "std_msgs/msg/String", result, latched=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
-from markerseek.core import ChannelFrame, Frame, PaImage
+from markerseek.core import BModeFrame, ChannelFrame, Measured, ScanGeometry
+from markerseek.records.stream import StreamHead
 from markerseek.ros import RosNode, messages, topics
+from markerseek.runs import KnownRegistration, rebuild_reader
 from markerseek.signals import ImageReader
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
@@ -37,62 +39,88 @@ class SampleTopics:
             (topics.INTENSITY, "std_msgs/msg/Float64"),
             (topics.ENVELOPE, "sensor_msgs/msg/Image"),
             (topics.PICTURE, "sensor_msgs/msg/Image"),
+            (topics.BMODE, "sensor_msgs/msg/Image"),
         ):
             node.advertise(topic, kind)
 
-    def begin(self, known: Mapping[str, object], *, imaging: ImageReader | None, face_radius_m: float | None) -> None:
+    def begin(self, head: StreamHead, **facts: object) -> None:
         """Begin a run or a recording.
 
         Parameters
         ----------
-        known
-            What is known of it; published as JSON, and kept for subscribers that come later.
-        imaging
-            Makes the images; None where there are intensities only.
-        face_radius_m
-            Distance of the array's face from the axis of rotation in metres; None where it is not known.
+        head
+            Its configuration; published as JSON, and kept for subscribers that come later.
+        facts
+            More for that JSON.
         """
-        self._imaging, self._face_radius_m, self._brightest = imaging, face_radius_m, 0.0
-        message = messages.text(self._node.kinds, {**known, "picture_range_db": messages.RANGE_DB})
+        configuration = head.configuration
+        reader = rebuild_reader(configuration)
+        self._imaging = reader if isinstance(reader, ImageReader) else None
+        self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
+        known = configuration.flat()
+        # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
+        known.pop("recipe")
+        message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
         self._node.publish(topics.BANK, _TEXT, message, latched=True)
 
-    def publish(self, *, angle_deg: float, intensity: float, frame: Frame | None, lit: bool, **facts: object) -> None:
+    def publish(self, event: Measured, **facts: object) -> None:
         """Publish one acquisition, stamped now.
 
         Parameters
         ----------
-        angle_deg, intensity
-            Where it was taken, in degrees, and its intensity.
-        frame
-            Its frame, to make an image of; None where it is not at hand.
-        lit
-            Whether it was taken with light: a dark frame has no intensity to be plotted.
+        event
+            The acquisition; an image is made of its frame where it has one.
         facts
             More for the JSON of the sample.
         """
+        sample = event.sample
+        angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
         node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
         image = None
         if isinstance(frame, ChannelFrame) and self._imaging is not None:
             image = self._imaging.picture(frame)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, _JOINT, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
-        self._publish_transforms(angle_deg, image, now_s)
+        if isinstance(frame, BModeFrame):
+            self._publish_transforms(angle_deg, frame.geometry, messages.BMODE, now_s)
+            node.publish(topics.BMODE, "sensor_msgs/msg/Image", messages.b_mode(kinds, frame, time_s=now_s))
+        else:
+            self._publish_transforms(angle_deg, None if image is None else image.geometry, messages.IMAGE, now_s)
         if image is not None:
             self._brightest = max(self._brightest, float(image.envelope.max()))
             node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
             # White is the brightest so far: what will come is not known.
             picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest or 1.0)
             node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
-        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, **facts}
-        node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, content))
-        if lit:
+        content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, "index": event.index}
+        said = {**content, "role": event.role, **facts}
+        node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, said))
+        if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, "std_msgs/msg/Float64", messages.number(kinds, intensity))
 
-    def _publish_transforms(self, angle_deg: float, image: PaImage | None, now_s: float) -> None:
-        kinds = self._node.kinds
+    def _publish_transforms(self, angle_deg: float, geometry: ScanGeometry | None, frame: str, now_s: float) -> None:
         turned = messages.transforms(
-            kinds, time_s=now_s, angle_deg=angle_deg, image=image, face_radius_m=self._face_radius_m
+            self._node.kinds,
+            time_s=now_s,
+            angle_deg=angle_deg,
+            geometry=geometry,
+            face_radius_m=self._face_radius_m,
+            frame=frame,
         )
-        kind = messages.frames_kind(kinds)
-        for message in [kinds[kind](transforms=turned)] if kind == messages.FRAMES_KIND else turned:
-            self._node.publish(topics.FRAMES, kind, message)
+        publish_frames(self._node, topics.FRAMES, turned)
+
+
+def publish_frames(node: RosNode, topic: str, transforms: list[Any], *, latched: bool = False) -> None:
+    """Publish transforms on ``/tf`` or ``/tf_static``, in one message where tf2_msgs is installed."""
+    kind = messages.frames_kind(node.kinds)
+    for message in [node.kinds[kind](transforms=transforms)] if kind == messages.FRAMES_KIND else transforms:
+        node.publish(topic, kind, message, latched=latched)
+
+
+def publish_registration(node: RosNode, registration: KnownRegistration) -> None:
+    """Publish a registration, kept for subscribers that come later."""
+    message = messages.registered(
+        node.kinds, registration.davinci_to_trus, time_s=node.now_s(), simulated=registration.simulated
+    )
+    node.publish(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", message, latched=True)
+    publish_frames(node, topics.STATIC_FRAMES, [message], latched=True)

@@ -14,8 +14,6 @@ from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
 from markerseek.records.journal import Checked
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import rebuild_reader
-from markerseek.signals import ImageReader
 
 _TEXT = "std_msgs/msg/String"
 _DIAGNOSE_S = 1.0
@@ -113,39 +111,16 @@ class SearchNode:
     def _publish(self, item: StreamItem | Outcome) -> None:
         match item:
             case StreamHead():
-                self._begin(item)
+                self._topics.begin(item)
             case StreamEvent(event=event):
                 self._counts["lost lines"] += item.lost_lines
                 self._counts["lost frames"] += item.lost_frames
                 if isinstance(event, Measured):
-                    self._publish_sample(event)
+                    self._counts["acquisitions"] += 1
+                    self._topics.publish(event)
                 self._counts["refused"] += isinstance(event, Refused | Failed | Checked)
             case Outcome():
                 self._end(item)
-
-    def _begin(self, head: StreamHead) -> None:
-        configuration = head.configuration
-        reader = rebuild_reader(configuration)
-        known = configuration.flat()
-        # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
-        known.pop("recipe")
-        self._topics.begin(
-            known,
-            imaging=reader if isinstance(reader, ImageReader) else None,
-            face_radius_m=configuration.facts.face_radius_m,
-        )
-
-    def _publish_sample(self, event: Measured) -> None:
-        self._counts["acquisitions"] += 1
-        sample = event.sample
-        self._topics.publish(
-            angle_deg=sample.angle_deg,
-            intensity=sample.reading.intensity,
-            frame=sample.frame,
-            lit=not sample.dark,
-            role=event.role,
-            index=event.index,
-        )
 
     def _end(self, outcome: Outcome) -> None:
         self._child, self.outcome = None, outcome

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from markerseek.core import Float64, PaImage
+from markerseek.core import Float64, PaImage, ScanGeometry
 
 TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.
@@ -52,18 +52,18 @@ def transducer_to_probe(*, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
     return matrix
 
 
-def image_to_transducer(image: PaImage) -> Float64[np.ndarray, "4 4"]:
+def image_to_transducer(geometry: ScanGeometry) -> Float64[np.ndarray, "4 4"]:
     """Pixels (column, row, 0) to millimetres from the middle of the array's face: the column along x, the row along y.
 
     The third axis is one millimetre long.
     """
-    across, down = spacing_m(image)
-    matrix = np.diag((1e3 * across, 1e3 * down, 1.0, 1.0))
-    matrix[:2, 3] = 1e3 * image.lateral_m[0], 1e3 * image.depth_m[0]
+    matrix = np.diag((1e3 * geometry.lateral_step_m, 1e3 * geometry.depth_step_m, 1.0, 1.0))
+    matrix[:2, 3] = 1e3 * geometry.first_lateral_m, 1e3 * geometry.first_depth_m
     return matrix
 
 
-def image_to_probe(image: PaImage, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
+def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
     """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation."""
-    matrix: Float64[np.ndarray, "4 4"] = transducer_to_probe(face_radius_m=face_radius_m) @ image_to_transducer(image)
+    to_probe = transducer_to_probe(face_radius_m=face_radius_m)
+    matrix: Float64[np.ndarray, "4 4"] = to_probe @ image_to_transducer(geometry)
     return matrix

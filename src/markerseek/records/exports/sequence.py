@@ -88,7 +88,7 @@ def _header(image: PaImage, series: Series) -> str:
         transforms = {"ProbeToProbeHome": probe_to_probe_home(angle_deg)}
         if radius_m is not None:
             # Without the face radius this transform would be wrong by it, so that it is left out.
-            transforms["ImageToProbe"] = image_to_probe(image, face_radius_m=radius_m)
+            transforms["ImageToProbe"] = image_to_probe(image.geometry, face_radius_m=radius_m)
         for name, matrix in transforms.items():
             lines.append(f"{frame}_{name}Transform = {' '.join(f'{value:.12g}' for value in matrix.flat)}")
             lines.append(f"{frame}_{name}TransformStatus = OK")

@@ -1,0 +1,121 @@
+"""``markerseek ros2 stage`` and ``markerseek ros2 acquire``: the devices of a rig as ROS 2 nodes."""
+
+from __future__ import annotations
+
+import math
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from markerseek.cli.ros2_nodes import (
+    PlainCommand,
+    PlainReached,
+    PlainUnit,
+    RequireSecurity,
+    follow_lifecycle,
+    plain_topics,
+    ros_node,
+    serve_until_stopped,
+)
+from markerseek.core import ConfigError
+
+if TYPE_CHECKING:
+    from markerseek.bridges.ros2 import PlainTopics, Served
+    from markerseek.drivers import BenchSettings
+
+_Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
+_Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
+
+
+def stage(
+    rig: _Bench,
+    arm: _Arm = False,
+    plain_command: PlainCommand = None,
+    plain_reached: PlainReached = None,
+    plain_unit: PlainUnit = "rad",
+    require_security: RequireSecurity = False,
+) -> None:
+    """Serve the stage of a rig to any client, under limits and a guard of its own."""
+    _serve_part(
+        "stage", rig, arm=arm, plain=plain_topics(plain_command, plain_reached, plain_unit), keys=require_security
+    )
+
+
+def acquire(rig: _Bench, arm: _Arm = False, require_security: RequireSecurity = False) -> None:
+    """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
+    _serve_part("acquisition", rig, arm=arm, plain=None, keys=require_security)
+
+
+def _serve_part(
+    part: Literal["stage", "acquisition"], rig: Path, *, arm: bool, plain: PlainTopics | None, keys: bool
+) -> None:
+    """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
+    from markerseek.bridges.ros2 import AcquisitionNode, Beat, StageNode
+    from markerseek.cli.open_rig import NOT_ARMED, person, print_permissions
+    from markerseek.cli.terminal import stderr, stdout
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import bench_part, read_rig_file
+
+    settings = read_rig_file(rig)
+    if not isinstance(settings, BenchSettings):
+        raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {rig}")
+    beat = Beat()
+    with ExitStack() as opened:
+        held = bench_part(settings, part, beat=beat)
+        opened.callback(held.devices.close)
+        stderr.print(held.description, markup=False)
+        print_permissions(settings)
+        question = f"Arm the {part} and let programs on this network use it?"
+        # Only a person at a terminal is asked, and no message arms anything.
+        if not arm and not (sys.stdin.isatty() and typer.confirm(question, default=False, err=True)):
+            stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+            raise typer.Exit(NOT_ARMED)
+        made = ros_node(f"trus_{part}", _limits(settings), require_security=keys, on_active=follow_lifecycle(beat, 0))
+        node = opened.enter_context(made)
+        held.arm(by=person())
+        dead_man = held.devices.supervisor
+        served: Served
+        if held.stage is not None:
+            served = StageNode(
+                node=node,
+                stage=held.stage,
+                guard=held.guard,
+                clock=held.clock,
+                by=person(),
+                plain=plain,
+                dead_man=dead_man,
+            )
+        else:
+            assert held.laser is not None  # noqa: S101  a part is one or the other
+            assert held.receiver is not None  # noqa: S101
+            served = AcquisitionNode(
+                node=node,
+                laser=held.laser,
+                receiver=held.receiver,
+                guard=held.guard,
+                clock=held.clock,
+                by=person(),
+                dead_man=dead_man,
+            )
+        beat.served = [served]
+        stdout.print(f"the {part} is armed and served; Ctrl-C ends it")
+        sys.stdout.flush()
+        serve_until_stopped(beat)
+
+
+def _limits(settings: BenchSettings) -> dict[str, float | str | int | bool]:
+    """Limits of a rig as read-only parameters."""
+    limits, firing = settings.limits, settings.firing
+    return {
+        "simulated": False,
+        "search_low_rad": math.radians(limits.search.low_deg),
+        "search_high_rad": math.radians(limits.search.high_deg),
+        "travel_low_rad": math.radians(limits.travel.low_deg),
+        "travel_high_rad": math.radians(limits.travel.high_deg),
+        "pulses_per_permit": firing.pulses_per_permit,
+        "pulses_per_second": firing.pulses_per_second,
+        "pulses_per_session": firing.pulses_per_session,
+    }

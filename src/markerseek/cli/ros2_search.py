@@ -1,0 +1,116 @@
+"""``markerseek ros2 search``: a search, or a recording, as a ROS 2 node."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from markerseek.cli.ros2_nodes import RequireSecurity, ros_node, stopping
+
+if TYPE_CHECKING:
+    from markerseek.runs import KnownRegistration
+
+NAME = "search"
+EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
+
+
+def command(
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
+    acquisitions: Annotated[int | None, typer.Option(min=2, help="Most acquisitions.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Real seconds per virtual second of a simulated rig (0), or per recorded second (1)."),
+    ] = None,
+    play: Annotated[
+        Path | None, typer.Option(help="Search nothing: play a bank or the journal of a finished run, once.")
+    ] = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="Also publish the transform of the da Vinci camera: JSON of `markerseek register --json`."),
+    ] = None,
+    stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
+    ] = False,
+    require_security: RequireSecurity = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, with --once.")] = False,
+) -> None:
+    """Search when /pa_search/run is called, and publish each acquisition and the answer.
+
+    The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
+    armed, each time; no message arms it.
+    """
+    from markerseek.bridges import Searches, SearchOptions, SearchRequest
+    from markerseek.bridges.ros2 import SearchNode, publish_registration
+    from markerseek.cli.terminal import print_json, stderr
+    from markerseek.runs import read_registration
+
+    known = None if registration is None else read_registration(registration)
+    if play is not None:
+        _play(play, known, pace=1.0 if pace is None else pace, require_security=require_security)
+        return
+    request = SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
+    searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    parameters: dict[str, str | int] = {
+        "method": method,
+        "acquisitions": acquisitions or 0,
+        "rig": "simulated" if rig is None else str(rig),
+    }
+    with ros_node("pa_search", parameters, require_security=require_security) as node, stopping() as stopped:
+        if known is not None:
+            publish_registration(node, known)
+        served = SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
+        try:
+            if once:
+                served.start()
+            else:
+                stderr.print("the search node is ready; call /pa_search/run (std_srvs/Trigger); Ctrl-C ends it")
+            while not stopped and not (once and not served.running):
+                node.spin(0.1)
+                served.step()
+        finally:
+            served.close()
+        outcome = served.outcome
+    if once and outcome is not None:
+        if as_json and outcome.answer is not None:
+            print_json(outcome.answer)
+        stderr.print(outcome.message, markup=False)
+        raise typer.Exit(outcome.exit_code)
+    raise typer.Exit(128 + stopped[0] if stopped else 0)
+
+
+def _play(path: Path, registration: KnownRegistration | None, *, pace: float, require_security: bool) -> None:
+    """Play a recording to the topics of a search."""
+    from markerseek.bridges import open_recording
+    from markerseek.bridges.ros2 import play, publish_registration
+    from markerseek.cli.terminal import announce_compilation, stdout
+
+    announce_compilation()
+    recording = open_recording(path)
+    with (
+        ros_node("pa_search", {"plays": str(path)}, require_security=require_security) as node,
+        stopping() as stopped,
+    ):
+        if registration is not None:
+            publish_registration(node, registration)
+        stdout.print(f"playing {recording.name}; ready", markup=False)
+        sys.stdout.flush()
+        played = play(recording, node, pace=pace, until=lambda: bool(stopped))
+        stdout.print(f"{played} acquisitions were played")
+    raise typer.Exit(128 + stopped[0] if stopped else 0)
+
+
+def _is_over_ros(rig: Path | None) -> bool:
+    """Whether a rig file names a stage node, which publishes its angle itself."""
+    from markerseek.drivers import BenchSettings, RosStage
+    from markerseek.rigs import read_rig_file
+
+    settings = None if rig is None else read_rig_file(rig)
+    return isinstance(settings, BenchSettings) and isinstance(settings.stage, RosStage)

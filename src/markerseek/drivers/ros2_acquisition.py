@@ -1,0 +1,197 @@
+"""Driver of laser and receiver behind ROS 2 topics: an acquisition node."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from typing import Any
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    Clock,
+    DeviceTimeoutError,
+    Frame,
+    Int16,
+    LaserError,
+    NotConnectedError,
+    Permit,
+    is_finite,
+)
+from markerseek.drivers._acquired_frame import acquired_frame
+from markerseek.drivers._ros2_settings import RosReceiver
+from markerseek.drivers._ros2_wait import RosWait
+from markerseek.ros import RosNode, messages, topics
+
+_STATE_S = 1.0
+"""Longest wait for a node that may not say whether it is simulated, in seconds."""
+
+
+class Ros2Acquisition:
+    """Laser and receiver of an acquisition node: both protocols in one, because one request fires and records.
+
+    Parameters
+    ----------
+    node, clock
+        As of `Ros2Stage`.
+    settings
+        Its keys in the rig file.
+
+    Attributes
+    ----------
+    simulated
+        Whether its node says that it is simulated.
+
+    Raises
+    ------
+    NotConnectedError
+        If there is no such node.
+    """
+
+    def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
+        self._node, self._clock, self._settings = node, clock, settings
+        self._wait = RosWait(node, clock)
+        # Tokens of two searches are alike; what an earlier search asked for must not answer this one.
+        self._session = secrets.token_hex(4)
+        self._used: set[str] = set()
+        self._armed: Permit | None = None
+        self._fired: tuple[Permit, float] | None = None
+        self._answers: dict[str, messages.Acquired] = {}
+        self._frames: dict[int, Int16[np.ndarray, "channels samples"]] = {}
+        self.simulated = False
+        self._states = 0
+        node.advertise(settings.request_topic, "std_msgs/msg/String")
+        node.subscribe(topics.ACQUISITION_STATE, "std_msgs/msg/String", self._on_state, latched=True)
+        node.subscribe(settings.answer_topic, "std_msgs/msg/String", self._on_answer)
+        node.subscribe(settings.frame_topic, "sensor_msgs/msg/Image", self._on_frame)
+
+        def found() -> bool:
+            return node.matched(settings.request_topic) and all(
+                node.publishes(topic) for topic in (settings.answer_topic, settings.frame_topic)
+            )
+
+        if not self._wait.until(found, timeout_s=settings.connect_s):
+            raise NotConnectedError(
+                f"receiver: no acquisition node on {settings.request_topic} within {settings.connect_s:g} s; start "
+                "markerseek ros2 acquire, and compare topics, ROS_DOMAIN_ID and the transport"
+            )
+
+        # A node of another program need not say what it is.
+        says = node.publishes(topics.ACQUISITION_STATE)
+        self._wait.until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.acquisition_state_of(message)
+        self._states += 1
+        self.simulated = self.simulated or (state is not None and state.simulated)
+
+    def _on_answer(self, message: Any) -> None:
+        answer = messages.acquired_of(message)
+        if answer is not None and answer.id.startswith(f"{self._session}."):
+            self._answers[f"{answer.id} {answer.step}"] = answer
+
+    def _on_frame(self, message: Any) -> None:
+        counts = messages.counts_of(message)
+        if counts is not None:
+            # The newest two: a frame of half a megabyte that nobody asked for must not pile up.
+            self._frames = {**dict(list(self._frames.items())[-1:]), messages.stamp_ns(message): counts}
+
+    def _id(self, permit: Permit) -> str:
+        return f"{self._session}.{permit.token}"
+
+    def fire(self, permit: Permit) -> int:
+        """Ask the node to fire and record, and return how many pulses were fired.
+
+        Raises
+        ------
+        LaserError
+            If the permit was used before or has expired, or the node refuses.
+        DeviceTimeoutError
+            If the node does not answer.
+        """
+        if permit.token in self._used:
+            raise LaserError(f"laser: the permit {permit.token!r} was used before; nothing was fired")
+        left_s = permit.expires_s - self._clock.now_s()
+        if not left_s > 0:
+            raise LaserError(f"laser: the permit {permit.token!r} has expired; nothing was fired")
+        self._used.add(permit.token)
+        self._frames.clear()
+        self._answers.clear()
+        began_s = self._clock.now_s()
+        request = messages.AcquireRequest(
+            id=self._id(permit),
+            pulses=permit.pulses,
+            angle_rad=math.radians(permit.angle_deg),
+            stamp_ns=messages.time_ns(self._node.now_s()),
+        )
+        self._node.publish(
+            self._settings.request_topic, "std_msgs/msg/String", messages.text(self._node.kinds, request)
+        )
+        answer = self._answered(permit, "fired", what="laser")
+        if answer.error:
+            raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
+        if answer.simulated and not self.simulated:
+            # It said so too late: what was taken for a laser must not go into a result as one.
+            raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
+        self._fired = (permit, began_s)
+        return answer.pulses
+
+    def _answered(self, permit: Permit, step: str, *, what: str) -> messages.Acquired:
+        keys = f"{self._id(permit)} {step}", f"{self._id(permit)} error"
+        if not self._wait.until(lambda: any(key in self._answers for key in keys), timeout_s=self._settings.timeout_s):
+            raise DeviceTimeoutError(
+                f"{what}: the acquisition node does not answer within {self._settings.timeout_s:g} s; look at it, and "
+                "at receiver.timeout_s"
+            )
+        return self._answers.get(keys[0]) or self._answers[keys[1]]
+
+    def disarm(self) -> None:
+        """Ask the node to end what it does; allowed at any time, also twice."""
+        self._armed = self._fired = None
+        cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
+        self._node.publish(self._settings.request_topic, "std_msgs/msg/String", messages.text(self._node.kinds, cancel))
+
+    def settle(self) -> None:
+        """Nothing to wait for: a frame names the request that it answers."""
+
+    def arm(self, permit: Permit) -> None:
+        """Note which permit will be fired; the node arms its receiver when it is asked to fire."""
+        self._armed, self._fired = permit, None
+
+    def acquire(self, permit: Permit) -> Frame:
+        """Frame of the request of this permit.
+
+        Raises
+        ------
+        AcquisitionError
+            If it was not armed or fired under this permit, or the node reports an error.
+        DeviceTimeoutError
+            If no frame comes in time.
+        """
+        if self._armed != permit or self._fired is None or self._fired[0] != permit:
+            raise AcquisitionError(f"receiver: it was not armed and fired under the permit {permit.token!r}")
+        began_s = self._fired[1]
+        self._armed = self._fired = None
+        answer = self._answered(permit, "frame", what="receiver")
+        if answer.error:
+            raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")
+        if not self._wait.until(lambda: answer.stamp_ns in self._frames, timeout_s=self._settings.timeout_s):
+            raise DeviceTimeoutError(
+                f"receiver: the channel data of its answer did not come on {self._settings.frame_topic} within "
+                f"{self._settings.timeout_s:g} s"
+            )
+        if not is_finite(answer.sampling_hz) or answer.sampling_hz != self._settings.sampling_hz:
+            raise AcquisitionError(
+                f"receiver: the node samples at {answer.sampling_hz} Hz, the rig file says "
+                f"{self._settings.sampling_hz:g} Hz; correct one of them"
+            )
+        return acquired_frame(
+            self._frames.pop(answer.stamp_ns),
+            permit,
+            sequence=answer.sequence,
+            pulses=answer.pulses,
+            started_s=began_s,
+            clock=self._clock,
+            sampling_hz=self._settings.sampling_hz,
+        )

@@ -1,0 +1,181 @@
+"""Driver of a stage behind ROS 2 topics: a stage node of this or another program."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from markerseek.core import Clock, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
+from markerseek.drivers._ros2_settings import RosStage
+from markerseek.drivers._ros2_wait import RosWait
+from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
+
+
+class Ros2Stage:
+    """A stage node of this or another program.
+
+    Parameters
+    ----------
+    node
+        The node through which it is reached.
+    clock
+        Real time.
+    settings
+        Its keys in the rig file.
+    travel
+        Angles that it may be sent to.
+
+    Attributes
+    ----------
+    simulated
+        Whether its node says that it is simulated.
+
+    Raises
+    ------
+    NotConnectedError
+        If there is no such node, or it says no angle.
+    """
+
+    def __init__(self, *, node: RosNode, clock: Clock, settings: RosStage, travel: Interval) -> None:
+        self.limits = travel
+        self._node, self._clock, self._settings = node, clock, settings
+        self._wait = RosWait(node, clock)
+        self._angle_deg = math.nan
+        self._heard_s = -math.inf
+        self._reached_ns = 0
+        self._readings = 0
+        self._in_degrees = False
+        self._states = 0
+        self.simulated = False
+        self._busy = self._was_busy = False
+        self._idle_ns = 0
+        self._refused: tuple[int, str] | None = None
+        joint = settings.message == "joint_state"
+        self._kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
+        node.advertise(settings.command_topic, self._kind)
+        node.subscribe(settings.reached_topic, self._kind, self._on_joint if joint else self._on_number)
+        self._stop_topic = None if settings.state_topic is None else topics.STOP
+        if self._stop_topic is not None:
+            node.advertise(self._stop_topic, "std_msgs/msg/Empty")
+        if settings.state_topic is not None:
+            node.subscribe(settings.state_topic, messages.state_kind(node.kinds), self._on_state)
+        self._connect()
+
+    def _connect(self) -> None:
+        settings = self._settings
+        for what, found in (
+            (f"takes angles on {settings.command_topic}", lambda: self._node.matched(settings.command_topic)),
+            (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
+            (f"publishes its state on {settings.state_topic}", lambda: not settings.state_topic or self._states > 0),
+        ):
+            if not self._wait.until(found, timeout_s=settings.connect_s):
+                raise NotConnectedError(
+                    f"stage: no node {what} within {settings.connect_s:g} s; start it, and compare topics, message "
+                    "types, ROS_DOMAIN_ID and the transport"
+                )
+
+    def _on_number(self, message: Any) -> None:
+        self._take(message.data if self._settings.unit == "deg" else degrees(message.data))
+
+    def _on_joint(self, message: Any) -> None:
+        if self._in_degrees:
+            # The node's state has the same angle, not rounded by the way over radians.
+            return
+        angle_deg = joint_angle_deg(message)
+        self._reached_ns = messages.stamp_ns(message)
+        # What is no angle is kept as NaN, which the guard refuses.
+        self._take(math.nan if angle_deg is None else angle_deg)
+
+    def _take(self, angle_deg: float) -> None:
+        self._angle_deg, self._heard_s = angle_deg, self._clock.now_s()
+        self._readings += 1
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.state_of(message)
+        if state is None:
+            return
+        self._states += 1
+        self.simulated = state.simulated
+        self._busy = state.is_busy
+        self._was_busy = self._was_busy or state.is_busy
+        if not state.is_busy:
+            self._idle_ns = state.stamp_ns
+        if state.angle_deg is not None:
+            self._in_degrees, self._reached_ns = True, state.stamp_ns
+            self._take(state.angle_deg)
+        self._refused = (state.refused_ns, state.refused) if state.refused else self._refused
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the last message in degrees.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If it is older than ``age_s``.
+        """
+        self._wait.drain()
+        age_s = self._settings.age_s
+        if age_s is not None:
+
+            def fresh() -> bool:
+                return self._clock.now_s() - self._heard_s <= age_s
+
+            if not self._wait.until(fresh, timeout_s=age_s):
+                raise DeviceTimeoutError(
+                    f"stage: no angle on {self._settings.reached_topic} for more than {age_s:g} s; its node is gone "
+                    "or busy"
+                )
+        return self._angle_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        """Send it to an angle, wait until it has arrived, and return the angle read back in degrees.
+
+        Raises
+        ------
+        LimitError
+            If the angle is NaN or outside the travel range; nothing was sent.
+        MoveError
+            If the node refuses the angle.
+        DeviceTimeoutError
+            If it does not arrive in time.
+        """
+        if angle_deg not in self.limits:
+            raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
+        self._wait.drain()
+        self._was_busy, self._refused = False, None
+        readings = self._readings
+        sent_ns = self._send(angle_deg)
+
+        def ended() -> bool:
+            if self._refused is not None and self._refused[0] == sent_ns:
+                return True
+            if self._settings.state_topic is not None:
+                # Busy, then idle: idle alone may be from before the command.
+                return self._was_busy and not self._busy and self._reached_ns >= self._idle_ns
+            near = abs(self._angle_deg - angle_deg) <= self._settings.arrival_deg
+            return self._readings > readings and near
+
+        if not self._wait.until(ended, timeout_s=self._settings.timeout_s):
+            raise DeviceTimeoutError(
+                f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
+                f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
+            )
+        if self._refused is not None and self._refused[0] == sent_ns:
+            raise MoveError(f"stage: its node refuses {angle_deg:.3f} deg: {self._refused[1]}")
+        return self._angle_deg
+
+    def _send(self, angle_deg: float) -> int:
+        """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
+        if self._settings.message == "float64":
+            value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
+            self._node.publish(self._settings.command_topic, self._kind, messages.number(self._node.kinds, value))
+            return 0
+        message = messages.joint_state(self._node.kinds, time_s=self._node.now_s(), angle_deg=angle_deg)
+        self._node.publish(self._settings.command_topic, self._kind, message)
+        return messages.stamp_ns(message)
+
+    def stop(self) -> None:
+        """Ask the node to stop, if it tells its state; a plain node ends its move by itself."""
+        if self._stop_topic is not None and self._busy:
+            self._node.publish(self._stop_topic, "std_msgs/msg/Empty", messages.empty(self._node.kinds))

@@ -1,0 +1,110 @@
+"""The drivers of ROS 2 nodes keep the contracts of `markerseek.testing`, with nodes of rclpy on the other side.
+
+Server and driver share a process and a thread: whenever the driver waits, the server is served. All messages go through
+rclpy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
+
+import rclpy
+from number_stage import NumberStage
+
+from markerseek import rigs
+from markerseek.bridges.ros2 import AcquisitionNode, StageNode
+from markerseek.core import Laser, Receiver, Stage
+from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
+from markerseek.guard import Admission, FiringLimits, Guard
+from markerseek.ros import RosNode
+from markerseek.testing import LaserContract, ReceiverContract, StageContract
+
+
+class _OverRos:
+    """Makes a server and the driver's node, which are closed with the test."""
+
+    @pytest.fixture(autouse=True)
+    def _opened(self) -> Iterator[None]:
+        with ExitStack() as self.opened:
+            yield
+
+    def nodes(self) -> tuple[RosNode, RosNode]:
+        server = self.opened.enter_context(RosNode("server"))
+        return server, self.opened.enter_context(RosNode("markerseek_rig", network=server.network))
+
+    def guard(self, world: rigs.Rig) -> Guard:
+        guard = Guard(limits=world.limits, firing=FiringLimits(), admission=Admission())
+        guard.arm(by="a test")
+        return guard
+
+    def clock(self, step: Callable[[], None]) -> SystemClock:
+        return SystemClock(beat=step)
+
+
+class TestStageNode(_OverRos, StageContract):
+    def make(self) -> Stage:
+        world = rigs.simulated(seed=1)
+        server, node = self.nodes()
+        served = StageNode(
+            node=server,
+            stage=world.stage,
+            guard=self.guard(world),
+            clock=world.scanner.clock,
+            by="a test",
+            simulated=True,
+        )
+        # A stage node serves the angles that may be searched: those of its travel beyond them, it refuses.
+        stage = Ros2Stage(node=node, clock=self.clock(served.step), settings=RosStage(), travel=world.limits.search)
+        assert stage.simulated
+        return stage
+
+
+class TestStageOfPlainNumbers(_OverRos, StageContract):
+    # Such a node does not say when it rests: an angle so near to the target counts as reached.
+    resolution_deg = RosStage().arrival_deg
+
+    def make(self) -> Stage:
+        server, node = self.nodes()
+        plain = rclpy.create_node("labview_bridge", context=server.network.context)
+        self.opened.callback(plain.destroy_node)
+        NumberStage(plain)
+        server.network.executor.add_node(plain)
+        settings = RosStage(
+            command_topic="/goto", reached_topic="/angle", state_topic=None, message="float64", unit="deg"
+        )
+        limits = rigs.simulated(seed=1).limits
+        return Ros2Stage(node=node, clock=self.clock(lambda: None), settings=settings, travel=limits.travel)
+
+
+class _Acquisition(_OverRos):
+    def acquisition(self) -> Ros2Acquisition:
+        world = rigs.simulated(seed=1)
+        server, node = self.nodes()
+        served = AcquisitionNode(
+            node=server,
+            laser=world.laser,
+            receiver=world.receiver,
+            guard=self.guard(world),
+            clock=world.scanner.clock,
+            by="a test",
+            simulated=True,
+        )
+        settings = RosReceiver(sampling_hz=world.imaging.preset.sampling_hz)
+        return Ros2Acquisition(node=node, clock=self.clock(served.step), settings=settings)
+
+
+class TestLaserOfAnAcquisitionNode(_Acquisition, LaserContract):
+    def make(self) -> Laser:
+        return self.acquisition()
+
+
+class TestReceiverOfAnAcquisitionNode(_Acquisition, ReceiverContract):
+    # Laser and receiver are one node: a request fires and records, so that both contracts are of one driver.
+    def make(self) -> tuple[Receiver, Laser]:
+        both = self.acquisition()
+        return both, both
