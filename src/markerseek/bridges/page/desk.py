@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.page.live import Child, Launch, LiveRun
+from markerseek.bridges.page.news import News
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 
@@ -71,6 +74,7 @@ class Desk:
 
     def __init__(self, launch: Launch, rig: PageRig, named: Sequence[Path] = ()) -> None:
         self.rig = rig
+        self.news = News()
         self.search: LiveRun | None = None
         self.race: tuple[LiveRun, ...] = ()
         self.bank: LiveRun | None = None
@@ -96,12 +100,11 @@ class Desk:
         OSError
             If the folder of journals cannot be made.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             journal = default_journal(method=settings.method)
             make_folder(journal.parent)
             arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
-            self.search = LiveRun(self._launch, [*arguments, "--journal", str(journal)], journal=journal)
+            self.search = self._live([*arguments, "--journal", str(journal)], journal=journal)
 
     def go_on(self) -> None:
         """Continue the search that was stopped, on a simulated rig.
@@ -111,14 +114,13 @@ class Desk:
         SearchError
             If one runs, there is none to continue, or the rig is of devices, which only the terminal can arm again.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             before = self.search
             if before is None or before.journal is None or not self.paused:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = LiveRun(self._launch, arguments, journal=before.journal, before=before.run)
+            self.search = self._live(arguments, journal=before.journal, before=before.run)
 
     @property
     def paused(self) -> bool:
@@ -136,14 +138,11 @@ class Desk:
         SearchError
             If one runs, or the rig is of devices.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                LiveRun(
-                    self._launch, ["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"]
-                )
+                self._live(["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"])
                 for each in (one, other)
             )
 
@@ -162,12 +161,11 @@ class Desk:
         SearchError
             If something runs, or there is no such recording.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             path = self.recordings().get(name)
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = LiveRun(self._launch, ["replay", str(path), *settings.arguments(simulated=False)])
+            self.bank = self._live(["replay", str(path), *settings.arguments(simulated=False)])
             return self.bank
 
     def stop(self) -> None:
@@ -195,6 +193,15 @@ class Desk:
     def _rig_arguments(self) -> list[str]:
         return [] if self.rig.file is None else ["--rig", str(self.rig.file)]
 
-    def _require_idle(self) -> None:
-        if self.busy:
-            raise SearchError("a search runs; stop it, or wait for its end")
+    @contextmanager
+    def _idle(self) -> Iterator[None]:
+        """One start at a time, and none while a search runs."""
+        with self._lock:
+            if self.busy:
+                raise SearchError("a search runs; stop it, or wait for its end")
+            yield
+
+    def _live(
+        self, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
+    ) -> LiveRun:
+        return LiveRun(self._launch, arguments, journal=journal, before=before, on_change=self.news.tell)

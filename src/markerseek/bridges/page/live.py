@@ -51,10 +51,18 @@ class LiveRun:
         The journal that it keeps, for `resume`; None where it keeps none.
     before
         The run that it continues, whose images are kept.
+    on_change
+        Called by a thread of the run whenever there is something new to show.
     """
 
     def __init__(
-        self, launch: Launch, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
+        self,
+        launch: Launch,
+        arguments: Sequence[str],
+        *,
+        journal: Path | None = None,
+        before: WatchedRun | None = None,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.arguments = tuple(arguments)
         self.journal = journal
@@ -62,6 +70,8 @@ class LiveRun:
         self.outcome: Outcome | None = None
         self.lost = 0
         self._before = before
+        self._on_change = on_change
+        self._ended = threading.Event()
         self._launch = launch
         self._child: Child | None = None
         self._stop_wanted = threading.Event()
@@ -73,7 +83,7 @@ class LiveRun:
     @property
     def status(self) -> Status:
         """Where it is."""
-        if not self._thread.is_alive():
+        if self._ended.is_set():
             return "ended"
         if self._stop_wanted.is_set():
             return "stopping"
@@ -120,6 +130,9 @@ class LiveRun:
                 self.outcome = child.outcome()
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
+        finally:
+            self._ended.set()
+            self._on_change()
 
     def _show(self) -> None:
         shown = False
@@ -151,7 +164,10 @@ class LiveRun:
                 # A run that is continued repeats its events without their frames.
                 run.pictures.update(self._before.pictures)
             self.run = run
+            self._on_change()
         elif isinstance(item, StreamEvent) and self.run is not None:
             self.lost += item.lost_lines
             pulses = 0 if item.header is None else item.header.pulses
-            self.run.add(item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines)
+            self.run.add(
+                item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines, on_change=self._on_change
+            )

@@ -71,6 +71,7 @@ class Panels:
     def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         self._fan.show(run, snapshot, reveal=reveal)
+        self._show_image(run, snapshot)
         key = (run, snapshot.number, reveal)
         if key == self._shown:
             return
@@ -84,7 +85,6 @@ class Panels:
             self._curve.options.clear()
             self._curve.options.update(curve_options(snapshot, facts.search, known=known))
             self._curve.update()
-        self._show_image(run, snapshot)
         self._angle.set_text(angle_text(snapshot))
         self._answer.set_text(answer_text(snapshot))
         self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
