@@ -37,6 +37,8 @@ def command(
     child, so that its results are those of the command. A rig of devices is armed here in the terminal, never in the
     browser. When this program ends, or nobody has the page open for 5 seconds, a search that runs is stopped.
     """
+    import os
+    import sys
     import webbrowser
 
     from markerseek.bridges.page import Address, Desk, Launcher, PageRig, serve
@@ -67,3 +69,6 @@ def command(
             browser.open(link)
 
     serve(desk, address, on_ready=ready)
+    # Python would wait for threads that form images or draw a report, which nobody needs any more.
+    sys.stdout.flush()
+    os._exit(0)

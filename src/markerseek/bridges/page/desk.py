@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -20,6 +21,9 @@ from markerseek.records.journal import default_journal, journals_folder, journal
 
 MOST_LISTED = 50
 """Journals of the data folder that are offered for replay, the newest."""
+
+END_S, DEVICES_END_S = 2.5, 10.0
+"""Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""
 
 NICENESS = 10
 """Niceness of the page, so that it never takes processor time from a search."""
@@ -174,11 +178,13 @@ class Desk:
             if run.status != "ended":
                 run.stop()
 
-    def close(self, *, timeout_s: float = 10.0) -> None:
-        """Stop whatever runs and wait for its end."""
+    def close(self) -> None:
+        """Stop whatever runs and wait for its end; what has not ended after `END_S` or `DEVICES_END_S` is killed."""
         self.stop()
+        ends_s = time.monotonic() + (END_S if self.rig.simulated else DEVICES_END_S)
         for run in self._runs():
-            run.join(timeout_s)
+            if not run.join(max(0.0, ends_s - time.monotonic())):
+                run.kill()
 
     def recordings(self) -> dict[str, Path]:
         """Recordings that may be replayed, by name: those named at the start, then the newest journals."""

@@ -30,6 +30,9 @@ class Child(Protocol):
     def stop(self) -> None:
         """SIGINT, after 2 s SIGTERM."""
 
+    def kill(self) -> None:
+        """SIGKILL."""
+
     def outcome(self) -> Outcome:
         """How it ended."""
 
@@ -102,6 +105,11 @@ class LiveRun:
         child = self._child
         if child is not None:
             child.stop()
+
+    def kill(self) -> None:
+        """Kill a child that does not stop."""
+        if self._child is not None:
+            self._child.kill()
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has ended; returns whether it has."""
