@@ -60,9 +60,11 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    desk = Desk(Launcher(), PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
+    launcher = Launcher()
+    desk = Desk(launcher, PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
 
     def ready(link: str) -> None:
+        launcher.lower_others()
         stdout.print(f"open {link}", markup=False)
         stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
         if browser is not None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.core import Estimate, Float64, Found, Interval, Sample, SearchPlan, Unsure
+from markerseek.core import ConfirmablePolicy, Estimate, Float64, Found, Interval, Sample, SearchPlan, Unsure
 from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
 from markerseek.search.posterior import Posterior
@@ -96,9 +96,8 @@ class PolicyMirror:
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, where the policy weighs it."""
-        confirm = getattr(self._policy, "confirm", None)
-        if confirm is not None:
-            confirm(sample)
+        if isinstance(self._policy, ConfirmablePolicy):
+            self._policy.confirm(sample)
 
     def belief(self) -> Belief | None:
         """What follows from the samples so far; None before the first with light."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from markerseek.bridges.child import ChildRun
-from markerseek.bridges.page.live import Child, Launch, LiveRun
+from markerseek.bridges.page.live import Launch, LiveRun
 from markerseek.bridges.page.news import News
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.watched import WatchedRun
@@ -24,26 +21,6 @@ MOST_LISTED = 50
 
 END_S, DEVICES_END_S = 2.5, 10.0
 """Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""
-
-NICENESS = 10
-"""Niceness of the page, so that it never takes processor time from a search."""
-
-
-class Launcher:
-    """Starts children at the niceness of the terminal, whatever that of the page is.
-
-    On Linux niceness belongs to a thread, and a child inherits that of the thread which starts it. The one thread here
-    begins before the page lowers its own priority.
-    """
-
-    def __init__(self) -> None:
-        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="launcher")
-        # The thread is made now, not at the first child.
-        self._starter.submit(os.getpid).result()
-
-    def __call__(self, arguments: Sequence[str]) -> Child:
-        """Start a command with its frames on the stream."""
-        return self._starter.submit(ChildRun, arguments, frames=True).result()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from markerseek.bridges.page.picture import RANGE_DB, Picture
 from markerseek.bridges.page.state import Point, Snapshot
-from markerseek.core import Interval, RigFacts
+from markerseek.core import Ambiguous, Interval, NotFound, RigFacts
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
@@ -44,13 +44,30 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
         "angles": _rounded(belief.angles_deg, 3) if belief else [],
         "density": _rounded(belief.density_per_deg, 5) if belief else [],
         "points": _fan_points(snapshot.points),
-        "mean": belief.estimate.mean_deg if belief else None,
+        "mean": mean_deg(snapshot),
+        "others": other_angles_deg(snapshot),
         "interval": belief.interval95_deg if belief else None,
         "bracket": belief.bracket_deg if belief else None,
         "truth": known_deg,
         "choice_deg": _rounded(belief.choice_deg, 3) if belief else [],
         "choice_sigma": _rounded(belief.choice_sigma_deg, 4) if belief else [],
     }
+
+
+def mean_deg(snapshot: Snapshot) -> float | None:
+    """Angle of the marker in degrees as far as one is known; None where nothing is, or nothing was detected."""
+    belief = snapshot.belief
+    return None if belief is None or isinstance(belief.estimate, NotFound) else belief.estimate.mean_deg
+
+
+def other_angles_deg(snapshot: Snapshot) -> list[float]:
+    """Angles in degrees of what else may be the marker: other sources, and the other modes of an ambiguous answer."""
+    if snapshot.belief is None:
+        return []
+    estimate = snapshot.belief.estimate
+    modes_deg = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
+    others_deg = {round(each, 2) for each in (*modes_deg, *(other.angle_deg for other in estimate.others))}
+    return sorted(each for each in others_deg if abs(each - estimate.mean_deg) > 0.01)
 
 
 def _fan_points(points: tuple[Point, ...]) -> list[dict[str, Any]]:
@@ -165,9 +182,10 @@ def _areas(snapshot: Snapshot) -> dict[str, Any]:
 
 def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any]:
     lines = []
-    if snapshot.belief is not None:
-        mean_deg = snapshot.belief.estimate.mean_deg
-        lines.append(_line(mean_deg, f"{mean_deg:.2f}°", ORANGE, "solid", "end"))
+    angle_deg = mean_deg(snapshot)
+    if angle_deg is not None:
+        lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid", "end"))
+    lines += [_line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", "end") for other_deg in other_angles_deg(snapshot)]
     if known is not None:
         lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", "insideMiddleBottom"))
     return {"silent": True, "symbol": "none", "data": lines}
@@ -229,6 +247,11 @@ def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str,
         ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g}"),
         ("pulses", str(snapshot.pulses)),
     ]
+    if belief is not None:
+        others = [f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°" for each in belief.estimate.others]
+        rows.append(("other sources", ", ".join(others[:2]) or "none seen"))
+        surveyed = belief.estimate.surveyed
+        rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of the range"))
     expected_deg = _expected_sigma_deg(snapshot)
     if expected_deg is not None:
         rows.append(("expected next", f"± {expected_deg:.3f}°"))
@@ -248,8 +271,10 @@ def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
 def angle_text(snapshot: Snapshot) -> str:
     """The angle with its standard deviation, as far as it is known."""
     belief = snapshot.belief
-    if belief is None:
+    if belief is None or isinstance(belief.estimate, NotFound):
         return "–"
+    if isinstance(belief.estimate, Ambiguous):
+        return " or ".join(f"{each:.1f}°" for each in belief.estimate.modes_deg[:3])
     sigma = "" if belief.sigma_deg is None else f" ± {belief.sigma_deg:.3f}°"
     return f"{belief.estimate.mean_deg:.3f}°{sigma}"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
 import socket
 import ssl
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markerseek.bridges.page.desk import NICENESS, Desk
+from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, MissingExtraError
 
@@ -165,6 +164,4 @@ def serve(
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
             on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
-            # Of this thread, and so of all that it makes; that of the launcher stays as it was.
-            os.nice(NICENESS)
             asyncio.run(Server(config).serve(sockets=[listener]))

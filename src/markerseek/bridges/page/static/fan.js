@@ -94,6 +94,14 @@ export default {
         c.strokeStyle = colour.answer;
         ray(v.mean, g.near, g.far + 14);
       }
+      c.strokeStyle = colour.quiet;
+      c.fillStyle = colour.quiet;
+      c.setLineDash([5, 4]);
+      for (const deg of v.others) {
+        ray(deg, g.near, g.far + 8);
+        label(c, g, deg, g.far - 10, "?");
+      }
+      c.setLineDash([]);
       if (v.truth !== null) {
         c.strokeStyle = colour.truth;
         c.setLineDash([2, 4]);
