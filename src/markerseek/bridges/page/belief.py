@@ -10,7 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.core import ConfirmablePolicy, Estimate, Float64, Found, Interval, Sample, SearchPlan, Unsure
+from markerseek.core import (
+    Ambiguous,
+    ConfirmablePolicy,
+    Estimate,
+    Float64,
+    Found,
+    Interval,
+    NotFound,
+    Sample,
+    SearchPlan,
+    Unsure,
+)
 from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
 from markerseek.search.posterior import Posterior
@@ -64,6 +75,15 @@ class Belief:
         if not (self.claims and isinstance(self.estimate, Found | Unsure)):
             return None
         return self.estimate.interval95_deg.low_deg, self.estimate.interval95_deg.high_deg
+
+
+def angles_text(estimate: Estimate) -> str:
+    """Angles that an answer names; empty where nothing was detected, because the angle is then that of the noise."""
+    if isinstance(estimate, NotFound):
+        return ""
+    if isinstance(estimate, Ambiguous):
+        return " or ".join(f"{each:.1f}°" for each in estimate.modes_deg)
+    return f"{estimate.mean_deg:.3f}°"
 
 
 class PolicyMirror:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from markerseek.bridges.page.belief import angles_text
 from markerseek.bridges.page.picture import RANGE_DB, Picture
 from markerseek.bridges.page.state import Point, Snapshot
 from markerseek.core import Ambiguous, Interval, NotFound, RigFacts
@@ -98,7 +99,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     belief = snapshot.belief
     return {
         "animation": False,
-        "grid": {"left": 52, "right": 44, "top": 30, "bottom": 38},
+        "grid": {"left": 64, "right": 54, "top": 22, "bottom": 38},
         "tooltip": {"trigger": "item"},
         "textStyle": {"fontFamily": "system-ui, sans-serif"},
         "xAxis": {
@@ -113,7 +114,12 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
             "splitLine": {"show": False},
         },
-        "yAxis": [_axis("intensity"), _axis("probability per deg") | {"splitLine": {"show": False}}],
+        "yAxis": [
+            _axis("intensity [a.u.]", gap_px=46),
+            # Only the posterior has one.
+            _axis("probability [1/deg]", gap_px=36)
+            | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg.size)},
+        ],
         "series": [
             {
                 "name": "probability",
@@ -141,10 +147,13 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     }
 
 
-def _axis(name: str) -> dict[str, Any]:
+def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
     return {
         "type": "value",
         "name": name,
+        # Beside the axis: above it the name would cover the angle of a marker near an end of the range.
+        "nameLocation": "middle",
+        "nameGap": gap_px,
         "nameTextStyle": {"color": GREY},
         "min": 0,
         "axisLabel": {"color": GREY, "hideOverlap": True},
@@ -244,14 +253,15 @@ def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str,
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", "–" if snapshot.snr_db is None else f"{snapshot.snr_db:.1f} dB"),
-        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g}"),
+        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g} a.u."),
         ("pulses", str(snapshot.pulses)),
     ]
     if belief is not None:
         others = [f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°" for each in belief.estimate.others]
-        rows.append(("other sources", ", ".join(others[:2]) or "none seen"))
+        none = "none seen" if belief.angles_deg.size else "not looked for"
+        rows.append(("other sources", ", ".join(others[:2]) or none))
         surveyed = belief.estimate.surveyed
-        rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of the range"))
+        rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of range"))
     expected_deg = _expected_sigma_deg(snapshot)
     if expected_deg is not None:
         rows.append(("expected next", f"± {expected_deg:.3f}°"))
@@ -271,12 +281,10 @@ def _expected_sigma_deg(snapshot: Snapshot) -> float | None:
 def angle_text(snapshot: Snapshot) -> str:
     """The angle with its standard deviation, as far as it is known."""
     belief = snapshot.belief
-    if belief is None or isinstance(belief.estimate, NotFound):
+    if belief is None:
         return "–"
-    if isinstance(belief.estimate, Ambiguous):
-        return " or ".join(f"{each:.1f}°" for each in belief.estimate.modes_deg[:3])
     sigma = "" if belief.sigma_deg is None else f" ± {belief.sigma_deg:.3f}°"
-    return f"{belief.estimate.mean_deg:.3f}°{sigma}"
+    return f"{angles_text(belief.estimate) or '–'}{sigma}"
 
 
 def answer_text(snapshot: Snapshot) -> str:

@@ -158,6 +158,7 @@ export default {
     },
     points(c, g, colour) {
       const v = this.view;
+      const numbered = [];
       v.points.forEach((point, i) => {
         const newest = i === v.points.length - 1;
         const away = g.near + (g.far - g.near) * (0.12 + 0.8 * point.share);
@@ -167,9 +168,15 @@ export default {
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        // The newest acquisitions are numbered: where a search narrows down, all numbers would cover each other.
-        if (v.points.length - i <= 9) c.fillText(point.role === "confirmation" ? "✓" : String(point.number), x, y - 7);
+        numbered.push([x, y - 7, point.role === "confirmation" ? "✓" : String(point.number)]);
       });
+      // The newest first; a number that would cover another one is left out.
+      const drawn = [];
+      for (const [x, y, text] of numbered.reverse()) {
+        if (drawn.some(([u, w]) => Math.abs(u - x) < 15 && Math.abs(w - y) < 12)) continue;
+        drawn.push([x, y]);
+        c.fillText(text, x, y);
+      }
     },
     span(c, wedge, ends, near, away, fill) {
       const v = this.view;
@@ -181,8 +188,10 @@ export default {
     },
     probe(c, g, colour, ray) {
       const [deg, measured] = this.needle();
+      // The half that looks at the tissue: below it stands where the probe is.
       c.beginPath();
-      c.arc(g.x, g.y, g.near * 0.96, 0, 2 * Math.PI);
+      c.arc(g.x, g.y, g.near * 0.96, turn(-90), turn(90));
+      c.closePath();
       c.fillStyle = colour.fan;
       c.fill();
       c.strokeStyle = colour.quiet;
