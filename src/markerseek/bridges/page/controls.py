@@ -57,7 +57,7 @@ class SettingsRow:
             "snr_db": lambda: self._number("snr_db", "SNR [dB]", 84),
             "seed": lambda: self._number("seed", "seed", 66),
             "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
-            "pace": lambda: self._select("pace", PACES, "speed", 132),
+            "pace": lambda: self._select("pace", PACES, "speed", 150),
         }
         for name in names:
             made[name]()

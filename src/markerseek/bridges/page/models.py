@@ -219,8 +219,8 @@ def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
 
 
-def image_model(picture: Picture | None) -> dict[str, Any]:
-    """The image, or why there is none."""
+def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, Any]:
+    """The image, or why there is none; its peak is marked only above the noise floor, where that is known."""
     if picture is None:
         return {"pixels": "", "why": "no image yet"}
     return {
@@ -230,7 +230,7 @@ def image_model(picture: Picture | None) -> dict[str, Any]:
         "deg": picture.angle_deg,
         "lateral": picture.lateral_mm,
         "depth": picture.depth_mm,
-        "peak": picture.peak_mm,
+        "peak": picture.peak_mm if floor is None or picture.intensity > floor else None,
         "range": RANGE_DB,
     }
 

@@ -129,14 +129,13 @@ export default {
         c.fillStyle = `rgba(${r},${green},${b},${strength * share})`;
         wedge(low, high, g.near, g.near + (g.far - g.near) * share);
         c.fill();
-        // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
-        if (share > 0.97) {
-          for (const room of [2.2, 1.3, 0.6]) {
-            c.fillStyle = `rgba(${r},${green},${b},0.16)`;
-            wedge(inside(low - room), inside(high + room), g.near, g.far);
-            c.fill();
-          }
-        }
+      }
+      // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
+      const sharpest = v.angles[v.density.indexOf(most)];
+      for (const room of known > 0.5 ? [2.2, 1.3, 0.6] : []) {
+        c.fillStyle = `rgba(${r},${green},${b},0.16)`;
+        wedge(inside(sharpest - room), inside(sharpest + room), g.near, g.far);
+        c.fill();
       }
     },
     scale(c, g, colour, ray) {
