@@ -23,6 +23,9 @@ CHROMIUM = os.environ.get("MARKERSEEK_CHROMIUM") or shutil.which("chromium") or 
 WAIT_MS = 60_000
 """Longest wait for anything: a busy machine is no fault."""
 
+START = "from markerseek.cli import main; main()"
+"""The program, as it is started."""
+
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 
 
@@ -62,11 +65,16 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *arguments: str, stdin: int = subprocess.DEVNULL) -> Iterator[Served]:
+def served(
+    folder: Path,
+    *arguments: str,
+    stdin: int = subprocess.DEVNULL,
+    start: str = START,
+) -> Iterator[Served]:
     """A page on a free port, with a data folder of its own; ended as by Ctrl-C."""
     errors = (folder / "page.stderr").open("w")
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "markerseek", "page", "--port", "0", *arguments],
+        [sys.executable, "-P", "-c", start, "page", "--port", "0", *arguments],
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=errors,

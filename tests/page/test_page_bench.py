@@ -44,7 +44,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             watched.wait_for(STATUS, "^stopped by SIG")
             assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
             # The rig would have to be armed again, which is for the terminal.
-            assert watched.tab.get_by_role("button", name="Go on", exact=True).is_disabled()
+            assert watched.tab.get_by_role("button", name="Pause", exact=True).is_disabled()
             watched.tab.context.close()
             assert watched.problems == []
         low_deg, high_deg, pulses = devices.end()

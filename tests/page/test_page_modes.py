@@ -49,7 +49,7 @@ def test_your_turn_by_keys(opened):
     watched.tab.keyboard.press("Enter")
     watched.wait_for(".ms-log", r"acquisition 1: -15\.0")
     watched.press("It is here")
-    watched.wait_for(".ms-help", r"^You named -15\.0°, the marker is at -16\.69°: 1\.69° off, after 1 acquisitions")
+    watched.wait_for(".ms-help", r"^You named -15\.0°, the marker is at -16\.69°: 1\.69° off, after 1 acquisition,")
     watched.press("See the posterior do it")
     watched.tab.wait_for_url("**/?seed=2*")
     watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)

@@ -8,17 +8,22 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 
 import pytest
-from page_browser import needs_browser, open_tab, served
+from page_browser import START, needs_browser, open_tab, served
 
 from markerseek.records.journal import Interrupted, read_journal
 
 pytestmark = pytest.mark.real_time
 
 
-def page_command(*arguments, env=None, start="from markerseek.cli import main; main()"):
+ENDS_S = 3
+"""Time within which a page ends, in seconds."""
+
+
+def page_command(*arguments, env=None, start=START):
     return subprocess.run(
         [sys.executable, "-P", "-c", start, "page", *arguments],
         capture_output=True,
@@ -49,7 +54,7 @@ def test_rig_file_with_a_misspelt_key(tmp_path):
 
 
 def test_missing_extra():
-    start = "import sys; sys.modules['nicegui'] = None; from markerseek.cli import main; main()"
+    start = f"import sys; sys.modules['nicegui'] = None; {START}"
     refused(page_command(start=start), "nicegui", "pip install 'markerseek[page]'")
 
 
@@ -126,12 +131,21 @@ def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
         watched.wait_for(".ms-log", "dark frame 1")
         (child,) = page.children()
         page.process.send_signal(signal.SIGINT)
-        page.process.wait(20)
+        page.process.wait(ENDS_S)
         assert not Path(f"/proc/{child}").exists()
         # The page says that it has no news, and commands are off.
         watched.tab.wait_for_selector(".ms-silent:visible")
         watched.tab.context.close()
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+
+
+def test_page_ends_though_one_of_its_threads_works(tmp_path):
+    work = "import time; from markerseek.bridges.page import watched; watched.warm_up = lambda: time.sleep(60)"
+    with served(tmp_path, start=f"{work}; {START}") as page:
+        # It answers: its threads have begun.
+        urllib.request.build_opener(urllib.request.HTTPCookieProcessor()).open(page.link).close()
+        page.process.send_signal(signal.SIGINT)
+        assert page.process.wait(ENDS_S) == 0
 
 
 @needs_browser
@@ -141,6 +155,11 @@ def test_search_runs_at_the_priority_of_the_terminal(browser, tmp_path):
         watched.start()
         watched.wait_for(".ms-log", "dark frame 1")
         (child,) = page.children()
-        niceness = [os.getpriority(os.PRIO_PROCESS, each) for each in (os.getpid(), child, page.process.pid)]
-        assert niceness == [niceness[0], niceness[0], min(19, niceness[0] + 10)]
+        own = os.getpriority(os.PRIO_PROCESS, os.getpid())
+        assert os.getpriority(os.PRIO_PROCESS, child) == own
+        threads = [int(each.name) for each in Path(f"/proc/{page.process.pid}/task").iterdir()]
+        # One of them starts the searches; none of the others may have the priority of a search.
+        priorities = [(os.getpriority(os.PRIO_PROCESS, each), os.sched_getscheduler(each)) for each in threads]
+        lowered = (min(19, own + 10), os.SCHED_BATCH)
+        assert sorted(priorities) == [(own, os.SCHED_OTHER), *[lowered] * (len(threads) - 1)]
         watched.tab.context.close()

@@ -42,6 +42,8 @@ class ScriptedChild:
         self.stopped.set()
         self.sent.put(None)
 
+    kill = stop
+
     def outcome(self):
         return STOPPED if self.stopped.is_set() else FOUND
 
@@ -69,9 +71,12 @@ def stream():
 
 
 def test_events_become_snapshots(stream):
-    live = LiveRun(lambda _: ScriptedChild(stream), ["search"])
+    told = []
+    live = LiveRun(lambda _: ScriptedChild(stream), ["search"], on_change=lambda: told.append(live.status))
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
+    # Of the head, of each event, and of the end: no viewer has to wait for a timer.
+    assert (len(told), told[-1]) == (len(stream), "ended")
     assert len(live.run.snapshots) == len(stream) - 1
     assert live.run.snapshots[-1].phase == "finished"
 
@@ -187,6 +192,16 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
         shared.go_on()
     with pytest.raises(SearchError, match="simulated"):
         shared.start_race(PageSettings(), PageSettings())
+
+
+def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
+    monkeypatch.setattr("markerseek.bridges.page.desk.END_S", 0.1)
+    child = ScriptedChild(stream[:5], endless=True)
+    child.stop = lambda: None
+    shared, _ = desk([child], tmp_path, monkeypatch)
+    shared.start(PageSettings())
+    shared.close()
+    assert child.stopped.is_set()
 
 
 def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.belief import PolicyMirror
+from markerseek.bridges.page.belief import Belief, PolicyMirror
 from markerseek.bridges.page.models import (
     angle_text,
     answer_text,
@@ -21,7 +21,24 @@ from markerseek.bridges.page.models import (
 from markerseek.bridges.page.picture import BRIGHT_SIGMAS, RANGE_DB, drawn_background, picture_of, pooled_levels
 from markerseek.bridges.page.state import RunState, Snapshot
 from markerseek.bridges.page.watched import WatchedRun
-from markerseek.core import Asked, Failed, Interval, Measured, MoveError, PaImage, Refused, SearchPlan, Started
+from markerseek.core import (
+    PAPER_RANGE,
+    Ambiguous,
+    Asked,
+    Failed,
+    Floor,
+    Found,
+    Interval,
+    Measured,
+    MoveError,
+    NotFound,
+    OtherSource,
+    PaImage,
+    Refused,
+    RigFacts,
+    SearchPlan,
+    Started,
+)
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
 from markerseek.search import BracketSearch, build
@@ -210,8 +227,11 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
         pytest.approx(picture.peak_mm[0], abs=1),
         pytest.approx(picture.peak_mm[1], abs=1),
     )
-    assert image_model(picture)["deg"] == sample.angle_deg
-    assert image_model(None)["pixels"] == ""
+    assert image_model(picture, floor=None)["deg"] == sample.angle_deg
+    assert image_model(None, floor=None)["pixels"] == ""
+    # The largest envelope of noise is no marker.
+    below, above = (image_model(picture, floor=share * sample.reading.intensity) for share in (0.9, 1.0))
+    assert (below["peak"], above["peak"]) == (picture.peak_mm, None)
 
 
 def test_background_is_the_same_each_time():
@@ -230,3 +250,37 @@ def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
     # 20° at 10°/s and 10°/s²: 3 s, of which the pace leaves half.
     assert run.move_s(moving) == pytest.approx(1.5)
     assert run.move_s(run.snapshots[0]) == 0
+
+
+FLOOR = Floor(level=120.0, source="dark frames")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "angle", "others_deg"),
+    [
+        (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "–", []),
+        (Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996), "-24.9° or 0.8°", [0.8]),
+        (
+            Found(
+                mean_deg=3.0,
+                sigma_deg=0.1,
+                interval95_deg=Interval(low_deg=2.8, high_deg=3.2),
+                interval_kind="posterior",
+                others=(OtherSource(angle_deg=-20.0, sigma_deg=0.5, relative_db=-8.2),),
+            ),
+            "3.000° ± 0.100°",
+            [-20.0],
+        ),
+    ],
+    ids=("not found", "ambiguous", "found"),
+)
+def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
+    snapshot = Snapshot(rig="simulated", belief=Belief(estimate=estimate))
+    assert angle_text(snapshot) == angle
+    facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
+    fan = fan_model(snapshot, facts, duration_s=0.0, known_deg=None)
+    assert fan["others"] == others_deg
+    assert (fan["mean"] is None) == isinstance(estimate, NotFound)
+    rows = dict(number_rows(snapshot, pulse_j=None))
+    assert rows["other sources"] == ("-8.2 dB at -20.00°" if estimate.others else "not looked for")
+    assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")

@@ -127,6 +127,10 @@ class ChildRun:
             timer.daemon = True
             timer.start()
 
+    def kill(self) -> None:
+        """Kill it, where it does not stop; its supervisor then stops the rig, and its journal can be resumed."""
+        self._process.kill()
+
     @property
     def running(self) -> bool:
         """Whether the child lives."""

@@ -37,6 +37,8 @@ def command(
     child, so that its results are those of the command. A rig of devices is armed here in the terminal, never in the
     browser. When this program ends, or nobody has the page open for 5 seconds, a search that runs is stopped.
     """
+    import os
+    import sys
     import webbrowser
 
     from markerseek.bridges.page import Address, Desk, Launcher, PageRig, serve
@@ -58,12 +60,17 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    desk = Desk(Launcher(), PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
+    launcher = Launcher()
+    desk = Desk(launcher, PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
 
     def ready(link: str) -> None:
+        launcher.lower_others()
         stdout.print(f"open {link}", markup=False)
         stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
         if browser is not None:
             browser.open(link)
 
     serve(desk, address, on_ready=ready)
+    # Python would wait for threads that form images or draw a report, which nobody needs any more.
+    sys.stdout.flush()
+    os._exit(0)

@@ -1,4 +1,5 @@
-from .desk import Desk, Launcher, PageRig
+from .desk import Desk, PageRig
+from .launcher import Launcher
 from .security import Access, SecurityLayer
 from .server import Address, serve
 from .settings import PageSettings

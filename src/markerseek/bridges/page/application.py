@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -37,11 +38,11 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        running = (_stop_unwatched(desk, unwatched_s), asyncio.to_thread(warm_up))
-        tasks = [asyncio.create_task(each) for each in running]
+        # No thread of the event loop, which would wait for it at its end.
+        threading.Thread(target=warm_up, name="warm up", daemon=True).start()
+        watching = asyncio.create_task(_stop_unwatched(desk, unwatched_s))
         yield
-        for task in tasks:
-            task.cancel()
+        watching.cancel()
         # Before the server hands its signal on, which may end the process at once.
         await asyncio.to_thread(desk.close)
 

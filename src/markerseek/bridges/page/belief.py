@@ -10,7 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.core import Estimate, Float64, Found, Interval, Sample, SearchPlan, Unsure
+from markerseek.core import (
+    Ambiguous,
+    ConfirmablePolicy,
+    Estimate,
+    Float64,
+    Found,
+    Interval,
+    NotFound,
+    Sample,
+    SearchPlan,
+    Unsure,
+)
 from markerseek.records import answer_name
 from markerseek.search import THRESHOLD, BracketSearch, build, policy_for
 from markerseek.search.posterior import Posterior
@@ -66,6 +77,15 @@ class Belief:
         return self.estimate.interval95_deg.low_deg, self.estimate.interval95_deg.high_deg
 
 
+def angles_text(estimate: Estimate) -> str:
+    """Angles that an answer names; empty where nothing was detected, because the angle is then that of the noise."""
+    if isinstance(estimate, NotFound):
+        return ""
+    if isinstance(estimate, Ambiguous):
+        return " or ".join(f"{each:.1f}°" for each in estimate.modes_deg)
+    return f"{estimate.mean_deg:.3f}°"
+
+
 class PolicyMirror:
     """A policy that is told what the policy of a running search is told.
 
@@ -96,9 +116,8 @@ class PolicyMirror:
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, where the policy weighs it."""
-        confirm = getattr(self._policy, "confirm", None)
-        if confirm is not None:
-            confirm(sample)
+        if isinstance(self._policy, ConfirmablePolicy):
+            self._policy.confirm(sample)
 
     def belief(self) -> Belief | None:
         """What follows from the samples so far; None before the first with light."""

@@ -57,7 +57,7 @@ class SettingsRow:
             "snr_db": lambda: self._number("snr_db", "SNR [dB]", 84),
             "seed": lambda: self._number("seed", "seed", 66),
             "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
-            "pace": lambda: self._select("pace", PACES, "speed", 116),
+            "pace": lambda: self._select("pace", PACES, "speed", 150),
         }
         for name in names:
             made[name]()
@@ -69,8 +69,10 @@ class SettingsRow:
 
     def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
         value = getattr(self.settings, name)
-        # A link may hold a value that is not in the list.
-        known = dict(options) if value in options else {**options, value: f"{value:g}"}
+        known = dict(options)
+        if value not in options:
+            # A link may hold a value that is not in the list.
+            known[value] = f"{1 / value:g} × faster" if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
         field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
@@ -118,9 +120,11 @@ class SearchControls:
     def update(self) -> None:
         """Show what can be pressed now."""
         busy = self._desk.busy
+        paused = not busy and self._desk.paused
         self._start.set_enabled(not busy)
-        self._pause.set_enabled(busy or self._desk.paused)
-        self._pause.set_text("Pause" if busy else "Go on")
+        self._pause.set_enabled(busy or paused)
+        self._pause.set_text("Go on" if paused else "Pause")
+        self._pause.set_icon("play_arrow" if paused else "pause")
 
     def _pause_or_go_on(self) -> None:
         if self._desk.busy:

@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import threading
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from markerseek.bridges.child import ChildRun
-from markerseek.bridges.page.live import Child, Launch, LiveRun
+from markerseek.bridges.page.live import Launch, LiveRun
+from markerseek.bridges.page.news import News
 from markerseek.bridges.page.settings import PageSettings
+from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
 
 MOST_LISTED = 50
 """Journals of the data folder that are offered for replay, the newest."""
 
-NICENESS = 10
-"""Niceness of the page, so that it never takes processor time from a search."""
-
-
-class Launcher:
-    """Starts children at the niceness of the terminal, whatever that of the page is.
-
-    On Linux niceness belongs to a thread, and a child inherits that of the thread which starts it. The one thread here
-    begins before the page lowers its own priority.
-    """
-
-    def __init__(self) -> None:
-        self._starter = ThreadPoolExecutor(max_workers=1, thread_name_prefix="launcher")
-        # The thread is made now, not at the first child.
-        self._starter.submit(os.getpid).result()
-
-    def __call__(self, arguments: Sequence[str]) -> Child:
-        """Start a command with its frames on the stream."""
-        return self._starter.submit(ChildRun, arguments, frames=True).result()
+END_S, DEVICES_END_S = 2.5, 10.0
+"""Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +55,7 @@ class Desk:
 
     def __init__(self, launch: Launch, rig: PageRig, named: Sequence[Path] = ()) -> None:
         self.rig = rig
+        self.news = News()
         self.search: LiveRun | None = None
         self.race: tuple[LiveRun, ...] = ()
         self.bank: LiveRun | None = None
@@ -96,12 +81,11 @@ class Desk:
         OSError
             If the folder of journals cannot be made.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             journal = default_journal(method=settings.method)
             make_folder(journal.parent)
             arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
-            self.search = LiveRun(self._launch, [*arguments, "--journal", str(journal)], journal=journal)
+            self.search = self._live([*arguments, "--journal", str(journal)], journal=journal)
 
     def go_on(self) -> None:
         """Continue the search that was stopped, on a simulated rig.
@@ -111,14 +95,13 @@ class Desk:
         SearchError
             If one runs, there is none to continue, or the rig is of devices, which only the terminal can arm again.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             before = self.search
             if before is None or before.journal is None or not self.paused:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = LiveRun(self._launch, arguments, journal=before.journal, before=before.run)
+            self.search = self._live(arguments, journal=before.journal, before=before.run)
 
     @property
     def paused(self) -> bool:
@@ -136,14 +119,11 @@ class Desk:
         SearchError
             If one runs, or the rig is of devices.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                LiveRun(
-                    self._launch, ["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"]
-                )
+                self._live(["search", *self._rig_arguments(), *each.arguments(simulated=True), "--no-journal"])
                 for each in (one, other)
             )
 
@@ -162,12 +142,11 @@ class Desk:
         SearchError
             If something runs, or there is no such recording.
         """
-        with self._lock:
-            self._require_idle()
+        with self._idle():
             path = self.recordings().get(name)
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = LiveRun(self._launch, ["replay", str(path), *settings.arguments(simulated=False)])
+            self.bank = self._live(["replay", str(path), *settings.arguments(simulated=False)])
             return self.bank
 
     def stop(self) -> None:
@@ -176,11 +155,13 @@ class Desk:
             if run.status != "ended":
                 run.stop()
 
-    def close(self, *, timeout_s: float = 10.0) -> None:
-        """Stop whatever runs and wait for its end."""
+    def close(self) -> None:
+        """Stop whatever runs and wait for its end; what has not ended after `END_S` or `DEVICES_END_S` is killed."""
         self.stop()
+        ends_s = time.monotonic() + (END_S if self.rig.simulated else DEVICES_END_S)
         for run in self._runs():
-            run.join(timeout_s)
+            if not run.join(max(0.0, ends_s - time.monotonic())):
+                run.kill()
 
     def recordings(self) -> dict[str, Path]:
         """Recordings that may be replayed, by name: those named at the start, then the newest journals."""
@@ -195,6 +176,15 @@ class Desk:
     def _rig_arguments(self) -> list[str]:
         return [] if self.rig.file is None else ["--rig", str(self.rig.file)]
 
-    def _require_idle(self) -> None:
-        if self.busy:
-            raise SearchError("a search runs; stop it, or wait for its end")
+    @contextmanager
+    def _idle(self) -> Iterator[None]:
+        """One start at a time, and none while a search runs."""
+        with self._lock:
+            if self.busy:
+                raise SearchError("a search runs; stop it, or wait for its end")
+            yield
+
+    def _live(
+        self, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
+    ) -> LiveRun:
+        return LiveRun(self._launch, arguments, journal=journal, before=before, on_change=self.news.tell)

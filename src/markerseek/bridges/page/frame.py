@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from nicegui import ui
@@ -15,10 +18,10 @@ from markerseek.bridges.page.elements import Beat
 from markerseek.core import MarkerseekError, RigKind
 
 TICK_S = 0.1
-"""Time between two updates of one viewer, in seconds."""
+"""Least time between two updates of one viewer, and longest time without one, in seconds."""
 
-BEAT_TICKS = 4
-"""Updates between two beats."""
+BEAT_S = 0.4
+"""Time between two beats, in seconds."""
 
 STALE_S = 2.0
 """Age of the news behind a command beyond which it is refused, in seconds: the second after which the browser itself
@@ -48,8 +51,9 @@ class Frame:
 
     def __init__(self, desk: Desk, path: str) -> None:
         self.desk = desk
-        self._count = 0
-        self._beats: deque[tuple[int, float]] = deque([(0, time.monotonic())], maxlen=64)
+        self._news = desk.news.subscribe()
+        # Numbers and times of the beats; the first tick sends one, so that a page that has just connected may be used.
+        self._beats: deque[tuple[int, float]] = deque([(0, -math.inf)], maxlen=64)
         self._update: Callable[[], None] = lambda: None
         ui.page_title(f"markerseek: {_PAGES[path]}")
         ui.add_css(_STYLE)
@@ -79,18 +83,24 @@ class Frame:
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
 
     def run(self, update: Callable[[], None]) -> None:
-        """Call a function at each tick; it must send only what has changed."""
+        """Call a function after news, and at least once in `TICK_S`; it must send only what has changed."""
         self._update = update
-        ui.timer(TICK_S, self._tick)
+        # It waits by itself: news are shown at once, and not up to a tick later.
+        ui.timer(0.0, self._tick)
 
-    def _tick(self) -> None:
-        if self._count % BEAT_TICKS == 0:
-            # The first at once: a page that has just connected may be used.
-            beat = self._count // BEAT_TICKS + 1
-            self._beats.append((beat, time.monotonic()))
-            self._beat.strike(beat)
-        self._count += 1
+    async def _tick(self) -> None:
+        beat, sent_s = self._beats[-1]
+        if time.monotonic() - sent_s >= BEAT_S:
+            self._beats.append((beat + 1, time.monotonic()))
+            self._beat.strike(beat + 1)
+        is_news = self._news.is_set()
+        self._news.clear()
         self._update()
+        if is_news:
+            # Events may come faster than anybody can see them.
+            await asyncio.sleep(TICK_S)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._news.wait(), TICK_S)
 
     def on_click(self, element: ui.element, handler: Callable[[], None]) -> None:
         """Run a command at a click, unless the page that was clicked on shows old things.
@@ -111,6 +121,7 @@ class Frame:
                 handler()
             except (MarkerseekError, OSError) as problem:
                 ui.notify(str(problem), type="negative", multi_line=True)
+            self._news.set()
 
         element.classes("ms-command")
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")

@@ -30,6 +30,9 @@ class Child(Protocol):
     def stop(self) -> None:
         """SIGINT, after 2 s SIGTERM."""
 
+    def kill(self) -> None:
+        """SIGKILL."""
+
     def outcome(self) -> Outcome:
         """How it ended."""
 
@@ -51,10 +54,18 @@ class LiveRun:
         The journal that it keeps, for `resume`; None where it keeps none.
     before
         The run that it continues, whose images are kept.
+    on_change
+        Called by a thread of the run whenever there is something new to show.
     """
 
     def __init__(
-        self, launch: Launch, arguments: Sequence[str], *, journal: Path | None = None, before: WatchedRun | None = None
+        self,
+        launch: Launch,
+        arguments: Sequence[str],
+        *,
+        journal: Path | None = None,
+        before: WatchedRun | None = None,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.arguments = tuple(arguments)
         self.journal = journal
@@ -62,6 +73,8 @@ class LiveRun:
         self.outcome: Outcome | None = None
         self.lost = 0
         self._before = before
+        self._on_change = on_change
+        self._ended = threading.Event()
         self._launch = launch
         self._child: Child | None = None
         self._stop_wanted = threading.Event()
@@ -73,7 +86,7 @@ class LiveRun:
     @property
     def status(self) -> Status:
         """Where it is."""
-        if not self._thread.is_alive():
+        if self._ended.is_set():
             return "ended"
         if self._stop_wanted.is_set():
             return "stopping"
@@ -92,6 +105,11 @@ class LiveRun:
         child = self._child
         if child is not None:
             child.stop()
+
+    def kill(self) -> None:
+        """Kill a child that does not stop."""
+        if self._child is not None:
+            self._child.kill()
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has ended; returns whether it has."""
@@ -120,6 +138,9 @@ class LiveRun:
                 self.outcome = child.outcome()
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
+        finally:
+            self._ended.set()
+            self._on_change()
 
     def _show(self) -> None:
         shown = False
@@ -151,7 +172,10 @@ class LiveRun:
                 # A run that is continued repeats its events without their frames.
                 run.pictures.update(self._before.pictures)
             self.run = run
+            self._on_change()
         elif isinstance(item, StreamEvent) and self.run is not None:
             self.lost += item.lost_lines
             pulses = 0 if item.header is None else item.header.pulses
-            self.run.add(item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines)
+            self.run.add(
+                item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines, on_change=self._on_change
+            )

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from markerseek.bridges.page.belief import angles_text
 from markerseek.bridges.page.picture import RANGE_DB, Picture
 from markerseek.bridges.page.state import Point, Snapshot
-from markerseek.core import Interval, RigFacts
+from markerseek.core import Ambiguous, Interval, NotFound, RigFacts
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
@@ -44,13 +45,30 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
         "angles": _rounded(belief.angles_deg, 3) if belief else [],
         "density": _rounded(belief.density_per_deg, 5) if belief else [],
         "points": _fan_points(snapshot.points),
-        "mean": belief.estimate.mean_deg if belief else None,
+        "mean": mean_deg(snapshot),
+        "others": other_angles_deg(snapshot),
         "interval": belief.interval95_deg if belief else None,
         "bracket": belief.bracket_deg if belief else None,
         "truth": known_deg,
         "choice_deg": _rounded(belief.choice_deg, 3) if belief else [],
         "choice_sigma": _rounded(belief.choice_sigma_deg, 4) if belief else [],
     }
+
+
+def mean_deg(snapshot: Snapshot) -> float | None:
+    """Angle of the marker in degrees as far as one is known; None where nothing is, or nothing was detected."""
+    belief = snapshot.belief
+    return None if belief is None or isinstance(belief.estimate, NotFound) else belief.estimate.mean_deg
+
+
+def other_angles_deg(snapshot: Snapshot) -> list[float]:
+    """Angles in degrees of what else may be the marker: other sources, and the other modes of an ambiguous answer."""
+    if snapshot.belief is None:
+        return []
+    estimate = snapshot.belief.estimate
+    modes_deg = estimate.modes_deg if isinstance(estimate, Ambiguous) else ()
+    others_deg = {round(each, 2) for each in (*modes_deg, *(other.angle_deg for other in estimate.others))}
+    return sorted(each for each in others_deg if abs(each - estimate.mean_deg) > 0.01)
 
 
 def _fan_points(points: tuple[Point, ...]) -> list[dict[str, Any]]:
@@ -81,7 +99,7 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     belief = snapshot.belief
     return {
         "animation": False,
-        "grid": {"left": 52, "right": 44, "top": 30, "bottom": 38},
+        "grid": {"left": 64, "right": 54, "top": 22, "bottom": 38},
         "tooltip": {"trigger": "item"},
         "textStyle": {"fontFamily": "system-ui, sans-serif"},
         "xAxis": {
@@ -96,7 +114,12 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
             "splitLine": {"show": False},
         },
-        "yAxis": [_axis("intensity"), _axis("probability per deg") | {"splitLine": {"show": False}}],
+        "yAxis": [
+            _axis("intensity [a.u.]", gap_px=46),
+            # Only the posterior has one.
+            _axis("probability [1/deg]", gap_px=36)
+            | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg.size)},
+        ],
         "series": [
             {
                 "name": "probability",
@@ -124,10 +147,13 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
     }
 
 
-def _axis(name: str) -> dict[str, Any]:
+def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
     return {
         "type": "value",
         "name": name,
+        # Beside the axis: above it the name would cover the angle of a marker near an end of the range.
+        "nameLocation": "middle",
+        "nameGap": gap_px,
         "nameTextStyle": {"color": GREY},
         "min": 0,
         "axisLabel": {"color": GREY, "hideOverlap": True},
@@ -165,9 +191,10 @@ def _areas(snapshot: Snapshot) -> dict[str, Any]:
 
 def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any]:
     lines = []
-    if snapshot.belief is not None:
-        mean_deg = snapshot.belief.estimate.mean_deg
-        lines.append(_line(mean_deg, f"{mean_deg:.2f}°", ORANGE, "solid", "end"))
+    angle_deg = mean_deg(snapshot)
+    if angle_deg is not None:
+        lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid", "end"))
+    lines += [_line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed", "end") for other_deg in other_angles_deg(snapshot)]
     if known is not None:
         lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", "insideMiddleBottom"))
     return {"silent": True, "symbol": "none", "data": lines}
@@ -192,8 +219,8 @@ def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
 
 
-def image_model(picture: Picture | None) -> dict[str, Any]:
-    """The image, or why there is none."""
+def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, Any]:
+    """The image, or why there is none; its peak is marked only above the noise floor, where that is known."""
     if picture is None:
         return {"pixels": "", "why": "no image yet"}
     return {
@@ -203,7 +230,7 @@ def image_model(picture: Picture | None) -> dict[str, Any]:
         "deg": picture.angle_deg,
         "lateral": picture.lateral_mm,
         "depth": picture.depth_mm,
-        "peak": picture.peak_mm,
+        "peak": picture.peak_mm if floor is None or picture.intensity > floor else None,
         "range": RANGE_DB,
     }
 
@@ -226,9 +253,15 @@ def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str,
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", "–" if snapshot.snr_db is None else f"{snapshot.snr_db:.1f} dB"),
-        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g}"),
+        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g} a.u."),
         ("pulses", str(snapshot.pulses)),
     ]
+    if belief is not None:
+        others = [f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°" for each in belief.estimate.others]
+        none = "none seen" if belief.angles_deg.size else "not looked for"
+        rows.append(("other sources", ", ".join(others[:2]) or none))
+        surveyed = belief.estimate.surveyed
+        rows.append(("surveyed", "–" if surveyed is None else f"{100 * surveyed:.1f} % of range"))
     expected_deg = _expected_sigma_deg(snapshot)
     if expected_deg is not None:
         rows.append(("expected next", f"± {expected_deg:.3f}°"))
@@ -251,7 +284,7 @@ def angle_text(snapshot: Snapshot) -> str:
     if belief is None:
         return "–"
     sigma = "" if belief.sigma_deg is None else f" ± {belief.sigma_deg:.3f}°"
-    return f"{belief.estimate.mean_deg:.3f}°{sigma}"
+    return f"{angles_text(belief.estimate) or '–'}{sigma}"
 
 
 def answer_text(snapshot: Snapshot) -> str:

@@ -58,7 +58,7 @@ class Panels:
                 empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
                 self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
             with _panel("photoacoustic image", "image") as self._image_panel:
-                self._image = Image(image_model(None)).classes("ms-image")
+                self._image = Image(image_model(None, floor=None)).classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
             with _panel("what is known", "numbers"):
                 self._angle = ui.label("–").classes("ms-angle").mark("angle")
@@ -71,6 +71,7 @@ class Panels:
     def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
         self._fan.show(run, snapshot, reveal=reveal)
+        self._show_image(run, snapshot)
         key = (run, snapshot.number, reveal)
         if key == self._shown:
             return
@@ -84,15 +85,20 @@ class Panels:
             self._curve.options.clear()
             self._curve.options.update(curve_options(snapshot, facts.search, known=known))
             self._curve.update()
-        self._show_image(run, snapshot)
         self._angle.set_text(angle_text(snapshot))
-        self._answer.set_text(answer_text(snapshot))
+        answer = answer_text(snapshot)
+        if answer != self._answer.text:
+            # Two lines of it are seen; the pointer shows the rest.
+            self._answer.props["title"] = answer
+            self._answer.set_text(answer)
         self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
         self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
 
     def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)
-        key = (run, picture)
+        floor = snapshot.belief.estimate.floor if snapshot.belief else None
+        level = None if floor is None else floor.level
+        key = (run, picture, level)
         if key == self._image_key:
             return
         self._image_key = key
@@ -100,7 +106,7 @@ class Panels:
         background: dict[str, Any] = {}
         if simulated and picture is not None:
             background = {"pixels": drawn_background(picture.rows, picture.columns)}
-        self._image.show(image_model(picture), background)
+        self._image.show(image_model(picture, floor=level), background)
         self._image_note.set_text("grey background: drawn, not simulated" if simulated else "")
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:

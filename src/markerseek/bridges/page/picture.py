@@ -28,8 +28,8 @@ class Picture:
 
     Attributes
     ----------
-    angle_deg
-        Angle of the probe in degrees.
+    angle_deg, intensity
+        Angle of the probe in degrees, and intensity of the reading.
     pixels
         Levels from 0 (`RANGE_DB` below the brightest, or less) to 255, row after row, base64.
     rows, columns
@@ -41,6 +41,7 @@ class Picture:
     """
 
     angle_deg: float
+    intensity: float
     pixels: str
     rows: int
     columns: int
@@ -75,6 +76,7 @@ def picture_of(sample: Sample, imaging: ImageReader) -> Picture:
     known = reading.lateral_m is not None and reading.depth_m is not None
     return Picture(
         angle_deg=sample.angle_deg,
+        intensity=reading.intensity,
         pixels=base64.b64encode(levels.tobytes()).decode("ascii"),
         rows=levels.shape[0],
         columns=levels.shape[1],

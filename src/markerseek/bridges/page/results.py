@@ -55,7 +55,8 @@ class ResultRow:
                 self._button("search.html")
                 self._button("search.png")
             self._button("search.json")
-            ui.button("copy the angle", icon="content_copy", on_click=self._copy).props("flat dense")
+            self._copy_button = ui.button("copy the angle", icon="content_copy", on_click=self._copy)
+            self._copy_button.props("flat dense")
         self._bar.visible = False
 
     def _button(self, name: str) -> None:
@@ -69,7 +70,10 @@ class ResultRow:
         self._bar.set_visibility(self._answer is not None)
         self._pictures.set_visibility(journal is not None)
         if self._answer is not None:
-            self._text.set_text(f"{self._answer['answer']} at {self._answer['angle_deg']:.3f}°")
+            # An angle that nobody claims must not find its way into a protocol.
+            found = self._answer["answer"] == "found"
+            self._text.set_text(f"found at {self._answer['angle_deg']:.3f}°" if found else self._answer["answer"])
+            self._copy_button.set_visibility(found)
 
     async def _give(self, name: str) -> None:
         if name == "search.json":

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
 import socket
 import ssl
+import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markerseek.bridges.page.desk import NICENESS, Desk
+from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import FrameType
 
 LOOPBACK = "127.0.0.1"
 """Address that only programs on this computer reach."""
@@ -128,6 +129,15 @@ def serve(
         raise MissingExtraError(package="nicegui", extra="page", purpose="the live page") from problem
     from markerseek.bridges.page.application import page_application
 
+    class Server(uvicorn.Server):
+        """Stops the searches with the first signal, not only once the connections are closed."""
+
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            super().handle_exit(sig, frame)
+            # In a thread, and not here: what the signal has interrupted may hold a lock.
+            closing = threading.Thread(target=desk.close, name="close", daemon=True)
+            asyncio.get_running_loop().call_soon_threadsafe(closing.start)
+
     token = secrets.token_urlsafe(32) if token is None else token
     with address.listening() as listener:
         port = listener.getsockname()[1]
@@ -146,13 +156,12 @@ def serve(
             ws_max_size=BODY_BYTES,
             ssl_certfile=address.certificate,
             ssl_keyfile=address.key,
-            timeout_graceful_shutdown=2,
+            # A viewer that does not answer any more must not hold up the end.
+            timeout_graceful_shutdown=1,
             server_header=False,
         )
         settings = "" if not query else f"&{query}"
-        on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
-        # Of this thread, and so of all that it makes; that of the launcher stays as it was.
-        os.nice(NICENESS)
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
-            asyncio.run(uvicorn.Server(config).serve(sockets=[listener]))
+            on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
+            asyncio.run(Server(config).serve(sockets=[listener]))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from markerseek.bridges.page.belief import Belief, PolicyMirror
+from markerseek.bridges.page.belief import Belief, PolicyMirror, angles_text
 from markerseek.core import (
     Asked,
     Failed,
@@ -152,7 +152,7 @@ class RunState:
                     now, phase="refused", refused=now.refused + 1, line=f"refused at {angle_deg:.2f}°: {reason}"
                 )
             case Finished(estimate=estimate):
-                line = f"{answer_name(estimate)}: {estimate.mean_deg:.3f}°"
+                line = ": ".join(filter(None, (answer_name(estimate), angles_text(estimate))))
                 belief = None if now.belief is None else replace(now.belief, estimate=estimate)
                 return replace(now, phase="finished", target_deg=None, belief=belief, line=line)
             case Failed(error=error):
@@ -166,7 +166,7 @@ class RunState:
 
     def _measured(self, event: Measured, now: Snapshot) -> Snapshot:
         sample = event.sample
-        line = f"{_ROLES[event.role]} {event.index}: {sample.angle_deg:.2f}°, {sample.reading.intensity:.4g}"
+        line = f"{_ROLES[event.role]} {event.index}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
         if self._mirror is not None:
             tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
             tell(sample)

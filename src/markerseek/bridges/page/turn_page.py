@@ -15,7 +15,9 @@ from markerseek.core import LimitError, MarkerseekError
 from markerseek.rigs import read_rig_file
 from markerseek.sim import SimulatedSettings
 
-HELP = "Turn the probe with the slider or the arrow keys, press Measure (Enter), and find where the marker is loudest."
+HELP = (
+    "Turn the probe with the slider or the arrow keys, press Measure (Enter), and find where the signal is strongest."
+)
 
 
 class TurnPage:
@@ -40,8 +42,10 @@ class TurnPage:
             self._row = SettingsRow(PageSettings(seed=2), ("tissue", "snr_db", "seed", "readout_s"))
             ui.button("New scene", on_click=self._begin).props("dense outline padding='6px 10px'")
             self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
-            self._name = ui.button("It is here", icon="flag", on_click=self._name_it).props("dense outline")
-            self._show = ui.button("See the posterior do it", on_click=self._let_search).props("dense outline")
+            self._name = ui.button("It is here", icon="flag", on_click=self._name_it)
+            self._name.props("dense outline padding='6px 10px'")
+            self._show = ui.button("See the posterior do it", on_click=self._let_search)
+            self._show.props("dense outline padding='6px 10px'")
         with ui.element("div").classes("ms-foot"):
             self._target = ui.label("").classes("ms-note").style("min-width: 92px")
             self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
@@ -137,7 +141,8 @@ def build_turn_page(desk: Desk) -> None:
 
 def score_text(score: Score) -> str:
     """How a person did, in one sentence."""
+    count = "1 acquisition" if score.acquisitions == 1 else f"{score.acquisitions} acquisitions"
     return (
         f"You named {score.named_deg:.1f}°, the marker is at {score.truth_deg:.2f}°: {score.error_deg:.2f}° off, after "
-        f"{score.acquisitions} acquisitions, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)."
+        f"{count}, {score.travel_deg:.0f}° of rotation and {score.elapsed_s:.0f} s (virtual)."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import msgspec
@@ -36,7 +37,15 @@ class WatchedRun:
         self._imaging = _imaging(bytes(configuration.imaging))
         self._motion, self._pace, self.pulse_j = _rig_settings(configuration)
 
-    def add(self, event: JournalEvent, *, clock_s: float, pulses: int | None = None, lost: int = 0) -> None:
+    def add(
+        self,
+        event: JournalEvent,
+        *,
+        clock_s: float,
+        pulses: int | None = None,
+        lost: int = 0,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
         """Take one more event.
 
         Parameters
@@ -49,15 +58,18 @@ class WatchedRun:
             Pulses of its frame where the frame itself was not sent; None: those of the frame.
         lost
             Events that were lost just before.
+        on_change
+            Called once the event can be shown, and again once its image can.
         """
-        number = self.snapshots[-1].number + 1
+        self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
+        on_change()
+        # The image last: it takes as long as the belief, which is awaited more.
         if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
             sample = event.sample
             # A stream drops frames where its reader is slow: then there is no image, and nothing else is lost.
             if isinstance(sample.frame, ChannelFrame):
-                self.pictures[number] = picture_of(sample, self._imaging)
-        # The snapshot last: whoever sees it finds its picture.
-        self.snapshots.append(self._state.add(event, clock_s=clock_s, pulses=pulses, lost=lost))
+                self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
+                on_change()
 
     def picture(self, snapshot: Snapshot) -> Picture | None:
         """The newest image at a snapshot; it says at which angle it was taken."""

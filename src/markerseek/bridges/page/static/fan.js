@@ -94,6 +94,14 @@ export default {
         c.strokeStyle = colour.answer;
         ray(v.mean, g.near, g.far + 14);
       }
+      c.strokeStyle = colour.quiet;
+      c.fillStyle = colour.quiet;
+      c.setLineDash([5, 4]);
+      for (const deg of v.others) {
+        ray(deg, g.near, g.far + 8);
+        label(c, g, deg, g.far - 10, "?");
+      }
+      c.setLineDash([]);
       if (v.truth !== null) {
         c.strokeStyle = colour.truth;
         c.setLineDash([2, 4]);
@@ -121,14 +129,13 @@ export default {
         c.fillStyle = `rgba(${r},${green},${b},${strength * share})`;
         wedge(low, high, g.near, g.near + (g.far - g.near) * share);
         c.fill();
-        // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
-        if (share > 0.97) {
-          for (const room of [2.2, 1.3, 0.6]) {
-            c.fillStyle = `rgba(${r},${green},${b},0.16)`;
-            wedge(inside(low - room), inside(high + room), g.near, g.far);
-            c.fill();
-          }
-        }
+      }
+      // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
+      const sharpest = v.angles[v.density.indexOf(most)];
+      for (const room of known > 0.5 ? [2.2, 1.3, 0.6] : []) {
+        c.fillStyle = `rgba(${r},${green},${b},0.16)`;
+        wedge(inside(sharpest - room), inside(sharpest + room), g.near, g.far);
+        c.fill();
       }
     },
     scale(c, g, colour, ray) {
@@ -150,6 +157,7 @@ export default {
     },
     points(c, g, colour) {
       const v = this.view;
+      const numbered = [];
       v.points.forEach((point, i) => {
         const newest = i === v.points.length - 1;
         const away = g.near + (g.far - g.near) * (0.12 + 0.8 * point.share);
@@ -159,9 +167,15 @@ export default {
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        // The newest acquisitions are numbered: where a search narrows down, all numbers would cover each other.
-        if (v.points.length - i <= 9) c.fillText(point.role === "confirmation" ? "✓" : String(point.number), x, y - 7);
+        numbered.push([x, y - 7, point.role === "confirmation" ? "✓" : String(point.number)]);
       });
+      // The newest first; a number that would cover another one is left out.
+      const drawn = [];
+      for (const [x, y, text] of numbered.reverse()) {
+        if (drawn.some(([u, w]) => Math.abs(u - x) < 15 && Math.abs(w - y) < 12)) continue;
+        drawn.push([x, y]);
+        c.fillText(text, x, y);
+      }
     },
     span(c, wedge, ends, near, away, fill) {
       const v = this.view;
@@ -173,8 +187,10 @@ export default {
     },
     probe(c, g, colour, ray) {
       const [deg, measured] = this.needle();
+      // The half that looks at the tissue: below it stands where the probe is.
       c.beginPath();
-      c.arc(g.x, g.y, g.near * 0.96, 0, 2 * Math.PI);
+      c.arc(g.x, g.y, g.near * 0.96, turn(-90), turn(90));
+      c.closePath();
       c.fillStyle = colour.fan;
       c.fill();
       c.strokeStyle = colour.quiet;
