@@ -15,9 +15,7 @@ from markerseek.cli.terminal import announce_compilation, picture_folder, print_
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from markerseek.core import ChannelFrame, RFFrame, ScanGeometry
+    from markerseek.core import BModeImage, ChannelFrame, RFFrame
     from markerseek.signals import FrameFindings, ImageReader, SpareReader
 
 NAME = "frame"
@@ -233,7 +231,7 @@ def _draw(
     picture: PaImage,
     path: Path,
     *,
-    under: tuple[np.ndarray, ScanGeometry] | None,
+    under: BModeImage | None,
     title: str,
 ) -> None:
     from markerseek.pictures import frame_figure, overlay_figure, save_png
@@ -242,7 +240,7 @@ def _draw(
     marks_m = [(each.lateral_m, each.depth_m) for each in arrivals]
     if under is not None:
         title = f"{title}, over B-mode: {'source circled' if arrivals else 'no source'}"
-        save_png(overlay_figure(*under, picture, marks_m=marks_m, title=title), path)
+        save_png(overlay_figure(under, picture, marks_m=marks_m, title=title), path)
         return
     figure = frame_figure(
         picture.envelope,

@@ -12,7 +12,7 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 
-from markerseek.acoustics import Digitiser
+from markerseek.acoustics import Absorber, Digitiser
 from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.recipe import SimulatedRecipe
@@ -22,6 +22,7 @@ from markerseek.rigs.scene import draw_marker, draw_scene, image_reader
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.sim import (
+    BModeSettings,
     BModeWorld,
     CurveWorld,
     IntensityCurve,
@@ -116,6 +117,12 @@ def simulated(
         focus_m = settings.receiver.receive_focus_m
         seen, imaging = RFWorld(world=world, receive_focus_m=focus_m), _spare_reader(imaging.preset, focus_m)
         description += f", {imaging.method}"
+    b_mode: BModeWorld | None = None
+    if settings.receiver.b_mode:
+        # The spot of light lies on the surface; nothing is pressed into the tissue.
+        level = replace(settings.b_mode, pressed_m=0.0)
+        b_mode = _b_mode_world(settings, scene.marker, rng, b_mode=level, tip=False)
+        description += ", with B-mode"
     return in_world(
         seen,
         settings,
@@ -127,6 +134,7 @@ def simulated(
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
         rng=rng,
         recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
+        b_mode=b_mode,
     )
 
 
@@ -136,19 +144,26 @@ def _spare_reader(preset: ProbePreset, receive_focus_m: float | None) -> SpareRe
     return SpareReader(preset, receive_focus_m=receive_focus_m)
 
 
-def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.random.Generator) -> Rig:
-    """A rig in B-mode: the tip of an instrument is where the settings put the marker."""
-    marker = draw_marker(settings, rng)
-    world = BModeWorld(
-        settings=settings.b_mode,
+def _b_mode_world(
+    settings: SimulatedSettings, marker: Absorber, rng: np.random.Generator, *, b_mode: BModeSettings, tip: bool
+) -> BModeWorld:
+    """Tissue in B-mode with its surface above the marker, or above the tip that is there."""
+    return BModeWorld(
+        settings=b_mode,
         probe=settings.probe,
         tip_deg=marker.angle_deg,
         tip_radius_m=marker.radius_m,
         tip_lateral_m=marker.lateral_m,
-        present=settings.marker.present,
+        present=tip,
         start_deg=settings.start_deg,
         rng=rng,
     )
+
+
+def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.random.Generator) -> Rig:
+    """A rig in B-mode: the tip of an instrument is where the settings put the marker."""
+    marker = draw_marker(settings, rng)
+    world = _b_mode_world(settings, marker, rng, b_mode=settings.b_mode, tip=settings.marker.present)
     tip = TipSettings(dynamic_range_db=settings.b_mode.dynamic_range_db)
     reader = TipReader(tip)
     rig = in_world(
@@ -249,6 +264,7 @@ def in_world(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     recipe: SimulatedRecipe | None = None,
+    b_mode: BModeWorld | None = None,
 ) -> Rig:
     """Assemble simulated devices in a world; given `rng`, the state of the world can be saved and restored.
 
@@ -274,10 +290,12 @@ def in_world(
         Random generator of the world, for checkpoints.
     recipe
         Arguments to make the same rig again, for a journal.
+    b_mode
+        The same tissue in B-mode, for an image after each frame; None: none is taken.
     """
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     laser = SimulatedLaser(world=world, clock=clock, rate_hz=settings.laser.rate_hz)
-    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s)
+    receiver = SimulatedReceiver(world=world, clock=clock, readout_s=settings.receiver.readout_s, b_mode=b_mode)
     scanner = Scanner(
         stage=stage,
         laser=laser,
