@@ -20,6 +20,7 @@ from .simulated_registration import (
     simulate_registration,
 )
 from .stereo_file import StereoSettings, read_stereo
+from .tracking import TrackQuality, follow, following, quality_of, stage_period_s
 
 __all__ = [
     "GRID_STEP_M",
@@ -34,6 +35,7 @@ __all__ = [
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
+    "TrackQuality",
     "bank_curve",
     "bank_image",
     "bank_images",
@@ -43,11 +45,14 @@ __all__ = [
     "dark_intensity",
     "described",
     "differences",
+    "follow",
+    "following",
     "former_curve",
     "journal_bank",
     "new_session",
     "next_angle",
     "plan_on",
+    "quality_of",
     "read_marker",
     "read_points",
     "read_stereo",
@@ -64,4 +69,5 @@ __all__ = [
     "scan_bank",
     "scan_configuration",
     "simulate_registration",
+    "stage_period_s",
 ]
