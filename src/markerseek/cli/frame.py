@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
@@ -91,10 +92,8 @@ def command(
         float | None, typer.Option(help="Size of its pixels.", show_default="as its file says")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.overlay import b_mode_under

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.signals import stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError, Found, Refused, SearchError, require_range
@@ -81,10 +82,8 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
     plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
     from markerseek import rigs
