@@ -94,7 +94,16 @@ def test_a_rig_with_both_shows_the_marker_on_the_surface_of_the_tissue():
     assert b_mode.geometry.pixel(lateral_m=lateral_m, depth_m=deep_m) == pytest.approx((row, column), abs=2)
 
 
-def test_b_mode_images_beside_channel_data_are_kept_resumed_and_drawn(shell, tmp_path):
+def test_a_rig_with_both_continues_from_its_checkpoint():
+    made, again = (simulated(seed=1, settings=BOTH) for _ in range(2))
+    made.scanner.measure(5.0)
+    again.world.restore(made.world.checkpoint())
+    one, other = (rig.scanner.measure(3.0).frame for rig in (made, again))
+    np.testing.assert_array_equal(one.samples, other.samples)
+    np.testing.assert_array_equal(one.b_mode.pixels, other.b_mode.pixels)
+
+
+def test_b_mode_images_beside_channel_data_are_kept_replayed_and_drawn(shell, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n[receiver]\nb_mode = true\n[b_mode]\npixel_m = 5e-4\n')
     journal = tmp_path / "run.journal"
