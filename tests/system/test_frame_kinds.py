@@ -165,8 +165,15 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
     assert cells(study)[0].digest == 7318545960020396796
 
 
-@pytest.mark.parametrize("data", ["rf", "b-mode"])
-def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, data):
+@pytest.mark.parametrize(
+    ("receiver", "said"),
+    [
+        ({"data": "rf"}, "a SonixDAQ gives channel data"),
+        ({"data": "b-mode"}, "a SonixDAQ gives channel data"),
+        ({"b_mode": True}, "a SonixDAQ takes no B-mode images"),
+    ],
+)
+def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, receiver, said):
     from markerseek.studies import PolicySettings, Study
 
     with pytest.raises(ConfigError, match="a study computes channel data only"):
@@ -175,8 +182,9 @@ def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, da
             trials=1,
             seed=1,
             policies=(PolicySettings(method="ternary"),),
-            rig=SimulatedSettings(receiver=ReceiverSettings(data=data)),
+            rig=SimulatedSettings(receiver=ReceiverSettings(**receiver)),
         )
-    (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\ndata = "{data}"\n')
+    lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in receiver.items())
+    (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\n{lines}')
     code, _, err = shell("emulate", "daq", "--rig", tmp_path / "rig.toml", "--dir", tmp_path / "daq")
-    assert (code, "a SonixDAQ gives channel data" in err) == (2, True), err
+    assert (code, said in " ".join(err.split())) == (2, True), err
