@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from markerseek.runs import stage_period_s
 from markerseek.sim import PowerCurve, StageMotion
-from markerseek.studies import stage_period_s, track
+from markerseek.studies import track
 
 RUNS, DURATION_S, FWHM_DEG, SNR_DB = 20, 20.0, 5.0, 40.0
 SPEEDS_DEG_S, RATES_HZ = (1.0, 5.0, 10.0), (30.0, 10.0, 5.0, 2.0, 1.0)
@@ -34,9 +35,9 @@ def row(name: str, speed_deg_s: float, period_s: float) -> str:
         )
         for run in range(RUNS)
     ]
-    rms_deg = float(np.sqrt(np.mean([each.rms_deg**2 for each in runs])))
-    within = float(np.mean([each.within_1_deg for each in runs]))
-    lag_s = float(np.mean([each.lag_s for each in runs]))
+    rms_deg = float(np.sqrt(np.mean([each.quality.rms_deg**2 for each in runs])))
+    within = float(np.mean([each.quality.within_1_deg for each in runs]))
+    lag_s = float(np.mean([each.quality.lag_s for each in runs]))
     lost = sum(each.lost for each in runs)
     # The error and lag of a marker that was lost say nothing.
     numbers = f"{rms_deg:.2f}° | {within:.0%} | {lag_s:.2f} s" if lost <= RUNS / 2 else "– | – | –"

@@ -3,15 +3,44 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from markerseek.core import ConfigError, Interval, SearchError
-from markerseek.search import Tracker
+from markerseek.core import (
+    ConfigError,
+    Finished,
+    Found,
+    FrameHeader,
+    Interval,
+    MarkerCurve,
+    Measured,
+    NotFound,
+    Reading,
+    ReadingFrame,
+    Sample,
+    SearchError,
+)
+from markerseek.guard import State
+from markerseek.rigs import in_world
+from markerseek.runs import follow, following, quality_of, stage_period_s
+from markerseek.search import Following, Tracker
 from markerseek.search.tracking import SHAPE_ERROR, curve
-from markerseek.sim import PowerCurve, StageMotion
-from markerseek.studies.tracking import marker_deg, stage_period_s, track
+from markerseek.signals import IntensityReader
+from markerseek.sim import (
+    CurveWorld,
+    LaserSettings,
+    MovingWorld,
+    PowerCurve,
+    ReceiverSettings,
+    SimulatedSettings,
+    StageMotion,
+    Swing,
+    VirtualClock,
+    swing_deg,
+)
+from markerseek.studies import track
 
 FWHM_DEG, PEAK = 5.0, 100.0
 
@@ -58,7 +87,7 @@ def test_it_is_the_posterior_of_its_model():
         angle, speed = angle[chosen], speed[chosen]
 
 
-def follow(speed_deg_s, period_s, seed=1):
+def followed(speed_deg_s, period_s, seed=1):
     return track(
         PowerCurve(fwhm_deg=FWHM_DEG, power=1.2),
         fwhm_deg=FWHM_DEG,
@@ -72,14 +101,14 @@ def follow(speed_deg_s, period_s, seed=1):
 
 @pytest.mark.parametrize("speed_deg_s", [1.0, 5.0, 10.0])
 def test_ten_frames_a_second_follow_each_speed(speed_deg_s):
-    found = follow(speed_deg_s, 0.1)
+    found = followed(speed_deg_s, 0.1)
     assert not found.lost
-    assert found.rms_deg < 0.4
-    assert abs(found.lag_s) < 0.05
+    assert found.quality.rms_deg < 0.4
+    assert abs(found.quality.lag_s) < 0.05
 
 
 def test_a_fast_marker_at_a_frame_a_second_is_lost_and_is_said_to_be():
-    assert all(follow(10.0, 1.0, seed).lost for seed in range(4))
+    assert all(followed(10.0, 1.0, seed).lost for seed in range(4))
 
 
 def test_it_looks_at_both_flanks_in_turn_and_stays_in_its_range():
@@ -122,7 +151,7 @@ def test_settings_that_cannot_be_are_refused(name, value):
 
 def test_the_marker_keeps_its_speed_and_turns_smoothly():
     time_s = np.arange(0, 60, 1e-3)
-    angle = np.array([marker_deg(t, 5.0) for t in time_s])
+    angle = np.array([swing_deg(t, 5.0) for t in time_s])
     speed = np.diff(angle) / 1e-3
     assert np.abs(speed).max() == pytest.approx(5.0, rel=1e-3)
     assert np.abs(np.diff(speed)).max() / 1e-3 == pytest.approx(10.0, rel=0.05)
@@ -137,3 +166,90 @@ def test_a_stage_s_frame_rate_is_that_of_its_moves():
     moving_s = stage_period_s(StageMotion(), fwhm_deg=5.0, speed_deg_s=5.0, frame_s=0.2)
     assert moving_s == pytest.approx(0.3 + StageMotion().duration_s(3.0 + 5.0 * moving_s), rel=1e-3)
     assert stage_period_s(StageMotion(), fwhm_deg=5.0, speed_deg_s=10.0, frame_s=0.2) == math.inf
+
+
+def rig_of_intensities(swing, *, stage):
+    """A moving marker on a rig of intensities: the stage, the laser and the guard are those of a rig with frames."""
+    settings = SimulatedSettings(
+        stage=stage, laser=LaserSettings(pulses=4), receiver=ReceiverSettings(readout_s=0.02), start_deg=1.0
+    )
+    rng = np.random.default_rng(1)
+    world = CurveWorld.of_settings(
+        settings, curve=PowerCurve(fwhm_deg=FWHM_DEG, power=1.2), marker_deg=1.0, cells=1000, rng=rng
+    )
+    return in_world(
+        MovingWorld(world, swing),
+        settings,
+        clock=VirtualClock(),
+        reader=IntensityReader(),
+        imaging=None,
+        description="",
+        truth_deg=1.0,
+    )
+
+
+def on_rig(speed_deg_s, *, stage, duration_s=10.0):
+    swing = Swing(speed_deg_s=speed_deg_s)
+    rig = rig_of_intensities(swing, stage=stage)
+    confirmation = rig.scanner.measure(1.0)
+    found = Found(
+        mean_deg=1.0,
+        sigma_deg=0.1,
+        interval95_deg=Interval(low_deg=0.8, high_deg=1.2),
+        interval_kind="posterior",
+        curve=MarkerCurve(fwhm_deg=FWHM_DEG, peak=confirmation.reading.intensity),
+    )
+    policy = following(rig, found, confirmation, speed_deg_s=speed_deg_s, duration_s=duration_s, period_s=0.1)
+    events = list(follow(rig, policy, swing))
+    return rig, policy, events, quality_of(policy, swing, rest_deg=1.0)
+
+
+DIRECT = StageMotion(speed_deg_s=360.0, acceleration_deg_s2=5000.0, backlash_deg=0.0, settle_s=0.02)
+
+
+@pytest.mark.parametrize("speed_deg_s", [1.0, 10.0])
+def test_a_rig_with_a_fast_stage_follows_through_guard_and_laser(speed_deg_s):
+    rig, policy, events, quality = on_rig(speed_deg_s, stage=DIRECT)
+    assert not policy.lost
+    assert quality.rms_deg < 0.4
+    assert abs(quality.lag_s) < 0.05
+    measured = [each for each in events if isinstance(each, Measured)]
+    assert len(measured) == len(policy.track) > 60
+    assert isinstance(events[-1], Finished)
+    assert isinstance(events[-1].estimate, Found)
+    assert rig.scanner.guard.state is State.DISARMED
+
+
+def test_a_rig_that_is_too_slow_loses_the_marker_and_stops():
+    rig, policy, events, _ = on_rig(10.0, stage=StageMotion(), duration_s=30.0)
+    assert policy.lost
+    assert isinstance(events[-1].estimate, NotFound)
+    assert "was lost after" in events[-1].estimate.reason
+    assert rig.scanner.guard.state is State.DISARMED
+
+
+def test_a_moving_world_is_seen_where_it_is_at_the_flash():
+    """The intensity of a frame is that of a world at rest with the marker at the moved angle."""
+    swing = Swing(speed_deg_s=5.0)
+    rig = rig_of_intensities(swing, stage=DIRECT)
+    swing.begin(rig.scanner.clock.now_s())
+    for _ in range(8):
+        sample = rig.scanner.measure(3.0)
+        now_deg = 1.0 + swing.moved_deg(sample.frame.header.started_s)
+        expected = 100 * PowerCurve(fwhm_deg=FWHM_DEG, power=1.2).peaks(3.0 - now_deg)[0]
+        assert sample.reading.intensity == pytest.approx(expected, abs=0.06 * expected + 5)
+    # In closed form: at rest until it begins, then from the middle of the swing upwards at an even speed.
+    one = Swing(speed_deg_s=5.0)
+    one.begin(7.0)
+    assert [one.moved_deg(at_s) for at_s in (0.0, 7.0, 7.4, 8.2)] == pytest.approx([0.0, 0.0, 2.0, 6.0])
+    assert max(one.moved_deg(7 + 0.01 * step) for step in range(2000)) == pytest.approx(one.reach_deg, abs=1e-3)
+
+
+def test_a_sample_without_time_is_refused():
+    policy = Following(tracker(), began_s=5.0, until_s=9.0, period_s=0.2)
+    sample = Sample(angle_deg=2.0, reading=Reading(intensity=10.0))
+    with pytest.raises(SearchError, match="has no time"):
+        policy.tell(sample)
+    header = FrameHeader(sequence=1, token="a", pulses=4, commanded_deg=2.0, started_s=4.0, ended_s=4.1)
+    with pytest.raises(SearchError, match="it must be later"):
+        policy.tell(replace(sample, frame=ReadingFrame(header=header, intensity=10.0)))

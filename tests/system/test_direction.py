@@ -23,7 +23,7 @@ from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.emulators.kdc101 import Kdc101Settings
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import Rig
-from markerseek.rigs.scene import image_reader
+from markerseek.rigs.spot import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings
 

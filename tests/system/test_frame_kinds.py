@@ -10,13 +10,25 @@ import pytest
 
 from markerseek import build, run
 from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, RFFrame
+from markerseek.records.journal import read_journal
 from markerseek.rigs import simulated
-from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, World, post_beamformed
+from markerseek.runs import journal_bank
+from markerseek.sim import (
+    BModeSettings,
+    LaserSettings,
+    MarkerSettings,
+    ReceiverSettings,
+    SimulatedSettings,
+    World,
+    post_beamformed,
+)
 
 RF = SimulatedSettings(receiver=ReceiverSettings(data="rf", readout_s=0.05))
 TIP = SimulatedSettings(
     marker=MarkerSettings(angle_deg=12.5, lateral_m=2e-3), receiver=ReceiverSettings(data="b-mode", readout_s=0.05)
 )
+
+BOTH = SimulatedSettings(receiver=ReceiverSettings(b_mode=True, readout_s=0.05))
 
 
 def finished(settings, *, method="posterior", seed=1, **options):
@@ -65,6 +77,50 @@ def test_a_journal_of_such_a_search_is_replayed_and_becomes_a_bank_of_intensitie
     assert json.loads(shell("bank", "info", tmp_path / "scan.hdf5", "--json")[1])["content"].startswith("intensities")
 
 
+def test_a_rig_with_both_shows_the_marker_on_the_surface_of_the_tissue():
+    """Seen in its plane, the spot of light is as deep in both images as it is before the array: R − r."""
+    # A long pulse is loudest at its ends, 0.4 mm before and behind the spot.
+    settings = replace(BOTH, marker=MarkerSettings(angle_deg=12.5, lateral_m=-6e-3), laser=LaserSettings(pulse_s=50e-9))
+    rig = simulated(seed=1, settings=settings)
+    sample = rig.scanner.measure(12.5)
+    b_mode = sample.frame.b_mode
+    depth_m = settings.marker.radius_m - settings.probe.face_radius_m
+    row, column = b_mode.geometry.pixel(lateral_m=-6e-3, depth_m=depth_m)
+    # Two pixels are 0.3 mm. The surface is the brightest row; the source is found by the other simulation.
+    assert np.argmax(b_mode.pixels.mean(axis=1)) == pytest.approx(row, abs=2)
+    image = rig.imaging.picture(sample.frame)
+    at = divmod(int(np.argmax(image.envelope)), image.envelope.shape[1])
+    lateral_m, deep_m = image.geometry.position_m(row=at[0], column=at[1])
+    assert b_mode.geometry.pixel(lateral_m=lateral_m, depth_m=deep_m) == pytest.approx((row, column), abs=2)
+
+
+def test_a_rig_with_both_continues_from_its_checkpoint():
+    made, again = (simulated(seed=1, settings=BOTH) for _ in range(2))
+    made.scanner.measure(5.0)
+    again.world.restore(made.world.checkpoint())
+    one, other = (rig.scanner.measure(3.0).frame for rig in (made, again))
+    np.testing.assert_array_equal(one.samples, other.samples)
+    np.testing.assert_array_equal(one.b_mode.pixels, other.b_mode.pixels)
+
+
+def test_b_mode_images_beside_channel_data_are_kept_replayed_and_drawn(shell, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text('kind = "simulated"\n[receiver]\nb_mode = true\n[b_mode]\npixel_m = 5e-4\n')
+    journal = tmp_path / "run.journal"
+    search = ("search", "--seed", 1, "--rig", rig, "--single", "--journal", journal, "--json", "--plot")
+    code, out, err = shell(*search, "--out", tmp_path)
+    assert (code, json.loads(out)["found"]) == (0, True), err
+    assert (tmp_path / "search.png").stat().st_size > 10_000
+    held = [each.event.sample for each in read_journal(journal).entries if isinstance(each.event, Measured)]
+    expected = BModeSettings(pixel_m=5e-4)
+    assert all(each.frame.b_mode.pixels.shape == expected.shape for each in held)
+    code, out, err = shell("journal", "replay", journal)
+    assert (code, "equal, bit for bit" in out) == (0, True), out + err
+    # As a bank it is searched again, with the images.
+    frame = journal_bank(journal).frame(0)
+    assert frame.b_mode.geometry == expected.geometry
+
+
 @pytest.mark.parametrize("receive_focus_m", [None, 40e-3])
 def test_the_simulated_machine_beamforms_as_it_is_written_out(receive_focus_m):
     from machine_rf import post_beamformed as written_out
@@ -91,6 +147,8 @@ def test_the_simulated_machine_beamforms_as_it_is_written_out(receive_focus_m):
 def test_settings_that_do_not_fit_are_refused():
     with pytest.raises(ConfigError, match="receive_focus_m is for data = 'rf', not 'channels'"):
         ReceiverSettings(receive_focus_m=0.03)
+    with pytest.raises(ConfigError, match="b_mode is for data = 'channels' or 'rf'"):
+        ReceiverSettings(data="b-mode", b_mode=True)
     with pytest.raises(ConfigError, match="receiver: receive_focus_m is nan m"):
         ReceiverSettings(data="rf", receive_focus_m=float("nan"))
 
@@ -107,8 +165,15 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them():
     assert cells(study)[0].digest == 7318545960020396796
 
 
-@pytest.mark.parametrize("data", ["rf", "b-mode"])
-def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, data):
+@pytest.mark.parametrize(
+    ("receiver", "said"),
+    [
+        ({"data": "rf"}, "a SonixDAQ gives channel data"),
+        ({"data": "b-mode"}, "a SonixDAQ gives channel data"),
+        ({"b_mode": True}, "a SonixDAQ takes no B-mode images"),
+    ],
+)
+def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, receiver, said):
     from markerseek.studies import PolicySettings, Study
 
     with pytest.raises(ConfigError, match="a study computes channel data only"):
@@ -117,8 +182,9 @@ def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, da
             trials=1,
             seed=1,
             policies=(PolicySettings(method="ternary"),),
-            rig=SimulatedSettings(receiver=ReceiverSettings(data=data)),
+            rig=SimulatedSettings(receiver=ReceiverSettings(**receiver)),
         )
-    (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\ndata = "{data}"\n')
+    lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in receiver.items())
+    (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\n{lines}')
     code, _, err = shell("emulate", "daq", "--rig", tmp_path / "rig.toml", "--dir", tmp_path / "daq")
-    assert (code, "a SonixDAQ gives channel data" in err) == (2, True), err
+    assert (code, said in " ".join(err.split())) == (2, True), err

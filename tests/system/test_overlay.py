@@ -10,7 +10,16 @@ import pytest
 from machine_rf import post_beamformed
 from markerseek.acoustics import Absorber, AcousticModel, Probe, RectanglePulse
 from markerseek.cli.overlay import b_mode_under
-from markerseek.core import ConfigError, FrameHeader, LinearArray, PaImage, RecordError, RFFrame, ScanGeometry
+from markerseek.core import (
+    BModeImage,
+    ConfigError,
+    FrameHeader,
+    LinearArray,
+    PaImage,
+    RecordError,
+    RFFrame,
+    ScanGeometry,
+)
 from markerseek.pictures import overlay_figure
 from markerseek.signals import SpareReader, probe_preset
 from markerseek.sim import BModeSettings, BModeWorld
@@ -72,7 +81,9 @@ def test_the_picture_puts_both_where_their_geometry_says():
     envelope = np.zeros((40, 21), np.float32)
     envelope[10, 5] = 1.0
     image = PaImage(envelope=envelope, lateral_m=np.linspace(-5e-3, 5e-3, 21), depth_m=0.022 + 1e-4 * np.arange(40))
-    figure = overlay_figure(pixels, geometry, image, marks_m=[(-2.5e-3, 23e-3)], title="test")
+    figure = overlay_figure(
+        BModeImage(pixels=pixels, geometry=geometry), image, marks_m=[(-2.5e-3, 23e-3)], title="test"
+    )
     under, over = figure.axes[0].images
     assert under.get_extent() == list(geometry.edges_mm(50, 201))
     left, right, bottom, top = over.get_extent()
@@ -93,7 +104,7 @@ def b8(path, pixels, corners):
 def test_the_corners_of_a_b8_place_its_region(tmp_path):
     corners = ((10, 20), (110, 20), (110, 220), (10, 220))
     path = b8(tmp_path / "a.b8", np.zeros((240, 130), np.uint8), corners)
-    _, geometry = b_mode_under(path, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None)
+    geometry = b_mode_under(path, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None).geometry
     width_m, depth_m = 128 * 0.43e-3, SAMPLES / 40e6 * 1540 / 2
     # The outer edges of the first and of the last pixel of the region.
     assert geometry.position_m(row=19.5, column=9.5) == pytest.approx((-width_m / 2, 0.0))
@@ -101,7 +112,7 @@ def test_the_corners_of_a_b8_place_its_region(tmp_path):
     odd = b8(tmp_path / "b.b8", np.zeros((240, 130), np.uint8), ((10, 20), (5, 20), (110, 220), (10, 220)))
     with pytest.raises(RecordError, match="make no rectangle"):
         b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=None)
-    _, named = b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=0.2)
+    named = b_mode_under(odd, number=1, preset=PRESET, samples=SAMPLES, pixel_mm=0.2).geometry
     assert named.position_m(row=-0.5, column=64.5) == pytest.approx((0.0, 0.0))
 
 

@@ -19,7 +19,7 @@ from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort, PtyLine
 from markerseek.emulators.bench import BenchClock, EmulatedBench, ServingClock, require_pace, serve
 from markerseek.guard import Admission, FiringLimits, Guard, State
-from markerseek.rigs.scene import image_reader
+from markerseek.rigs.spot import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, VirtualClock

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from markerseek.core import (
     BModeFrame,
+    BModeImage,
+    ChannelFrame,
     ConfigError,
     Frame,
     Measured,
@@ -25,6 +27,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal
 from markerseek.records.journal.encoding import decode, encode
+from markerseek.records.stream import EventStream, StreamDecoder, StreamEvent
 from synthetic_journals import FULL_READING, HEADER, configuration
 
 GEOMETRY = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)
@@ -34,11 +37,22 @@ FRAMES: list[Frame] = [
     RFFrame(header=HEADER, samples=COUNTS, sampling_hz=40e6),
     # A slice of a larger image, as a camera's driver may hand it over: its rows are not side by side in memory.
     BModeFrame(header=HEADER, pixels=np.asfortranarray(PIXELS), geometry=GEOMETRY),
+    ChannelFrame(header=HEADER, samples=COUNTS, sampling_hz=40e6, b_mode=BModeImage(pixels=PIXELS, geometry=GEOMETRY)),
 ]
 
 
+def assert_same(one: object, other: object) -> None:
+    """Frames, their arrays and images are equal, number by number."""
+    assert type(one) is type(other)
+    if not isinstance(other, ChannelFrame | RFFrame | BModeImage):
+        np.testing.assert_array_equal(one, other)  # type: ignore[arg-type]
+        return
+    for field in fields(other):
+        assert_same(getattr(one, field.name), getattr(other, field.name))
+
+
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
-def test_a_journal_holds_each_kind_wherever_a_frame_may_be(frame: RFFrame | BModeFrame, tmp_path: Path) -> None:
+def test_a_journal_holds_each_kind_wherever_a_frame_may_be(frame: Frame, tmp_path: Path) -> None:
     events: list[JournalEvent] = [
         Refused(angle_deg=1.0, reason="moved", frame=frame),
         Measured(role="search", index=1, sample=Sample(angle_deg=1.0, reading=FULL_READING, frame=frame)),
@@ -53,17 +67,27 @@ def test_a_journal_holds_each_kind_wherever_a_frame_may_be(frame: RFFrame | BMod
     assert isinstance(held[1], Measured)
     assert isinstance(held[2], Checked)
     for again in (held[0].frame, held[1].sample.frame, held[2].frame):
-        assert type(again) is type(frame)
-        for field in fields(frame):
-            np.testing.assert_array_equal(getattr(again, field.name), getattr(frame, field.name))
+        assert_same(again, frame)
+
+
+@pytest.mark.parametrize("frames", [True, False])
+@pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
+def test_a_stream_sends_each_kind_of_frame_or_leaves_it_out(frame: Frame, tmp_path: Path, frames: bool) -> None:
+    with EventStream(tmp_path / "events", configuration(), frames=frames) as stream:
+        stream.add(Refused(angle_deg=1.0, reason="moved", frame=frame), clock_s=0.0)
+    _, item, _ = StreamDecoder().feed((tmp_path / "events").read_bytes())
+    assert isinstance(item, StreamEvent)
+    assert isinstance(item.event, Refused)
+    assert item.header == HEADER
+    assert_same(item.event.frame, frame if frames else None)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
-def test_a_row_with_another_array_than_its_body_names_is_refused(frame: RFFrame | BModeFrame) -> None:
+def test_a_row_with_another_array_than_its_body_names_is_refused(frame: Frame) -> None:
     row = encode(Refused(angle_deg=1.0, reason="moved", frame=frame))
     assert row.samples is not None
-    for samples in (None, row.samples[:-1]):
-        with pytest.raises(RecordError, match="an entry that cannot be read: a frame of"):
+    for samples, found in ((None, "a frame of"), (row.samples[:-1], "a frame of"), (bytes(row.samples) + b"0", "1 by")):
+        with pytest.raises(RecordError, match=f"an entry that cannot be read: {found}"):
             decode(row.kind, row.body, samples, confirmation=None)
     for here, there in ((b"<i2", b"<f2"), (b"|u1", b"<i2"), (b'"shape":[', b'"shape":[-')):
         if here in row.body:
@@ -77,7 +101,7 @@ def test_arrays_of_another_kind_are_no_frame() -> None:
     with pytest.raises(ConfigError, match=r"RF frame: sampling_hz is nan Hz"):
         rf_frame(COUNTS, sampling_hz=math.nan)
     for pixels in (np.zeros((2, 3)), np.zeros((2, 3, 3), np.uint8)):
-        with pytest.raises(ConfigError, match=r"B-mode frame: pixels are .*uint8 of shape \(rows, columns\)"):
+        with pytest.raises(ConfigError, match=r"B-mode image: pixels are .*uint8 of shape \(rows, columns\)"):
             b_mode_frame(pixels)
 
 

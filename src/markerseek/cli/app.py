@@ -26,6 +26,7 @@ from markerseek.cli import (
     search,
     study,
     tooltip,
+    track,
 )
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_json, print_warning
@@ -57,6 +58,7 @@ _COMMANDS = (
     calibrate,
     register,
     tooltip,
+    track,
     reproduce,
     study,
     emulate,

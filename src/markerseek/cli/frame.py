@@ -11,13 +11,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from markerseek.core import ChannelFrame, RFFrame, ScanGeometry
+    from markerseek.core import BModeImage, ChannelFrame, RFFrame
     from markerseek.signals import FrameFindings, ImageReader, SpareReader
 
 NAME = "frame"
@@ -93,10 +92,8 @@ def command(
         float | None, typer.Option(help="Size of its pixels.", show_default="as its file says")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
     from markerseek.cli.overlay import b_mode_under
@@ -233,7 +230,7 @@ def _draw(
     picture: PaImage,
     path: Path,
     *,
-    under: tuple[np.ndarray, ScanGeometry] | None,
+    under: BModeImage | None,
     title: str,
 ) -> None:
     from markerseek.pictures import frame_figure, overlay_figure, save_png
@@ -242,7 +239,7 @@ def _draw(
     marks_m = [(each.lateral_m, each.depth_m) for each in arrivals]
     if under is not None:
         title = f"{title}, over B-mode: {'source circled' if arrivals else 'no source'}"
-        save_png(overlay_figure(*under, picture, marks_m=marks_m, title=title), path)
+        save_png(overlay_figure(under, picture, marks_m=marks_m, title=title), path)
         return
     figure = frame_figure(
         picture.envelope,

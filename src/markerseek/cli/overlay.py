@@ -5,18 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markerseek.core import ConfigError, RecordError, ScanGeometry, require_range
+from markerseek.core import BModeImage, ConfigError, RecordError, ScanGeometry, require_range
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from markerseek.signals import ProbePreset
 
 
-def b_mode_under(
-    path: Path, *, number: int, preset: ProbePreset, samples: int, pixel_mm: float | None
-) -> tuple[np.ndarray, ScanGeometry]:
-    """Grey values of a B-mode image of the same angle, and where they are.
+def b_mode_under(path: Path, *, number: int, preset: ProbePreset, samples: int, pixel_mm: float | None) -> BModeImage:
+    """B-mode image of the same angle.
 
     An Ultrasonix ``.b8`` names the corners of its region of interest, which is as wide as the probe, and as deep as the
     machine's record of the same frame is long. Any other image is taken to be centred on the array and to begin at its
@@ -66,7 +62,7 @@ def b_mode_under(
             first_depth_m=-(top - 0.5) * depth_step_m,
             depth_step_m=depth_step_m,
         )
-        return file.b_mode(number - 1), geometry
+        return BModeImage(pixels=file.b_mode(number - 1), geometry=geometry)
     series = read_images(path)
     if not 1 <= number <= len(series.images):
         raise RecordError(f"{path}: there is no image {number}, it holds {len(series.images)}; count from 1")
@@ -81,4 +77,4 @@ def b_mode_under(
         first_depth_m=height_m / 2,
         depth_step_m=height_m,
     )
-    return pixels, geometry
+    return BModeImage(pixels=pixels, geometry=geometry)

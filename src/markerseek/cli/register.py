@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from markerseek.cli.output_options import AsJson, Out
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -66,10 +68,8 @@ def command(
     tissue: Annotated[str | None, typer.Option(help="Simulated material.", show_default="plastisol-phantom")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the simulation.", show_default="1")] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 

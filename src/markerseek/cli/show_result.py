@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import Floor, Interval, OtherSource, PaImage, Policy, Sample
+from markerseek.core import ChannelFrame, Floor, Interval, OtherSource, PaImage, Policy, RFFrame, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -217,6 +217,7 @@ def _draw(
     finished = recorder.finished
     if finished is None or not recorder.samples:
         return ()
+    last = recorder.confirmation or recorder.samples[-1]
     png, page = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
     draw = partial(
         search_figure,
@@ -226,7 +227,8 @@ def _draw(
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
-        image=_image(imaging, recorder.confirmation or recorder.samples[-1]),
+        image=_image(imaging, last),
+        b_mode=last.frame.b_mode if isinstance(last.frame, ChannelFrame | RFFrame) else None,
         limits=curves.limits,
         density=curves.density,
         recorded=curves.recorded,

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.terminal import picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError, RecordError, require_range
 from markerseek.files import MIB, open_input
@@ -85,10 +86,8 @@ def command(
         float | None, typer.Option(help="Size of a pixel.", show_default="that of the files, else 0.1")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the series into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
     from markerseek.records import read_images
@@ -109,13 +108,15 @@ def command(
     size_m, source = _pixel_size(series, pixel_mm)
     measured = sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
     report = _report(measured, series, angles_deg, size_m, source)
+    # The current folder is named, not ".".
+    name = images.name if images.is_file() else images.resolve().name
     if as_json:
         print_json(report)
     else:
-        _print(report, images)
+        _print(report, name)
     if plot:
-        path = folder / f"{images.stem if images.is_file() else images.resolve().name}-tip.png"
-        _draw(measured, series, angles_deg, path, title=f"{images.name}: {report.reason}")
+        path = folder / f"{images.stem if images.is_file() else name}-tip.png"
+        _draw(measured, series, angles_deg, path, title=f"{name}: {report.reason}")
         (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
     raise typer.Exit(0 if report.found else 3)
 
@@ -238,9 +239,9 @@ def _reason(measured: SensitiveRange) -> str:
     return text + (f"; {measured.remark}" if measured.remark else "")
 
 
-def _print(report: RangeReport, images: Path) -> None:
+def _print(report: RangeReport, name: str) -> None:
     answer = "[bold green]tip found[/]" if report.found else "[bold yellow]no tip[/]"
-    stdout.print(f"{answer} in {escape(images.name)}: {escape(report.reason)}")
+    stdout.print(f"{answer} in {escape(name)}: {escape(report.reason)}")
     height, width = report.pixel_mm
     stdout.print(f"[dim]pixel {height:g} × {width:g} mm, {report.pixel_size}[/]")
     table = Table(box=None, padding=(0, 2, 0, 0))

@@ -33,7 +33,7 @@ from markerseek.core.estimate import (
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
 from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
-from markerseek.core.image import PaImage, ScanGeometry
+from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
@@ -63,6 +63,7 @@ __all__ = [
     "Asked",
     "AtBound",
     "BModeFrame",
+    "BModeImage",
     "Bool",
     "ChannelFrame",
     "Clock",

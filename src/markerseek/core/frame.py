@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from markerseek.core.errors import ConfigError
-from markerseek.core.image import ScanGeometry
-from markerseek.core.shapes import CHECKED, Int16, UInt8
+from markerseek.core.image import BModeImage
+from markerseek.core.shapes import CHECKED, Int16
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -46,7 +46,30 @@ class FrameHeader:
 
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChannelFrame:
+class _CountsFrame:
+    """What frames of counts have in common."""
+
+    header: FrameHeader
+    samples: Int16[np.ndarray, "rows samples"]
+    sampling_hz: float
+    b_mode: BModeImage | None = None
+
+    _NAME: ClassVar[str]
+    _ROWS: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        # At run time too: the samples come from drivers and files that other people write.
+        if self.samples.ndim != 2 or self.samples.dtype != "int16":
+            raise ConfigError(
+                f"{self._NAME}: samples are {self.samples.dtype} of shape {self.samples.shape}, they must be int16 of "
+                f"shape ({self._ROWS}, samples)"
+            )
+        if not 0 < self.sampling_hz < math.inf:
+            raise ConfigError(f"{self._NAME}: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChannelFrame(_CountsFrame):
     """Channel data of one acquisition, before beamforming.
 
     Attributes
@@ -57,19 +80,17 @@ class ChannelFrame:
         ADC counts, shape (channels, samples); channel 0 is the first element along the array. Sample 0 is the trigger.
     sampling_hz
         Sampling frequency in Hz.
+    b_mode
+        B-mode image that the receiver took without light just after the samples, before the stage's angle was read for
+        the second time; None where the rig takes none.
     """
 
-    header: FrameHeader
-    samples: Int16[np.ndarray, "channels samples"]
-    sampling_hz: float
-
-    def __post_init__(self) -> None:
-        # At run time too: the samples come from drivers and files that other people write.
-        _require_samples("channel frame", "channels", self.samples, self.sampling_hz)
+    _NAME = "channel frame"
+    _ROWS = "channels"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RFFrame:
+class RFFrame(_CountsFrame):
     """Lines that an ultrasound machine has beamformed for pulse-echo imaging, before the envelope (post-beamformed RF).
 
     Attributes
@@ -80,50 +101,27 @@ class RFFrame:
         Counts, shape (lines, samples); line 0 is at the first element. Sample 0 is the machine's time of transmission.
     sampling_hz
         Sampling frequency in Hz.
+    b_mode
+        As of `ChannelFrame`.
     """
 
-    header: FrameHeader
-    samples: Int16[np.ndarray, "lines samples"]
-    sampling_hz: float
-
-    def __post_init__(self) -> None:
-        _require_samples("RF frame", "lines", self.samples, self.sampling_hz)
+    _NAME = "RF frame"
+    _ROWS = "lines"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BModeFrame:
-    """B-mode image, as a machine shows it: grey values of the compressed envelope.
+class BModeFrame(BModeImage):
+    """B-mode image as the only data of an acquisition.
 
     Attributes
     ----------
     header
         See `FrameHeader`; ``pulses`` counts the images that were averaged.
-    pixels
-        Grey values, shape (rows, columns); row 0 is the shallowest.
-    geometry
-        Where the pixels are.
+    pixels, geometry
+        As of `BModeImage`.
     """
 
     header: FrameHeader
-    pixels: UInt8[np.ndarray, "rows columns"]
-    geometry: ScanGeometry
-
-    def __post_init__(self) -> None:
-        if self.pixels.ndim != 2 or self.pixels.dtype != "uint8":
-            raise ConfigError(
-                f"B-mode frame: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
-                "they must be uint8 of shape (rows, columns)"
-            )
-
-
-def _require_samples(name: str, rows: str, samples: np.ndarray, sampling_hz: float) -> None:
-    if samples.ndim != 2 or samples.dtype != "int16":
-        raise ConfigError(
-            f"{name}: samples are {samples.dtype} of shape {samples.shape}, they must be int16 of shape "
-            f"({rows}, samples)"
-        )
-    if not 0 < sampling_hz < math.inf:
-        raise ConfigError(f"{name}: sampling_hz is {sampling_hz} Hz, it must be positive and finite")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

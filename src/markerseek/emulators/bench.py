@@ -64,6 +64,8 @@ class EmulatedBench:
             raise ConfigError(
                 f'receiver.data is "{settings.receiver.data}", and a SonixDAQ gives channel data; leave it out'
             )
+        if settings.receiver.b_mode:
+            raise ConfigError("receiver.b_mode: a SonixDAQ takes no B-mode images; leave it out")
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
         self.world = World(

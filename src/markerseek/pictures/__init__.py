@@ -11,6 +11,7 @@ from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
 from markerseek.pictures.tip_picture import TipImage, tip_figure
+from markerseek.pictures.track_picture import track_figure
 
 __all__ = [
     "ERROR_BARS",
@@ -34,6 +35,7 @@ __all__ = [
     "search_figure",
     "shared_legend",
     "tip_figure",
+    "track_figure",
     "write_from_template",
     "write_page",
 ]

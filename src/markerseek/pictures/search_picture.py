@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Float64, Found, Interval, PaImage, Sample
-from markerseek.pictures.image_panel import draw_image
+from markerseek.core import BModeImage, Float64, Found, Interval, PaImage, Sample
+from markerseek.pictures.image_panel import draw_image, draw_overlay
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def search_figure(
     reference_deg: float | None,
     confirmation: Sample | None,
     image: PaImage | None,
+    b_mode: BModeImage | None = None,
     limits: Interval,
     density: Curve | None = None,
     recorded: Curve | None = None,
@@ -63,6 +64,8 @@ def search_figure(
         The acquisition after the last move, None if there was none.
     image
         Image of the last acquisition, None where there are no channel data.
+    b_mode
+        B-mode image of the same angle, over which it is drawn; None where there is none.
     limits
         Range of the search, which both axes of angles show.
     density
@@ -92,14 +95,18 @@ def search_figure(
         _draw_density(figure.add_subplot(columns[1, 0], sharex=curve), density, estimate, known=known)
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
-        draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+        if b_mode is None:
+            draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+        else:
+            draw_overlay(panel, b_mode, image)
         last = confirmation or samples[-1]
         reading = last.reading
         if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
             place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
             panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
         which = "photoacoustic image" if confirmation is not None else "image of the last acquisition,"
-        panel.set_title(f"{which} at {last.angle_deg:.2f}°", fontsize=10)
+        over = "" if b_mode is None else " over B-mode"
+        panel.set_title(f"{which} at {last.angle_deg:.2f}°{over}", fontsize=10)
     shared_legend(figure, columns=4)
     return figure
 

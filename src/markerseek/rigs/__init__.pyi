@@ -1,12 +1,16 @@
 from .bench_part import BenchPart, bench_part
 from .bench_rig import bench
+from .intensity_rig import USUAL_CELLS, of_intensities
 from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file
-from .scene import Scene, draw_scene, image_peak, image_reader, scaled_spot, scene_curve, scene_of
-from .simulation import USUAL_CELLS, in_world, of_intensities, simulated
+from .scene import Scene, draw_scene, scene_of
+from .scene_curve import scene_curve
+from .simulated_devices import in_world
+from .simulation import simulated
+from .spot import image_peak, image_reader, largest_count, scaled_spot
 
 __all__ = [
     "USUAL_CELLS",
@@ -29,6 +33,7 @@ __all__ = [
     "image_peak",
     "image_reader",
     "in_world",
+    "largest_count",
     "of_intensities",
     "preset_of",
     "probe_settings",

@@ -11,7 +11,7 @@ from markerseek.drivers import (
 from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
 from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
-from markerseek.rigs.simulation import DARK_FRAMES
+from markerseek.rigs.simulated_devices import DARK_FRAMES
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, probe_preset
 

@@ -1,4 +1,4 @@
-"""Draws the scene of a simulated rig (marker, light spot, clutter, noise) from settings, and computes its curve.
+"""Draws the scene of a simulated rig (marker, light spot, clutter, noise) from settings.
 
 `draw_scene` is the only place where settings become absorbers and noise, for rigs of frames and of intensities.
 """
@@ -6,52 +6,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
-from markerseek.acoustics import (
-    Absorber,
-    AcousticModel,
-    Band,
-    Digitiser,
-    GaussianAbsorber,
-    Noise,
-    RectanglePulse,
-)
-from markerseek.core import ChannelFrame, ConfigError, Float32, Float64, FrameHeader, LinearArray, PaImage
-from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
-from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, Spot, Tissue, tissue_named
-
-_MOST_COUNTS = 25_000
-"""Amplitude to which a noise-free frame is scaled, in counts, so that rounding to int16 has no effect on its image."""
-
-_NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-
-_OFF_PLANE_DEG = np.concatenate(
-    [np.arange(0, 4, 0.2), np.arange(4, 12, 0.5), np.arange(12, 40, 1.0), np.arange(40, 80.1, 2.5)]
-)
-"""Angles off the marker at which a curve is computed, on one side: finer where it is steep."""
-
-_PEAKS = 6
-"""Number of separate peaks of an image that a curve stores."""
-
-_APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
-"""Peaks nearer than this, about a resolution cell, have the same noise and count as one."""
-
-_USUAL_COUNTS = 600.0
-"""Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
-
-_LEAST_SIGMA = 2.0
-"""Noise in counts to which that gain is raised where there is room: rounding (variance 1/12) then adds 1 % to it."""
-
-_NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
-"""Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
-
-_OFF_PLANE = 1.5
-"""Room for a marker near the array, which is up to 1.34 times as strong in a channel off its plane as in it."""
+from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Noise, RectanglePulse
+from markerseek.rigs.spot import largest_count, scaled_spot
+from markerseek.sim import MarkerSettings, SimulatedSettings, Spot, Tissue, tissue_named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,26 +47,6 @@ class Scene:
     second: Absorber | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScaledSpot:
-    """A spot in counts, and the noise beside it; `noise`, `peak` and `peak_counts` are those of `Scene`."""
-
-    absorbers: tuple[Absorber, ...]
-    noise: Noise
-    peak: float
-    peak_counts: float
-
-
-@lru_cache(maxsize=8)
-def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
-    """Imaging chain of a simulated probe; cached, because its tables are expensive to compute.
-
-    Array and sampling are those of the rig, which a user knows; sound speed, band and aperture are those of the first
-    preset even if the tissue differs, because a user would not know.
-    """
-    return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
-
-
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     """Draw a scene; values that the settings leave open are random.
 
@@ -131,7 +72,7 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     second = _draw_second(settings, marker, rng)
     other = _spot_of(settings.second, material).draw(second, rng)
     # As strong as the first: the same largest count with the probe on it.
-    scale = scene.peak_counts / _largest_count(other, model, second)
+    scale = scene.peak_counts / largest_count(other, model, second)
     others = tuple(replace(each, strength=each.strength * scale) for each in other)
     return replace(scene, absorbers=scene.absorbers + others, second=second)
 
@@ -162,7 +103,7 @@ def scene_of(
     spot = scaled_spot(material.spot.draw(marker, rng), marker, settings, model)
     absorbers = spot.absorbers if settings.marker.present else ()
     if material.clutter is not None:
-        scale = spot.peak_counts / _largest_count([marker], model, marker)
+        scale = spot.peak_counts / largest_count([marker], model, marker)
         absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
     return Scene(
         description=material.description,
@@ -173,94 +114,6 @@ def scene_of(
         peak=spot.peak,
         peak_counts=spot.peak_counts,
     )
-
-
-def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
-    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of their channel data.
-
-    Parameters
-    ----------
-    absorbers
-        The sources.
-    model
-        Acoustic model.
-    angle_deg
-        Angle of the probe in degrees.
-
-    Raises
-    ------
-    ConfigError
-        If no signal of them reaches the receiver.
-    """
-    received = model.channel_data(absorbers, angle_deg=angle_deg)
-    largest = _largest(received, absorbers[0], model)
-    counts = np.rint(received * (_MOST_COUNTS / largest)).astype(np.int16)
-    frame = ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=model.sampling_hz)
-    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    return imaging.read(frame).intensity * largest / _MOST_COUNTS
-
-
-def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
-    """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
-
-    Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
-    without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
-    both sides, which is computed on one.
-
-    Parameters
-    ----------
-    scene
-        The sources, and how they are received.
-    """
-    reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
-    gain_to_counts = _MOST_COUNTS / scene.peak_counts
-    absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
-
-    def frame_at(off_plane_deg: float) -> ChannelFrame:
-        received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
-        # Rounded like a real frame, at an amplitude at which rounding does not matter.
-        counts = np.clip(np.rint(received), -32767, 32767).astype(np.int16)
-        return ChannelFrame(header=_NO_HEADER, samples=counts, sampling_hz=scene.model.sampling_hz)
-
-    # One elevation for all sources makes the curve even in the angle, which halves the work.
-    alike = all(absorber.angle_deg == marker.angle_deg for absorber in absorbers)
-    angles = _OFF_PLANE_DEG if alike else np.concatenate([-_OFF_PLANE_DEG[:0:-1], _OFF_PLANE_DEG])
-    heights = _heights(reader, frame_at, angles)
-    if alike:
-        angles = np.concatenate([-angles[:0:-1], angles])
-        heights = np.concatenate([heights[:0:-1], heights])
-    cells = reader.read(frame_at(0.0)).cells or 1
-    return RecordedCurve(angles, heights / (scene.peak * gain_to_counts)), cells
-
-
-def _heights(
-    reader: ImageReader, frame_at: Callable[[float], ChannelFrame], angles_deg: Float64[np.ndarray, " angles"]
-) -> Float64[np.ndarray, "angles peaks"]:
-    """Heights of the separate peaks at each angle, strongest first, the strongest as the reader refines it."""
-    heights = np.zeros((len(angles_deg), _PEAKS))
-    for row, angle_deg in enumerate(angles_deg.tolist()):
-        frame = frame_at(angle_deg)
-        peaks = _separate(reader.picture(frame))
-        if peaks:
-            # The reader interpolates its peak between columns; the others are scaled by the same factor.
-            heights[row, : len(peaks)] = np.array(peaks) * (reader.read(frame).intensity / peaks[0])
-    return heights
-
-
-def _separate(picture: PaImage) -> list[float]:
-    """Local maxima of an image at least a resolution cell apart, strongest first."""
-    largest = float(picture.envelope.max())
-    kept: list[tuple[float, float, float]] = []
-    if largest > 0:
-        # 64 candidates, because one resolution cell has several local maxima.
-        for row, column in strongest_peaks(picture.envelope, level=largest / 10, limit=64):
-            depth_m, lateral_m = float(picture.depth_m[row]), float(picture.lateral_m[column])
-            if all(
-                abs(depth_m - depth) >= _APART_DEPTH_M or abs(lateral_m - lateral) >= _APART_LATERAL_M
-                for depth, lateral, _ in kept
-            ):
-                kept.append((depth_m, lateral_m, float(picture.envelope[row, column])))
-    return [height for _, _, height in kept[:_PEAKS]]
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
@@ -317,79 +170,3 @@ def _spot_of(marker: MarkerSettings, material: Tissue) -> Spot:
     """Spot of the material, or a single absorber where the settings name its radius."""
     radius_m = marker.source_radius_m
     return material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
-
-
-def scaled_spot(
-    spot: list[Absorber], marker: Absorber, settings: SimulatedSettings, model: AcousticModel
-) -> ScaledSpot:
-    """The spot in counts, with noise for the peak SNR of the settings.
-
-    The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
-    deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
-
-    Parameters
-    ----------
-    spot
-        Absorbers of the marker.
-    marker
-        Its place.
-    settings
-        The simulated rig; laser, receiver and noise are used.
-    model
-        Acoustic model.
-
-    Raises
-    ------
-    ConfigError
-        If no signal of it reaches the receiver.
-    """
-    largest = _largest_count(spot, model, marker)
-    peak_over_largest = image_peak(spot, model, angle_deg=marker.angle_deg) / largest
-    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
-    power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
-    share = settings.noise.coloured
-    white, coloured = np.sqrt(1 - share), np.sqrt(share)
-    gain = math.hypot(
-        beamformed_sigma(white, preset=imaging.preset),
-        beamformed_sigma(coloured, preset=imaging.preset, power=power),
-    )
-    # SNR in dB of amplitudes: 20 log10(peak / sigma); sigma after beamforming is gain times that of a channel.
-    sigma_over_largest = peak_over_largest / 10 ** (settings.noise.peak_snr_db / 20) / gain
-    peak_counts = settings.receiver.peak_counts
-    if peak_counts is None:
-        peak_counts = _own_gain(settings, sigma_over_largest)
-    sigma = peak_counts * sigma_over_largest
-    return ScaledSpot(
-        absorbers=tuple(replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
-        noise=Noise(white_sigma=sigma * white, coloured_sigma=sigma * coloured, bursts=settings.noise.bursts),
-        peak=peak_counts * peak_over_largest,
-        peak_counts=peak_counts,
-    )
-
-
-def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
-    """Largest count of the marker for which marker and noise together stay below full scale.
-
-    Usually `_USUAL_COUNTS`; less where the noise is strong, more where it would drown in the rounding.
-    """
-    flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
-    # One count below full scale, at which the guard takes a channel for saturated.
-    markers = 2 if settings.second.present else 1
-    most = (Digitiser().largest - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
-    return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
-
-
-def _largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
-    """Largest channel amplitude of the absorbers with the probe on the marker."""
-    return _largest(model.channel_data(absorbers, angle_deg=marker.angle_deg), marker, model)
-
-
-def _largest(received: Float32[np.ndarray, "channels samples"], source: Absorber, model: AcousticModel) -> float:
-    largest = float(np.abs(received).max())
-    if not largest > 0:
-        raise ConfigError(
-            f"marker: at radius_m {source.radius_m} m and lateral_m {source.lateral_m} m its signal does not arrive "
-            f"within {model.samples} samples; move it nearer or record for longer"
-        )
-    return largest

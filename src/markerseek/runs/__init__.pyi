@@ -21,6 +21,7 @@ from .simulated_registration import (
     simulate_registration,
 )
 from .stereo_file import StereoSettings, read_stereo
+from .tracking import TrackQuality, follow, following, quality_of, stage_period_s
 
 __all__ = [
     "GRID_STEP_M",
@@ -36,6 +37,7 @@ __all__ = [
     "SimulatedScene",
     "SimulatedTruth",
     "StereoSettings",
+    "TrackQuality",
     "bank_curve",
     "bank_image",
     "bank_images",
@@ -45,11 +47,14 @@ __all__ = [
     "dark_intensity",
     "described",
     "differences",
+    "follow",
+    "following",
     "former_curve",
     "journal_bank",
     "new_session",
     "next_angle",
     "plan_on",
+    "quality_of",
     "read_marker",
     "read_points",
     "read_registration",
@@ -67,4 +72,5 @@ __all__ = [
     "scan_bank",
     "scan_configuration",
     "simulate_registration",
+    "stage_period_s",
 ]

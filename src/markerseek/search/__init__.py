@@ -8,6 +8,7 @@ from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import FALSE_FOUND, noise_of
+from markerseek.search.following import Following, TrackPoint
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
@@ -26,11 +27,13 @@ __all__ = [
     "BracketSearch",
     "Curve",
     "Exhaustive",
+    "Following",
     "Guarded",
     "Method",
     "Peak",
     "ScriptedManual",
     "SearchPolicy",
+    "TrackPoint",
     "Tracker",
     "WeightedAverage",
     "build",

@@ -157,6 +157,14 @@ def image_rows(
     return near + step * np.arange(-above, count + below), slice(above, above + count)
 
 
+def depth_range_m(least_m: float | None, most_m: float | None) -> tuple[float, float]:
+    """Least and largest depth of an image as numbers, None as no limit; `ConfigError` if they make no range."""
+    low_m, high_m = least_m or 0.0, math.inf if most_m is None else most_m
+    if not 0 <= low_m < high_m:
+        raise ConfigError(f"depths {range_in_mm(low_m, high_m)}: the least must be 0 or more, and below the largest")
+    return low_m, high_m
+
+
 def range_in_mm(low_m: float, high_m: float) -> str:
     """A range of depths in millimetres, as users give it."""
     return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")

@@ -25,7 +25,7 @@ from markerseek.core import (
     Reading,
 )
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows, range_in_mm
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, depth_range_m, image_grid, image_rows
 from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
@@ -79,13 +79,10 @@ class ImageReader:
         max_depth_m: float | None = None,
         false_found: float = features.FALSE_FOUND,
     ) -> None:
-        low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
-        if not 0 <= low < high:
-            raise ConfigError(f"depths {range_in_mm(low, high)}: the least must be 0 or more, and below the largest")
+        self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
         if not 0 < false_found < 1:
             raise ConfigError(f"false_found is {false_found}; it is a probability, between 0 and 1")
         self.preset = preset
-        self._low_m, self._high_m = low, high
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}

@@ -24,7 +24,6 @@ from markerseek.core import (
     AcquisitionError,
     Arrival,
     Bool,
-    ConfigError,
     Float32,
     Float64,
     Frame,
@@ -40,6 +39,7 @@ from markerseek.signals.beamform import (
     beamform,
     column_distances_m,
     delay_table,
+    depth_range_m,
     image_rows,
     path_delay,
 )
@@ -80,13 +80,10 @@ class SpareReader:
     ) -> None:
         if receive_focus_m is not None:
             require_range("SPARE: receive_focus_m", receive_focus_m, low=1e-3, high=1.0, unit="m")
-        low, high = min_depth_m or 0.0, math.inf if max_depth_m is None else max_depth_m
-        if not 0 <= low < high:
-            raise ConfigError(f"depth range {low:g} to {high:g} m: both must be numbers, not negative, and rise")
+        self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
         require_range("SPARE: false_found", false_found, low=0, high=1, open_low=True)
         self.preset = preset
         self.receive_focus_m = receive_focus_m
-        self._low_m, self._high_m = low, high
         self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._grids: dict[int, tuple[ImageGrid, slice]] = {}

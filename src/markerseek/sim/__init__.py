@@ -12,6 +12,7 @@ from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, Rec
 from markerseek.sim.faults import Fault, FaultKind
 from markerseek.sim.laser import SimulatedLaser
 from markerseek.sim.machine import RFWorld, post_beamformed
+from markerseek.sim.motion import SWING_DEG, TURN_S, MovingWorld, Swing, swing_deg
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.receiver_faults import RECEIVER_FAULTS, FaultyReceiver
 from markerseek.sim.settings import (
@@ -29,7 +30,9 @@ from markerseek.sim.world import Flash, SimulatedWorld, World, flash_of
 
 __all__ = [
     "RECEIVER_FAULTS",
+    "SWING_DEG",
     "TISSUES",
+    "TURN_S",
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
@@ -42,6 +45,7 @@ __all__ = [
     "IntensityCurve",
     "LaserSettings",
     "MarkerSettings",
+    "MovingWorld",
     "NoiseSettings",
     "PowerCurve",
     "RFWorld",
@@ -56,6 +60,7 @@ __all__ = [
     "SimulatedWorld",
     "Spot",
     "StageMotion",
+    "Swing",
     "Tissue",
     "TwoHumps",
     "VirtualClock",
@@ -68,5 +73,6 @@ __all__ = [
     "largest_noise",
     "post_beamformed",
     "spot_images",
+    "swing_deg",
     "tissue_named",
 ]

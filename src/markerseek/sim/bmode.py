@@ -1,23 +1,21 @@
 """Simulated B-mode: an instrument's tip pressed on tissue over a gel pad, seen from below by the probe.
 
-Three layers lie over the probe: pad, tissue, air. Speckle is a complex Gaussian field that is drawn for each half
-degree, filtered by the pulse in depth and by the beam along the array, and summed over the angles with the two-way
-response of the element, so that it changes with the angle as the beam does. The tip is an echo of the size of its face,
-weighted by the same response. Not simulated: shadows, attenuation, multiple scattering, the doublet of a pulse far off
-the plane, roughness of the tip.
+Three layers lie over the probe: pad, tissue, air, with the speckle of `markerseek.sim.speckle`. The tip is an echo of
+the size of its face, weighted by the two-way response of the element. Not simulated: shadows, attenuation, multiple
+scattering, the doublet of a pulse far off the plane, roughness of the tip.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from markerseek.acoustics import Probe, two_way_elevation
+from markerseek.acoustics import Probe
 from markerseek.core import (
     BModeFrame,
+    BModeImage,
     Complex128,
     ConfigError,
     Float64,
@@ -26,18 +24,8 @@ from markerseek.core import (
     UInt8,
     require_range,
 )
+from markerseek.sim.speckle import BEAM_M, PULSE_M, Speckle, elevation_response, filtered_noise
 from markerseek.sim.world import Flash
-
-SLICE_DEG = 0.5
-"""Step of the angles at which the field is drawn, in degrees: a quarter of the beam's width."""
-
-REACH_DEG = 8.0
-"""Angle off the plane beyond which scatterers are left out, in degrees: there the beam is at −50 dB."""
-
-_PULSE_M, _BEAM_M = 0.12e-3, 0.25e-3
-"""Standard deviations of pulse (depth) and beam (lateral): FWHM 0.28 and 0.6 mm, as of 6.5 MHz at f-number 2."""
-
-_RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,8 +140,8 @@ class BModeWorld:
         depth_m = tip_radius_m - probe.face_radius_m
         if not settings.first_depth_m < depth_m < settings.last_depth_m:
             raise ConfigError(
-                f"b_mode: the tip is {depth_m:.4g} m deep, outside of the image from {settings.first_depth_m:g} to "
-                f"{settings.last_depth_m:g} m; change marker.radius_m or the depths"
+                f"b_mode: the marker, or the tip, is {depth_m:.4g} m deep, outside of the image from "
+                f"{settings.first_depth_m:g} to {settings.last_depth_m:g} m; change marker.radius_m or the depths"
             )
         self.angle_deg = start_deg
         self.flashes: list[Flash] = []
@@ -162,9 +150,15 @@ class BModeWorld:
         self._tip = (tip_deg, tip_radius_m, tip_lateral_m) if present else None
         self._surface_m = tip_radius_m * math.cos(math.radians(tip_deg)) + settings.pressed_m
         self._rng = rng
-        # Slices are drawn by their number from a seed of their own: the field does not depend on the way of the probe.
-        self._seed = int(rng.integers(2**63))
-        self._slice = lru_cache(maxsize=64)(self._drawn_slice)
+        rows = np.arange(settings.shape[0])
+        self._radius_m = probe.face_radius_m + settings.first_depth_m + rows * settings.pixel_m
+        self._speckle = Speckle(
+            probe,
+            self._radius_m,
+            columns=settings.shape[1],
+            pixel_m=settings.pixel_m,
+            seed=int(rng.integers(2**63)),
+        )
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Take so many images; there is no light, and the energy is 0."""
@@ -173,9 +167,12 @@ class BModeWorld:
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> BModeFrame:
         """B-mode image at the present angle, the mean of as many images as the header counts pulses."""
         del flash
-        return BModeFrame(
-            header=header, pixels=self.pixels(images=max(1, header.pulses)), geometry=self._settings.geometry
-        )
+        image = self.image(images=max(1, header.pulses))
+        return BModeFrame(header=header, pixels=image.pixels, geometry=image.geometry)
+
+    def image(self, *, images: int = 1) -> BModeImage:
+        """B-mode image at the present angle, the mean of so many."""
+        return BModeImage(pixels=self.pixels(images=images), geometry=self._settings.geometry)
 
     def pixels(self, *, images: int = 1) -> UInt8[np.ndarray, "rows columns"]:
         """Grey values at the present angle, with noise.
@@ -186,59 +183,24 @@ class BModeWorld:
             Number of images averaged.
         """
         settings = self._settings
-        field = self._tissue() + self._tip_echo()
-        noise = _filtered(_complex_normal(self._rng, settings.shape), settings.pixel_m)
+        field = self._speckle.field(self.angle_deg) * self._layers()[:, None] + self._tip_echo()
+        noise = filtered_noise(self._rng, settings.shape, pixel_m=settings.pixel_m)
         field = field + _amplitude(settings.noise_db) / math.sqrt(images) * noise
         level_db = 20 * np.log10(np.maximum(np.abs(field), 1e-9)) - settings.white_db
         grey = 255 * (1 + level_db / settings.dynamic_range_db)
         return np.asarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
 
-    def _radius_m(self) -> Float64[np.ndarray, " rows"]:
-        """Distance of each row from the axis of rotation."""
-        rows = np.arange(self._settings.shape[0])
-        return self._probe.face_radius_m + self._settings.first_depth_m + rows * self._settings.pixel_m
-
-    def _tissue(self) -> Complex128[np.ndarray, "rows columns"]:
-        """Speckle of the layers; its mean square in the tissue is 1."""
-        first = math.ceil((self.angle_deg - REACH_DEG) / SLICE_DEG)
-        last = math.floor((self.angle_deg + REACH_DEG) / SLICE_DEG)
-        numbers = range(first, last + 1)
-        off_deg = self.angle_deg - SLICE_DEG * np.array(numbers)
-        weights = np.array([_response(self._probe, radius_m, off_deg) for radius_m in self._nodes_m()])
-        # Between nodes in depth the weights are mixed linearly.
-        place = np.interp(self._radius_m(), self._nodes_m(), np.arange(len(weights)))
-        low = np.minimum(place.astype(int), len(weights) - 2)
-        share = (place - low)[:, None]
-        by_row = (1 - share) * weights[low] + share * weights[low + 1]
-        by_row /= np.sqrt(np.sum(by_row**2, axis=1, keepdims=True))
-        field = np.zeros(self._settings.shape, np.complex128)
-        for column, number in enumerate(numbers):
-            field += by_row[:, column, None] * self._slice(number)
-        field *= self._layers()[:, None]
-        return field
-
-    def _nodes_m(self) -> Float64[np.ndarray, " nodes"]:
-        """Distances from the axis at which the response is computed; at the face it is that of 2 mm before it."""
-        radius_m = self._radius_m()
-        first_m = max(float(radius_m[0]), self._probe.face_radius_m + _NEAREST_M)
-        count = max(2, math.ceil((radius_m[-1] - first_m) / _RESPONSE_STEP_M))
-        return np.linspace(first_m, float(radius_m[-1]), count)
-
     def _layers(self) -> Float64[np.ndarray, " rows"]:
         """Amplitude of the scatterers in each row: pad, tissue, its surface, air."""
         settings = self._settings
         # The layers are level; a plane that is turned out of the vertical cuts them farther out.
-        height_m = self._radius_m() * math.cos(math.radians(self.angle_deg))
+        height_m = self._radius_m * math.cos(math.radians(self.angle_deg))
         levels_db = np.full(len(height_m), settings.pad_db)
         levels_db[height_m >= self._surface_m - settings.tissue_m] = 0.0
         levels_db[height_m >= self._surface_m] = settings.air_db
-        levels_db[np.abs(height_m - self._surface_m) <= 2 * _PULSE_M] = settings.surface_db
+        levels_db[np.abs(height_m - self._surface_m) <= 2 * PULSE_M] = settings.surface_db
         amplitudes: Float64[np.ndarray, " rows"] = 10 ** (levels_db / 20)
         return amplitudes
-
-    def _drawn_slice(self, number: int) -> Complex128[np.ndarray, "rows columns"]:
-        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self._seed, number % 2**32])))
-        return _filtered(_complex_normal(rng, self._settings.shape), self._settings.pixel_m)
 
     def _tip_echo(self) -> Complex128[np.ndarray, "rows columns"]:
         """Echo of the tip's face, blurred by pulse and beam."""
@@ -252,7 +214,7 @@ class BModeWorld:
         strip = np.sqrt(half_m**2 - across_m**2)
         strip_deg = np.degrees(across_m / radius_m)
         in_plane, now = (
-            float(strip @ _response(self._probe, radius_m, off_deg - strip_deg))
+            float(strip @ elevation_response(self._probe, radius_m, off_deg - strip_deg))
             for off_deg in (0.0, self.angle_deg - tip_deg)
         )
         turned = math.radians(self.angle_deg - tip_deg)
@@ -263,47 +225,9 @@ class BModeWorld:
         along = (np.arange(columns) - column)[None, :] * face.pixel_m
         # Half as high as wide: the face is seen from below.
         distance = np.hypot(2 * down, along) / half_m
-        edge = _BEAM_M / half_m
+        edge = BEAM_M / half_m
         shape = 0.5 * (1 - np.tanh((distance - 1) / edge))
         return np.asarray(_amplitude(face.tip_db) * now / in_plane * shape, dtype=np.complex128)
-
-
-def _response(probe: Probe, radius_m: float, off_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
-    """`two_way_elevation`, tabulated by tenths of a degree: the exact response takes a millisecond an angle."""
-    grid_deg = np.arange(0, REACH_DEG + 4.05, 0.1)
-    return np.asarray(np.interp(np.abs(off_deg), grid_deg, _tabulated(probe, radius_m), right=0.0))
-
-
-@lru_cache(maxsize=256)
-def _tabulated(probe: Probe, radius_m: float) -> Float64[np.ndarray, " angles"]:
-    return two_way_elevation(probe, radius_m=radius_m, off_plane_deg=np.arange(0, REACH_DEG + 4.05, 0.1))
-
-
-def _complex_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Complex128[np.ndarray, "rows columns"]:
-    """Complex Gaussian numbers of mean square 1."""
-    parts = rng.standard_normal((*shape, 2))
-    return np.asarray(parts[..., 0] + 1j * parts[..., 1]) / math.sqrt(2)
-
-
-def _filtered(white: Complex128[np.ndarray, "rows columns"], pixel_m: float) -> Complex128[np.ndarray, "rows columns"]:
-    """A white field under pulse and beam, its mean square unchanged."""
-    # Imported here: a search of channel data does not need it.
-    from scipy.ndimage import gaussian_filter
-
-    sigma = (_PULSE_M / pixel_m, _BEAM_M / pixel_m)
-    filtered = gaussian_filter(white, sigma, mode="wrap")
-    # A discrete Gaussian of standard deviation s keeps 1/(2 s sqrt(pi)) of the power of white noise.
-    kept = np.prod([_power_kept(each) for each in sigma])
-    return np.asarray(filtered / math.sqrt(float(kept)))
-
-
-@lru_cache(maxsize=16)
-def _power_kept(sigma: float) -> float:
-    from scipy.ndimage import gaussian_filter1d
-
-    impulse = np.zeros(129)
-    impulse[64] = 1.0
-    return float(np.sum(gaussian_filter1d(impulse, sigma) ** 2))
 
 
 def _amplitude(level_db: float) -> float:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from markerseek.core import AcquisitionError, Clock, ConfigError, Frame, FrameHeader, Permit
+from markerseek.core import AcquisitionError, ChannelFrame, Clock, ConfigError, Frame, FrameHeader, Permit, RFFrame
+from markerseek.sim.bmode import BModeWorld
 from markerseek.sim.world import SimulatedWorld
+
+B_MODE_S = 0.04
+"""Time for one B-mode image, in seconds: 25 images a second."""
 
 
 class SimulatedReceiver:
@@ -19,14 +24,19 @@ class SimulatedReceiver:
         Virtual time.
     readout_s
         Time to read one acquisition from the device, in seconds: about 10 s for SonixDAQ files (paper, section 4).
+    b_mode
+        The same tissue in B-mode, of which an image is taken after each frame of counts, without light; None: none is.
     """
 
-    def __init__(self, *, world: SimulatedWorld, clock: Clock, readout_s: float) -> None:
+    def __init__(
+        self, *, world: SimulatedWorld, clock: Clock, readout_s: float, b_mode: BModeWorld | None = None
+    ) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"receiver: readout_s is {readout_s} s, it must be finite and not negative")
         self._world = world
         self._clock = clock
         self._readout_s = readout_s
+        self._b_mode = b_mode
         self.sequence = 0
         self._armed: tuple[Permit, int, float] | None = None
 
@@ -62,4 +72,10 @@ class SimulatedReceiver:
             started_s=started_s,
             ended_s=self._clock.now_s(),
         )
-        return self._world.frame(new[-1] if new else None, header=header)
+        frame = self._world.frame(new[-1] if new else None, header=header)
+        if self._b_mode is None or not isinstance(frame, ChannelFrame | RFFrame):
+            return frame
+        # Of the true angle, as the frame; the scanner reads the stage's angle again once both are taken.
+        self._b_mode.angle_deg = self._world.angle_deg
+        self._clock.wait(B_MODE_S)
+        return replace(frame, b_mode=self._b_mode.image())

@@ -126,6 +126,8 @@ class ReceiverSettings:
         light, in which the tip of an instrument takes the marker's place.
     receive_focus_m
         Depth of the fixed receive focus of RF lines in metres; None: dynamic focus.
+    b_mode
+        Whether a B-mode image of the same angle is taken after each frame of channel data or RF lines, without light.
     """
 
     sampling_hz: float = 40e6
@@ -135,12 +137,15 @@ class ReceiverSettings:
     peak_counts: float | None = None
     data: Literal["channels", "rf", "b-mode"] = "channels"
     receive_focus_m: float | None = None
+    b_mode: bool = False
 
     def __post_init__(self) -> None:
         if self.receive_focus_m is not None:
             require_range("receiver: receive_focus_m", self.receive_focus_m, low=1e-3, high=0.2, unit="m")
             if self.data != "rf":
                 raise ConfigError(f"receiver: receive_focus_m is for data = 'rf', not {self.data!r}; leave it out")
+        if self.b_mode and self.data == "b-mode":
+            raise ConfigError("receiver: b_mode is for data = 'channels' or 'rf', not 'b-mode'; leave it out")
         if not 512 <= self.samples <= 65_536:
             raise ConfigError(f"receiver: samples is {self.samples}, it must lie between 512 and 65536; 2080 is usual")
         # Values above full scale (2047) are allowed, to try what saturation does.
@@ -241,7 +246,7 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     """
     values: dict[str, Any] = msgspec.to_builtins(settings)
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
-    for part, name in (("receiver", "data"), ("receiver", "receive_focus_m")):
+    for part, name in (("receiver", "data"), ("receiver", "receive_focus_m"), ("receiver", "b_mode")):
         if values[part][name] == usual[part][name]:
             del values[part][name]
     for name in ("b_mode", "second"):

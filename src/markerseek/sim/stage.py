@@ -16,9 +16,9 @@ class StageMotion:
     Attributes
     ----------
     speed_deg_s
-        Largest speed in degrees per second; the device's limit is 25.
+        Largest speed in degrees per second; a PRM1Z8 reaches 25, direct drives some hundreds.
     acceleration_deg_s2
-        Acceleration in degrees per second squared.
+        Acceleration in degrees per second squared; a PRM1Z8 reaches 25.
     counts_per_deg
         Encoder counts for one degree.
     backlash_deg
@@ -38,7 +38,7 @@ class StageMotion:
     settle_s: float = 0.1
 
     def __post_init__(self) -> None:
-        for name, most in (("speed_deg_s", 25.0), ("acceleration_deg_s2", 25.0), ("counts_per_deg", 1e9)):
+        for name, most in (("speed_deg_s", 2000.0), ("acceleration_deg_s2", 50_000.0), ("counts_per_deg", 1e9)):
             if not 0 < getattr(self, name) <= most:
                 raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
         for name, most in (("backlash_deg", 360.0), ("approach_deg", 360.0), ("settle_s", 3600.0)):

@@ -10,7 +10,7 @@ from .study_file import read_study
 from .summary import Difference, Summary, summarise
 from .table import columns, read_rows, values_of
 from .tally import FAILURE_DEG, PolicySummary, TwoSources
-from .tracking import Track, stage_period_s, track
+from .tracking import Track, track
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
@@ -49,7 +49,6 @@ __all__ = [
     "run_row",
     "run_study",
     "run_trial",
-    "stage_period_s",
     "summarise",
     "track",
     "values_of",

@@ -167,6 +167,8 @@ def cells(study: Study) -> tuple[Cell, ...]:
             world = _changed(world, key.split("."), value, whole=key)
         if world.rig.receiver.data != "channels":
             raise ConfigError(f'rig.receiver.data is "{world.rig.receiver.data}"; a study computes channel data only')
+        if world.rig.receiver.b_mode:
+            raise ConfigError("rig.receiver.b_mode: a study computes channel data only; leave it out")
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
         if world.rig.noise.coloured and study.level == "readings":

@@ -8,14 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import FrameHeader, require_range
-from markerseek.search import FLANK_SHARE, Tracker
-from markerseek.sim import CurveWorld, Flash, IntensityCurve, StageMotion
-
-SWING_DEG = 20.0
-"""The marker goes to and fro over this range at an even speed, in degrees."""
-
-TURN_S = 1.0
-"""Time in which it turns round at the ends, in seconds, at an even acceleration of twice its speed a second."""
+from markerseek.runs import TrackQuality
+from markerseek.search import Tracker
+from markerseek.sim import SWING_DEG, TURN_S, CurveWorld, Flash, IntensityCurve, swing_deg
 
 _HEADER = FrameHeader(sequence=0, token="", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
@@ -30,19 +25,13 @@ class Track:
 
     Attributes
     ----------
-    rms_deg
-        Root mean square of the error in degrees.
-    within_1_deg
-        Share of the frames with an error of at most 1 degree.
-    lag_s
-        Time in seconds by which the tracker is behind: that of the line error = −lag · speed.
+    quality
+        Error and lag.
     lost
         Whether the tracker called the marker lost, or was off by more than half the width of the curve at the end.
     """
 
-    rms_deg: float
-    within_1_deg: float
-    lag_s: float
+    quality: TrackQuality
     lost: bool
 
 
@@ -90,7 +79,7 @@ def track(
     start_s = float(rng.uniform(0, 2 * (SWING_DEG / speed_deg_s + TURN_S)))
     # It is told how fast the marker may be and may turn: with more than that it is lost sooner at a low rate.
     tracker = Tracker(
-        angle_deg=marker_deg(start_s, speed_deg_s),
+        angle_deg=swing_deg(start_s, speed_deg_s),
         sigma_deg=0.1,
         fwhm_deg=fwhm_deg,
         peak=peak,
@@ -101,7 +90,7 @@ def track(
     errors, speeds = [], []
     for number in range(1, math.ceil(duration_s / period_s) + 1):
         now_s = start_s + number * period_s
-        truth_deg = marker_deg(now_s, speed_deg_s)
+        truth_deg = swing_deg(now_s, speed_deg_s)
         probe_deg = tracker.ask(period_s)
         # Only the angle between probe and marker counts: the world's own marker stays at 0.
         world.angle_deg = probe_deg - truth_deg
@@ -109,56 +98,5 @@ def track(
         tracker.tell(probe_deg, frame.intensity, after_s=period_s)
         if number * period_s >= _SETTLED_S:
             errors.append(tracker.mean_deg - truth_deg)
-            speeds.append((marker_deg(now_s + _MOMENT_S, speed_deg_s) - truth_deg) / _MOMENT_S)
-    absolute = np.abs(errors)
-    return Track(
-        rms_deg=float(np.sqrt(np.mean(absolute**2))),
-        within_1_deg=float(np.mean(absolute <= 1)),
-        # Least squares of error = −lag · speed.
-        lag_s=-float(np.dot(errors, speeds) / np.dot(speeds, speeds)),
-        lost=tracker.lost or bool(absolute[-1] > fwhm_deg / 2),
-    )
-
-
-def marker_deg(time_s: float, speed_deg_s: float) -> float:
-    """Angle of the marker in degrees: to and fro about 0, see `SWING_DEG` and `TURN_S`.
-
-    Parameters
-    ----------
-    time_s
-        Time in seconds.
-    speed_deg_s
-        Speed between the turns, in degrees per second.
-    """
-    straight_s = SWING_DEG / speed_deg_s
-    ways, within_s = divmod(time_s, straight_s + TURN_S)
-    if within_s < straight_s:
-        angle_deg = speed_deg_s * within_s - SWING_DEG / 2
-    else:
-        turning_s = within_s - straight_s
-        angle_deg = SWING_DEG / 2 + speed_deg_s * turning_s * (1 - turning_s / TURN_S)
-    return angle_deg if ways % 2 == 0 else -angle_deg
-
-
-def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, frame_s: float) -> float:
-    """Time from frame to frame of a stage that comes to rest at each flank, in seconds; infinite if it is too slow.
-
-    Parameters
-    ----------
-    motion
-        How the stage moves.
-    fwhm_deg
-        Full width of the curve at half maximum in degrees, which sets how far apart the flanks are.
-    speed_deg_s
-        Speed of the marker in degrees per second.
-    frame_s
-        Time for pulses and readout, in seconds.
-    """
-    if not motion.speed_deg_s > speed_deg_s:
-        return math.inf
-    period_s = frame_s
-    # The way grows with the time that it takes: the fixed point, by iteration. Every second move is the longer one.
-    for _ in range(50):
-        way_deg = 2 * FLANK_SHARE * fwhm_deg + speed_deg_s * period_s
-        period_s = frame_s + motion.duration_s(way_deg) + motion.settle_s
-    return period_s
+            speeds.append((swing_deg(now_s + _MOMENT_S, speed_deg_s) - truth_deg) / _MOMENT_S)
+    return Track(quality=TrackQuality.of(errors, speeds), lost=tracker.lost or abs(errors[-1]) > fwhm_deg / 2)

@@ -11,7 +11,7 @@ import numpy as np
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel, Digitiser
 from markerseek.core import Reader
-from markerseek.rigs import Scene, image_peak, image_reader, in_world, scene_curve, scene_of
+from markerseek.rigs import Scene, image_peak, image_reader, in_world, largest_count, scene_curve, scene_of
 from markerseek.rigs import draw_scene as draw_rig_scene
 from markerseek.sim import (
     GaussianCurve,
@@ -192,7 +192,7 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image. Its sound
     # may overlap the marker's.
-    loudest = peak_counts + max((_largest_count(each, model) for each in others), default=0.0)
+    loudest = peak_counts + max((largest_count([each], model, each) for each in others), default=0.0)
     # Saturation that was asked for stays.
     gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (_STRONGEST_PULSE * loudest + _NOISE_SIGMAS * total))
     return replace(
@@ -206,10 +206,6 @@ def _as_loud(source: Absorber, model: AcousticModel, *, marker_peak: float) -> A
     """The source with the strength that makes its peak in the image the drawn share of the marker's."""
     peak = image_peak([replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
     return replace(source, strength=source.strength * marker_peak / peak)
-
-
-def _largest_count(source: Absorber, model: AcousticModel) -> float:
-    return float(np.abs(model.channel_data([source], angle_deg=source.angle_deg)).max())
 
 
 # The policies of a trial follow one another in one process: few windows are in use at a time.

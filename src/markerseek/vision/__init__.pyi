@@ -1,7 +1,8 @@
+from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import NoSpot, Spot, SpotAnswer, TwoSpots, find_spot
 from .tip_reader import TipReader, TipSettings
-from .tooltip import Rectangle, Tip, brightest_blob, find_tip
+from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
     "NoSpot",

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import ConfigError, UInt8
-from markerseek.vision.tooltip import Rectangle, Tip, brightest_blob, find_tip, require_image
+from markerseek.vision.rectangle import Rectangle
+from markerseek.vision.tooltip import Tip, brightest_blob, find_tip, require_image
 
 GONE_FRAMES = 2
 """Frames in a row without the tip after which it has disappeared."""

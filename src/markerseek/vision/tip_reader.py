@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from markerseek.core import AcquisitionError, BModeFrame, Frame, Reading, require_range
-from markerseek.vision.tooltip import Rectangle, brightest_blob, find_tip
+from markerseek.vision.rectangle import Rectangle
+from markerseek.vision.tooltip import brightest_blob, find_tip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, UInt8, require_range
+from markerseek.core import ConfigError, Float64, UInt8
 from markerseek.vision.opencv import opencv
+from markerseek.vision.rectangle import LARGEST_PX, Rectangle
 
 LEAST_PX = 20
 """Fewest pixels of a tip."""
@@ -38,71 +39,7 @@ _SMOOTH_M = 0.3e-3
 _TISSUE_SHARE = 0.95
 _ROUNDS = 5
 _SEED = 1
-_SMALLEST_PX, _LARGEST_PX = 16, 8192
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rectangle:
-    """Part of an image, in whole pixels.
-
-    Attributes
-    ----------
-    row, column
-        Its upper left pixel.
-    rows, columns
-        Its size.
-
-    Raises
-    ------
-    ConfigError
-        If it is smaller than 3 pixels in one direction.
-    """
-
-    row: int
-    column: int
-    rows: int
-    columns: int
-
-    def __post_init__(self) -> None:
-        for name in ("rows", "columns"):
-            require_range(f"rectangle: {name}", getattr(self, name), low=3, high=_LARGEST_PX, unit="pixels")
-        for name in ("row", "column"):
-            require_range(f"rectangle: {name}", getattr(self, name), low=-_LARGEST_PX, high=_LARGEST_PX, unit="pixels")
-
-    def centred(self, row: float, column: float) -> Rectangle:
-        """The same size, with its middle at a pixel."""
-        return Rectangle(
-            row=round(row - (self.rows - 1) / 2),
-            column=round(column - (self.columns - 1) / 2),
-            rows=self.rows,
-            columns=self.columns,
-        )
-
-    def grown(self, rows: int, columns: int) -> Rectangle:
-        """Larger by so many pixels on each side."""
-        return Rectangle(
-            row=self.row - rows,
-            column=self.column - columns,
-            rows=self.rows + 2 * rows,
-            columns=self.columns + 2 * columns,
-        )
-
-    def within(self, shape: tuple[int, int]) -> Rectangle:
-        """The part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
-        row, column = max(0, self.row), max(0, self.column)
-        rows = min(shape[0], self.row + self.rows) - row
-        columns = min(shape[1], self.column + self.columns) - column
-        if rows < 3 or columns < 3:
-            raise ConfigError(
-                f"rectangle of {self.rows} × {self.columns} pixels at row {self.row}, column {self.column}: it lies "
-                f"outside of the image of {shape[0]} × {shape[1]} pixels; name another"
-            )
-        return Rectangle(row=row, column=column, rows=rows, columns=columns)
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Index of its pixels in an image that contains it."""
-        return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
+_SMALLEST_PX = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,9 +89,9 @@ def require_image(image: UInt8[np.ndarray, "rows columns"]) -> None:
         raise ConfigError(
             f"B-mode image: it is {image.dtype} of shape {image.shape}, uint8 of (rows, columns) is needed"
         )
-    if not _SMALLEST_PX <= min(image.shape) <= max(image.shape) <= _LARGEST_PX:
+    if not _SMALLEST_PX <= min(image.shape) <= max(image.shape) <= LARGEST_PX:
         raise ConfigError(
-            f"B-mode image: {image.shape[0]} × {image.shape[1]} pixels, {_SMALLEST_PX} to {_LARGEST_PX} are needed in "
+            f"B-mode image: {image.shape[0]} × {image.shape[1]} pixels, {_SMALLEST_PX} to {LARGEST_PX} are needed in "
             "each direction"
         )
 
@@ -221,7 +158,7 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
     smooth = cv2.GaussianBlur(
         image[around.slices], (0, 0), sigmaX=_SMOOTH_M / pixel_m[1], sigmaY=_SMOOTH_M / pixel_m[0]
     )
-    mask = _grab_cut(smooth, _relative(rectangle, around))
+    mask = _grab_cut(smooth, rectangle.relative_to(around))
     _, labels, boxes, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
     # Of several regions the one whose grey values add up to most; label 0 is the background.
     sums = np.bincount(labels.ravel(), weights=image[around.slices].ravel(), minlength=len(boxes))[1:]
@@ -302,15 +239,6 @@ def _tissue(
             "with; name a smaller one"
         )
     return float(beside.mean()), float(beside.std())
-
-
-def _relative(rectangle: Rectangle, to: Rectangle) -> Rectangle:
-    return Rectangle(
-        row=rectangle.row - to.row,
-        column=rectangle.column - to.column,
-        rows=rectangle.rows,
-        columns=rectangle.columns,
-    )
 
 
 def _pixels(distance_m: float, pixel_m: tuple[float, float]) -> tuple[int, int]:

@@ -25,7 +25,7 @@ from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.rigs.bench_devices import DARK_ALARM
-from markerseek.rigs.scene import image_reader
+from markerseek.rigs.spot import image_reader
 from markerseek.runs.journalled import configuration_of, journalled
 from markerseek.runs.session import plan_on
 from markerseek.scan import RunLimits, Scanner

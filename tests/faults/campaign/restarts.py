@@ -29,7 +29,7 @@ from markerseek.emulators import DirectPort
 from markerseek.emulators.bench import BenchClock, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.bench_devices import DARK_ALARM
-from markerseek.rigs.scene import image_reader
+from markerseek.rigs.spot import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings

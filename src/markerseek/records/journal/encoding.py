@@ -1,8 +1,8 @@
 """Encodes events as rows of a journal: kind, JSON body, and the raw samples or pixels of a frame.
 
 The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
-estimate), ``type`` names the class. Two things are stored elsewhere: the array of a frame in its own column, and the
-confirmation of `Finished` in the entry of that acquisition.
+estimate), ``type`` names the class. Two things are stored elsewhere: the arrays of a frame in their own column, one
+behind the other, and the confirmation of `Finished` in the entry of that acquisition.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from markerseek.core import (
     Asked,
     BModeFrame,
+    BModeImage,
     ChannelFrame,
     Estimate,
     Failed,
@@ -58,7 +59,8 @@ class EncodedEvent:
     body
         Its fields, JSON.
     samples
-        Array of its frame, row after row: counts as little-endian int16, grey values as uint8; None where it has none.
+        Arrays of its frame, one behind the other, row after row: counts as little-endian int16, grey values as uint8;
+        None where it has none.
     """
 
     kind: str
@@ -84,7 +86,8 @@ def encode(event: JournalEvent) -> EncodedEvent:
             raise
         # Such a frame may have been refused because a number in it is not finite; the reason names that number.
         return encode(replace(event, frame=None))
-    return EncodedEvent(kind=kind, body=msgspec.json.encode(values), samples=blobs[0] if blobs else None)
+    samples = None if not blobs else blobs[0] if len(blobs) == 1 else memoryview(b"".join(blobs))
+    return EncodedEvent(kind=kind, body=msgspec.json.encode(values), samples=samples)
 
 
 def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
@@ -106,7 +109,7 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
     try:
         # Any of these errors means that `encode` did not write the row.
-        event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), samples)
+        event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), _Arrays(samples))
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
         raise RecordError(f"an entry that cannot be read: {problem}") from problem
     return replace(event, confirmation=confirmation) if isinstance(event, Finished) else event
@@ -173,7 +176,7 @@ def require_finite(number: float, *, what: str) -> float:
     return number
 
 
-def _built(hint: Any, value: Any, samples: bytes | memoryview | None) -> Any:
+def _built(hint: Any, value: Any, arrays: _Arrays) -> Any:
     """Value of a type from JSON; msgspec converts all but unions of dataclasses, and frames."""
     members = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
     classes: list[type] = [each for each in members if isinstance(each, type) and is_dataclass(each)]
@@ -181,25 +184,39 @@ def _built(hint: Any, value: Any, samples: bytes | memoryview | None) -> Any:
         if value is None and NoneType in members:
             return None
         hint = classes[0] if len(classes) == 1 else {each.__name__: each for each in classes}[_object(value)["type"]]
-    if hint in (ChannelFrame, RFFrame):
-        given = _object(value)
-        counts = _array(given["samples"], samples, dtype="<i2").astype(np.int16, copy=False)
-        header = msgspec.convert(given["header"], FrameHeader)
-        return hint(header=header, samples=counts, sampling_hz=msgspec.convert(given["sampling_hz"], float))
-    if hint is BModeFrame:
-        given = _object(value)
-        return BModeFrame(
-            header=msgspec.convert(given["header"], FrameHeader),
-            pixels=_array(given["pixels"], samples, dtype="|u1"),
-            geometry=msgspec.convert(given["geometry"], ScanGeometry),
-        )
+    if hint in (ChannelFrame, RFFrame, BModeFrame):
+        return _frame(hint, _object(value), arrays)
     if hint is Exception:
         return msgspec.convert(_object(value), _ErrorBody).restored()
     if isinstance(hint, type) and is_dataclass(hint):
         given = _object(value)
         hints = _hints(hint)
-        return hint(**{name: _built(hints[name], given[name], samples) for name in hints if name in given})
+        return hint(**{name: _built(hints[name], given[name], arrays) for name in hints if name in given})
     return msgspec.convert(value, hint)
+
+
+def _frame(kind: Any, given: Mapping[str, Any], arrays: _Arrays) -> Any:
+    header = msgspec.convert(given["header"], FrameHeader)
+    if kind is BModeFrame:
+        frame = BModeFrame(header=header, **_image(given, arrays))
+    else:
+        frame = kind(
+            header=header,
+            samples=arrays.next(given["samples"], dtype="<i2").astype(np.int16, copy=False),
+            sampling_hz=msgspec.convert(given["sampling_hz"], float),
+            b_mode=None if given.get("b_mode") is None else BModeImage(**_image(given["b_mode"], arrays)),
+        )
+    arrays.require_end()
+    return frame
+
+
+def _image(given: object, arrays: _Arrays) -> dict[str, Any]:
+    """Grey values and geometry of a B-mode image."""
+    values = _object(given)
+    return {
+        "pixels": arrays.next(values["pixels"], dtype="|u1"),
+        "geometry": msgspec.convert(values["geometry"], ScanGeometry),
+    }
 
 
 @cache
@@ -226,12 +243,24 @@ class _Array(msgspec.Struct, frozen=True, kw_only=True):
     shape: tuple[int, int]
 
 
-def _array(described: object, blob: bytes | memoryview | None, *, dtype: str) -> np.ndarray:
-    """A read-only view of the blob, in the shape that the body names."""
-    array = msgspec.convert(described, _Array)
-    rows, columns = array.shape
-    size = np.dtype(dtype).itemsize * rows * columns
-    if array.dtype != dtype or blob is None or rows < 1 or columns < 1 or len(blob) != size:
-        held = 0 if blob is None else len(blob)
-        raise ValueError(f"a frame of {rows} rows and {columns} columns of {array.dtype[:20]} with {held} bytes")
-    return np.frombuffer(blob, dtype=dtype).reshape(rows, columns)
+class _Arrays:
+    """The arrays of a row, read-only views of its blob, in the shapes that the body names."""
+
+    def __init__(self, blob: bytes | memoryview | None) -> None:
+        self._left = memoryview(b"" if blob is None else blob)
+
+    def next(self, described: object, *, dtype: str) -> np.ndarray:
+        """The next array; `ValueError` if the blob does not hold it."""
+        array = msgspec.convert(described, _Array)
+        rows, columns = array.shape
+        size = np.dtype(dtype).itemsize * rows * columns
+        if array.dtype != dtype or rows < 1 or columns < 1 or len(self._left) < size:
+            held = f"{array.dtype[:20]} with {len(self._left)} bytes"
+            raise ValueError(f"a frame of {rows} rows and {columns} columns of {held}")
+        data, self._left = self._left[:size], self._left[size:]
+        return np.frombuffer(data, dtype=dtype).reshape(rows, columns)
+
+    def require_end(self) -> None:
+        """Refuse bytes that belong to no array."""
+        if len(self._left):
+            raise ValueError(f"{len(self._left)} bytes more than its frame has")

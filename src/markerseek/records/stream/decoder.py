@@ -43,9 +43,9 @@ class StreamEvent:
     Attributes
     ----------
     number, written, clock_s, event
-        As in an entry of a journal. The event has its channel data only if they were sent.
+        As in an entry of a journal. The event has its frame only if its data were sent.
     header
-        Header of its frame, also where the channel data were not sent; None where it has no frame.
+        Header of its frame, also where the data were not sent; None where it has no frame.
     lost_lines, lost_frames
         What was lost just before, because this program read too slowly.
     """
@@ -171,7 +171,7 @@ class _Version(msgspec.Struct, frozen=True):
 
 
 def _split(kind: str, body: bytes, *, keep_frame: bool) -> tuple[bytes, FrameHeader | None]:
-    """Body of an event, without a frame whose counts or pixels were not sent, and the header of its frame."""
+    """Body of an event, without a frame whose arrays were not sent, and the header of its frame."""
     try:
         values: Any = msgspec.json.decode(body)
         holder = values["sample"] if kind == "measured" else values

@@ -1,8 +1,9 @@
 """Lines of a stream of events: the head with the configuration, one line per event, and the end.
 
 A line of an event has the keys of an entry of ``markerseek journal show --json``. Where ``frame_bytes`` is given, as
-many bytes follow the line: the ADC counts of its frame, little-endian int16, channel after channel. ``lost_lines`` and
-``lost_frames`` count what was lost since the line before, because the reader was too slow.
+many bytes follow the line: the ADC counts of its frame, little-endian int16, channel after channel, and behind them the
+grey values of its B-mode image, row after row, where the body has a ``b_mode``. ``lost_lines`` and ``lost_frames``
+count what was lost since the line before, because the reader was too slow.
 """
 
 from __future__ import annotations

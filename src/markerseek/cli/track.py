@@ -1,0 +1,232 @@
+"""``markerseek track``: finds a marker on the simulated rig, lets it move, and follows it from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
+from markerseek.cli.signals import stopped_by_signals
+from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
+from markerseek.core import ConfigError, Found, Refused, SearchError, require_range
+
+if TYPE_CHECKING:
+    from markerseek.rigs import Rig
+    from markerseek.runs import Session
+    from markerseek.search import Following
+    from markerseek.sim import SimulatedSettings, Swing
+
+NAME = "track"
+EXAMPLES = (
+    "Examples:\n\n"
+    "  markerseek track --speed-deg-per-s 1 --plot\n\n"
+    "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 10 --json"
+)
+
+_READOUT_S = 0.05
+"""Readout of the rig without a rig file: that of a receiver that streams its frames."""
+
+
+class TrackedFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """The marker after one frame; the time counts from when it began to move."""
+
+    time_s: float
+    probe_deg: float
+    intensity: float
+    angle_deg: float
+    sigma_deg: float
+    speed_deg_s: float
+    truth_deg: float
+
+
+class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
+    """How well a moving marker was followed; of one that was lost, until then."""
+
+    rig: str
+    found_deg: float
+    speed_deg_s: float
+    frames: int
+    refused: int
+    frames_per_s: float | None
+    rms_error_deg: float | None
+    within_1_deg: float | None
+    lag_s: float | None
+    lost: bool
+    track: list[TrackedFrame]
+    version: str = __version__
+
+
+def command(
+    speed_deg_per_s: Annotated[
+        float, typer.Option(help="Speed of the marker, which goes to and fro over 20 degrees, at most 20.")
+    ] = 1.0,
+    duration_s: Annotated[float, typer.Option(help="How long it is followed, on the simulated clock.")] = 20.0,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML) of a simulated rig; its stage and receiver set the frame rate.")
+    ] = None,
+    marker_deg: Annotated[
+        float | None, typer.Option(help="Angle of the marker at rest.", show_default="the rig's, else 0")
+    ] = None,
+    snr_db: Annotated[
+        float | None, typer.Option(help="Peak SNR of the image with the probe on the marker.", show_default="40")
+    ] = None,
+    readout_s: Annotated[
+        float | None, typer.Option(help="Seconds to read one acquisition.", show_default="the rig's, else 0.05")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
+    plot: Annotated[bool, typer.Option("--plot", help="Write track.png into --out.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
+    from markerseek import rigs
+    from markerseek.runs import new_session, plan_on
+    from markerseek.sim import Swing
+
+    folder = picture_folder(out, plot=plot)
+    require_range("--duration-s", duration_s, low=1, high=600, unit="s")
+    swing = Swing(speed_deg_s=speed_deg_per_s)
+    settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
+    announce_compilation()
+    with stopped_by_signals():
+        assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
+        plan = plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
+        session = new_session(assembled, plan)
+        for _ in session.events():
+            pass
+        found = _found(session)
+        policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s)
+    report = _report(assembled, found, policy, swing, settings, refused=refused)
+    if as_json:
+        print_json(report)
+    else:
+        _print(report)
+    if plot and report.track:
+        path = folder / "track.png"
+        _draw(report, path)
+        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+    raise typer.Exit(3 if report.lost else 0)
+
+
+def _settings(
+    path: Path | None, swing: Swing, *, marker_deg: float | None, snr_db: float | None, readout_s: float | None
+) -> SimulatedSettings:
+    """Settings of the rig, with a marker that stays inside of the search range."""
+    from markerseek.rigs import read_rig_file
+    from markerseek.sim import SimulatedSettings, changed_settings
+
+    settings = SimulatedSettings() if path is None else read_rig_file(path)
+    if not isinstance(settings, SimulatedSettings):
+        raise ConfigError(f"{path}: its kind is bench, and only a simulated marker can be made to move")
+    if path is None and readout_s is None:
+        readout_s = _READOUT_S
+    settings = changed_settings(settings, snr_db=snr_db, readout_s=readout_s)
+    angle_deg = next(each for each in (marker_deg, settings.marker.angle_deg, 0.0) if each is not None)
+    for end_deg in (angle_deg - swing.reach_deg, angle_deg + swing.reach_deg):
+        if end_deg not in settings.limits.search:
+            raise ConfigError(
+                f"--marker-deg is {angle_deg:g}: it moves by {swing.reach_deg:g} deg to either side, out of the search "
+                f"range {settings.limits.search}; name an angle nearer to the middle"
+            )
+    return replace(settings, marker=replace(settings.marker, angle_deg=angle_deg))
+
+
+def _found(session: Session) -> Found:
+    finished = session.recorder.finished
+    if finished is None or not isinstance(finished.estimate, Found):
+        answer = "nothing" if finished is None else type(finished.estimate).__name__
+        raise SearchError(f"the marker was not found at rest (the answer is {answer}): there is nothing to follow")
+    return finished.estimate
+
+
+def _follow(
+    rig: Rig, session: Session, found: Found, settings: SimulatedSettings, swing: Swing, *, duration_s: float
+) -> tuple[Following, int]:
+    """The policy after the run, and how many frames were refused."""
+    from markerseek.runs import follow, following, stage_period_s
+
+    confirmation = session.recorder.confirmation
+    if confirmation is None or found.curve is None:
+        raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
+    frame_s = settings.laser.pulses / settings.laser.rate_hz + settings.receiver.readout_s
+    period_s = stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
+    policy = following(
+        rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
+    )
+    refused = sum(isinstance(event, Refused) for event in follow(rig, policy, swing))
+    return policy, refused
+
+
+def _report(
+    rig: Rig, found: Found, policy: Following, swing: Swing, settings: SimulatedSettings, *, refused: int
+) -> TrackReport:
+    from markerseek.runs import quality_of
+
+    rest_deg = settings.marker.angle_deg or 0.0
+    quality = quality_of(policy, swing, rest_deg=rest_deg)
+    times_s = [each.time_s for each in policy.track]
+    return TrackReport(
+        rig=f"{rig.facts.rig_name}: {rig.facts.description}",
+        found_deg=found.mean_deg,
+        speed_deg_s=swing.speed_deg_s,
+        frames=len(times_s),
+        refused=refused,
+        frames_per_s=(len(times_s) - 1) / (times_s[-1] - times_s[0]) if len(times_s) > 1 else None,
+        rms_error_deg=None if quality is None else quality.rms_deg,
+        within_1_deg=None if quality is None else quality.within_1_deg,
+        lag_s=None if quality is None else quality.lag_s,
+        lost=policy.lost,
+        track=[
+            TrackedFrame(
+                time_s=each.time_s - policy.began_s,
+                probe_deg=each.probe_deg,
+                intensity=each.intensity,
+                angle_deg=each.angle_deg,
+                sigma_deg=each.sigma_deg,
+                speed_deg_s=each.speed_deg_s,
+                truth_deg=rest_deg + swing.moved_deg(each.time_s),
+            )
+            for each in policy.track
+        ],
+    )
+
+
+def _print(report: TrackReport) -> None:
+    stdout.print(f"[bold]{escape(report.rig)}[/]")
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in _facts(report):
+        table.add_row(f"[dim]{name}[/]", value)
+    stdout.print(table)
+
+
+def _facts(report: TrackReport) -> list[tuple[str, str]]:
+    end = "[bold yellow]lost[/]" if report.lost else "[bold green]followed to the end[/]"
+    rows = [("marker", end), ("found at rest", f"{report.found_deg:.2f}°")]
+    rate = "" if report.frames_per_s is None else f", {report.frames_per_s:.2f} a second"
+    rows.append(("frames", f"{report.frames}{rate}" + (f", {report.refused} refused" if report.refused else "")))
+    if report.rms_error_deg is not None and report.within_1_deg is not None and report.lag_s is not None:
+        rows.append(("error", f"{report.rms_error_deg:.2f}° (RMS), within 1° in {report.within_1_deg:.0%} of frames"))
+        rows.append(("lag", f"{report.lag_s:.2f} s"))
+    return rows
+
+
+def _draw(report: TrackReport, path: Path) -> None:
+    from markerseek.pictures import save_png, track_figure
+
+    error = "" if report.rms_error_deg is None else f", error {report.rms_error_deg:.2f}° RMS"
+    figure = track_figure(
+        [each.time_s for each in report.track],
+        probe_deg=[each.probe_deg for each in report.track],
+        angle_deg=[each.angle_deg for each in report.track],
+        sigma_deg=[each.sigma_deg for each in report.track],
+        truth_deg=[each.truth_deg for each in report.track],
+        title=f"{report.rig}: {'lost' if report.lost else 'followed'}{error}",
+    )
+    save_png(figure, path)

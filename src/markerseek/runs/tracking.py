@@ -1,0 +1,163 @@
+"""Follows a marker that moves on a simulated rig, and says how well: error and lag against the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from markerseek.core import Event, Found, Sample, SearchError
+from markerseek.rigs import Rig
+from markerseek.scan import run
+from markerseek.search import FLANK_SHARE, Following, Tracker
+from markerseek.sim import TURN_S, StageMotion, Swing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackQuality:
+    """How well a marker was followed.
+
+    Attributes
+    ----------
+    rms_deg
+        Root mean square of the error in degrees.
+    within_1_deg
+        Share of the frames with an error of at most 1 degree.
+    lag_s
+        Time in seconds by which the tracker is behind: that of the line error = −lag · speed.
+    """
+
+    rms_deg: float
+    within_1_deg: float
+    lag_s: float
+
+    @classmethod
+    def of(cls, errors_deg: Sequence[float], speeds_deg_s: Sequence[float]) -> TrackQuality:
+        """Quality of a track.
+
+        Parameters
+        ----------
+        errors_deg
+            Estimate less truth at each frame, in degrees; at least one.
+        speeds_deg_s
+            Speed of the marker then, in degrees per second.
+        """
+        errors, speeds = np.array(errors_deg), np.array(speeds_deg_s)
+        return cls(
+            rms_deg=float(np.sqrt(np.mean(errors**2))),
+            within_1_deg=float(np.mean(np.abs(errors) <= 1)),
+            # Least squares of error = −lag · speed.
+            lag_s=-float(np.dot(errors, speeds) / np.dot(speeds, speeds)),
+        )
+
+
+def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, frame_s: float) -> float:
+    """Time from frame to frame of a stage that comes to rest at each flank, in seconds; infinite if it is too slow.
+
+    Parameters
+    ----------
+    motion
+        How the stage moves.
+    fwhm_deg
+        Full width of the curve at half maximum in degrees, which sets how far apart the flanks are.
+    speed_deg_s
+        Speed of the marker in degrees per second.
+    frame_s
+        Time for pulses and readout, in seconds.
+    """
+    if not motion.speed_deg_s > speed_deg_s:
+        return math.inf
+    period_s = frame_s
+    # The way grows with the time that it takes: the fixed point, by iteration. Every second move is the longer one.
+    for _ in range(50):
+        way_deg = 2 * FLANK_SHARE * fwhm_deg + speed_deg_s * period_s
+        period_s = frame_s + motion.duration_s(way_deg) + motion.settle_s
+    return period_s
+
+
+def following(
+    rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float, period_s: float
+) -> Following:
+    """Policy that follows a marker from now on.
+
+    Parameters
+    ----------
+    rig
+        The rig on which it was found.
+    found
+        The answer of the search, with the marker's intensity curve.
+    confirmation
+        The acquisition at the angle found, for its noise.
+    speed_deg_s
+        Speed of the marker in degrees per second: half as much again, and turns within `TURN_S`, are followed.
+    duration_s
+        How long it is followed, in seconds.
+    period_s
+        Time from frame to frame in seconds, as a first guess.
+
+    Raises
+    ------
+    SearchError
+        If the search does not know the curve, or the frames not their noise.
+    """
+    noise_sigma = confirmation.reading.noise_sigma
+    if found.curve is None or noise_sigma is None:
+        raise SearchError("the search states no curve, or its frames no noise; search with the method posterior")
+    now_s = rig.scanner.clock.now_s()
+    tracker = Tracker(
+        angle_deg=found.mean_deg,
+        sigma_deg=found.sigma_deg,
+        fwhm_deg=found.curve.fwhm_deg,
+        peak=found.curve.peak,
+        noise_sigma=noise_sigma,
+        limits=rig.limits.search,
+        # With more than that it would be lost sooner at a low rate of frames.
+        most_speed_deg_s=1.5 * speed_deg_s,
+        acceleration_deg_s2=2 * speed_deg_s / TURN_S,
+    )
+    return Following(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
+
+
+def follow(rig: Rig, policy: Following, swing: Swing) -> Generator[Event, None, None]:
+    """Let the marker move, and follow it; the guard permits each move and each firing, as in a search.
+
+    Parameters
+    ----------
+    rig
+        A simulated rig in a `MovingWorld`.
+    policy
+        From `following`.
+    swing
+        That of the world.
+
+    Yields
+    ------
+    Event
+        As `markerseek.scan.run`.
+    """
+    swing.begin(rig.scanner.clock.now_s())
+    yield from run(policy, rig.scanner, stay=True)
+
+
+def quality_of(policy: Following, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
+    """Quality of a track on a simulated rig; None if there was no frame.
+
+    Parameters
+    ----------
+    policy
+        After the run.
+    swing
+        How the marker moved.
+    rest_deg
+        Its angle at rest in degrees.
+    """
+    if not policy.track:
+        return None
+    moment_s = 1e-6
+    errors = [each.angle_deg - rest_deg - swing.moved_deg(each.time_s) for each in policy.track]
+    speeds = [
+        (swing.moved_deg(each.time_s + moment_s) - swing.moved_deg(each.time_s)) / moment_s for each in policy.track
+    ]
+    return TrackQuality.of(errors, speeds)

@@ -1,0 +1,107 @@
+"""A `Tracker` as a policy: it chooses the angle of each next frame on a rig, and takes the times from the frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markerseek.core import Estimate, Found, Interval, NotFound, Sample, SearchError
+from markerseek.search.tracking import Tracker
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackPoint:
+    """What is known of a moving marker after one frame.
+
+    Attributes
+    ----------
+    time_s
+        When the frame was taken, on the rig's clock in seconds.
+    probe_deg, intensity
+        Angle of the probe in degrees, and what was measured there.
+    angle_deg, sigma_deg
+        Angle of the marker then, and its standard deviation, in degrees.
+    speed_deg_s
+        Its speed in degrees per second.
+    """
+
+    time_s: float
+    probe_deg: float
+    intensity: float
+    angle_deg: float
+    sigma_deg: float
+    speed_deg_s: float
+
+
+class Following:
+    """Follows a marker on a rig until a time, or until it is lost.
+
+    Parameters
+    ----------
+    tracker
+        Knows the angle at which a search found the marker.
+    began_s
+        Time on the rig's clock to which that angle belongs, in seconds.
+    until_s
+        No frame is asked for that would be taken after this time.
+    period_s
+        Time until the first frame in seconds, roughly; later ones are taken to come at the rate of those before.
+    """
+
+    def __init__(self, tracker: Tracker, *, began_s: float, until_s: float, period_s: float) -> None:
+        self._tracker = tracker
+        self.began_s = began_s
+        self._last_s, self._until_s = began_s, until_s
+        # Of the frames on either flank: a stage may need longer to turn one way than the other.
+        self._periods_s = [period_s, period_s]
+        self.track: list[TrackPoint] = []
+
+    @property
+    def lost(self) -> bool:
+        """Whether the marker is lost."""
+        return self._tracker.lost
+
+    def ask(self) -> float | None:
+        """Angle of the next frame in degrees; None at the end, or once the marker is lost."""
+        if self.lost or self._last_s + self._periods_s[-2] > self._until_s:
+            return None
+        return self._tracker.ask(self._periods_s[-2])
+
+    def tell(self, sample: Sample) -> None:
+        """Take the next frame.
+
+        Raises
+        ------
+        SearchError
+            If it has no frame, and so no time, or is not later than the one before.
+        """
+        if sample.frame is None:
+            raise SearchError("a sample without a frame has no time: a moving marker cannot be followed with it")
+        now_s = sample.frame.header.started_s
+        if not now_s > self._last_s:
+            raise SearchError(f"a frame of {now_s:.3f} s came after one of {self._last_s:.3f} s; it must be later")
+        self._periods_s.append(now_s - self._last_s)
+        self._tracker.tell(sample.angle_deg, sample.reading.intensity, after_s=self._periods_s[-1])
+        self._last_s = now_s
+        self.track.append(
+            TrackPoint(
+                time_s=now_s,
+                probe_deg=sample.angle_deg,
+                intensity=sample.reading.intensity,
+                angle_deg=self._tracker.mean_deg,
+                sigma_deg=self._tracker.sigma_deg,
+                speed_deg_s=self._tracker.speed_deg_s,
+            )
+        )
+
+    def estimate(self) -> Estimate:
+        """The angle at the last frame; `NotFound` once the marker is lost."""
+        mean_deg, sigma_deg = self._tracker.mean_deg, self._tracker.sigma_deg
+        if self.lost:
+            return NotFound(mean_deg=mean_deg, reason=f"the marker was lost after {len(self.track)} frames")
+        half_deg = 1.96 * sigma_deg
+        return Found(
+            mean_deg=mean_deg,
+            sigma_deg=sigma_deg,
+            interval95_deg=Interval(low_deg=mean_deg - half_deg, high_deg=mean_deg + half_deg),
+            interval_kind="posterior",
+        )

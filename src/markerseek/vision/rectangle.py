@@ -1,0 +1,80 @@
+"""A rectangle of whole pixels in an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markerseek.core import ConfigError, require_range
+
+LARGEST_PX = 8192
+"""Most rows or columns of an image."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rectangle:
+    """Part of an image, in whole pixels.
+
+    Attributes
+    ----------
+    row, column
+        Its upper left pixel.
+    rows, columns
+        Its size.
+
+    Raises
+    ------
+    ConfigError
+        If it is smaller than 3 pixels in one direction.
+    """
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "columns"):
+            require_range(f"rectangle: {name}", getattr(self, name), low=3, high=LARGEST_PX, unit="pixels")
+        for name in ("row", "column"):
+            require_range(f"rectangle: {name}", getattr(self, name), low=-LARGEST_PX, high=LARGEST_PX, unit="pixels")
+
+    def centred(self, row: float, column: float) -> Rectangle:
+        """The same size, with its middle at a pixel."""
+        return Rectangle(
+            row=round(row - (self.rows - 1) / 2),
+            column=round(column - (self.columns - 1) / 2),
+            rows=self.rows,
+            columns=self.columns,
+        )
+
+    def grown(self, rows: int, columns: int) -> Rectangle:
+        """Larger by so many pixels on each side."""
+        return Rectangle(
+            row=self.row - rows,
+            column=self.column - columns,
+            rows=self.rows + 2 * rows,
+            columns=self.columns + 2 * columns,
+        )
+
+    def within(self, shape: tuple[int, int]) -> Rectangle:
+        """The part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
+        row, column = max(0, self.row), max(0, self.column)
+        rows = min(shape[0], self.row + self.rows) - row
+        columns = min(shape[1], self.column + self.columns) - column
+        if rows < 3 or columns < 3:
+            raise ConfigError(
+                f"rectangle of {self.rows} × {self.columns} pixels at row {self.row}, column {self.column}: it lies "
+                f"outside of the image of {shape[0]} × {shape[1]} pixels; name another"
+            )
+        return Rectangle(row=row, column=column, rows=rows, columns=columns)
+
+    def relative_to(self, other: Rectangle) -> Rectangle:
+        """The same part of the image, counted from the upper left pixel of another rectangle."""
+        return Rectangle(
+            row=self.row - other.row, column=self.column - other.column, rows=self.rows, columns=self.columns
+        )
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Index of its pixels in an image that contains it."""
+        return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
