@@ -1,4 +1,4 @@
-"""Reads and writes banks of intensities as CSV tables; what the columns are and mean is told by a `TableFormat`."""
+"""Reads and writes banks of intensities as CSV tables; a `TableFormat` names the columns and the unit of the angle."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
-    in a number is a decimal one. A warning tells what was averaged or assumed.
+    in a number is a decimal one. A warning says what was averaged or assumed.
 
     Parameters
     ----------

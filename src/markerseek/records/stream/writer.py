@@ -235,7 +235,7 @@ def _opened(path: Path) -> int:
         # Also for reading: opening a FIFO for writing alone fails, or waits, until somebody reads it.
         return os.open(path, os.O_RDWR | os.O_NONBLOCK)
     if inherited or (path.exists() and not path.is_file()):
-        # Opened anew, so that O_NONBLOCK does not hold for the other processes that have this pipe.
+        # Opened again, so that O_NONBLOCK does not hold for the other processes that have this pipe.
         return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND)
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
 
