@@ -127,7 +127,8 @@ def _require_alone(**given: object) -> None:
     """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
         if value is not None:
-            raise ConfigError(f"--{name} {value}: --row runs one row and writes nothing; leave one of them out")
+            option = f"--{name}" if value is True else f"--{name} {value}"
+            raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
 
 
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:

@@ -140,10 +140,11 @@ def _places(path: Path, rows: Rows, table: TableFormat) -> tuple[int, int]:
     angle = next((name for name in names if name.lower() in _UNIT_OF_COLUMN), None)
     intensity = next((name for name in names if name.lower() == "intensity"), None)
     if angle is None or intensity is None:
-        missing = " and ".join(name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None)
+        lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
+        missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
         has = ", ".join(names) or (f"{rows.width} columns without names" if rows.width else "nothing")
         raise RecordError(
-            f"{path}, line 1: the column {missing} is missing, it has {has}; name the columns of angle and intensity: "
+            f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
             "--columns ANGLE,INTENSITY"
         )
     return _place(path, rows, angle), _place(path, rows, intensity)
