@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError
@@ -72,10 +73,8 @@ def command(
     columns: Columns = None,
     unit: Unit = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the curve into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the picture, with --plot.", show_default="the current one")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
     from markerseek.records.banks import IntensityBank, read_bank, require_whole

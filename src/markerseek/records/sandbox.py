@@ -76,7 +76,7 @@ class Sandbox:
         self._child: subprocess.Popen[bytes] | None = None
         self._owner = 0
         # Holds the child, so that a garbage cycle cannot delete it, unended, before its sandbox.
-        self._end: weakref.finalize[[subprocess.Popen[bytes], int], Self] | None = None
+        self._end: weakref.finalize[[subprocess.Popen[bytes], int], Sandbox] | None = None
 
     def read(self, reader: Reader, path: Path) -> dict[str, np.ndarray]:
         """Arrays that a reader returns for a file.
