@@ -67,7 +67,7 @@ figures: .venv/dev  ## draw the pictures of README and map
 	$(BIN)/python docs/explanation/draw_map.py
 	$(BIN)/python docs/figures/draw_page.py
 
-lock: .venv/dev  ## pin the versions anew, after a change in pyproject.toml
+lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	$(PIP) install pip-tools
 	$(COMPILE) --upgrade --extra plot --extra records --extra devices --extra igtl --extra page --extra vision -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot --extra check --extra test --extra cluster --extra records --extra devices --extra igtl --extra page --extra vision --extra optimizers --extra faults -c requirements/run.txt -o requirements/dev.txt pyproject.toml
@@ -107,7 +107,7 @@ clean:  ## remove the environment and everything made
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@
 
-# ROS 2 starts Python anew at every start of Python, and has an environment of its own for that.
+# ROS 2 starts another Python at every start of Python, and has an environment of its own for that.
 .venv-ros/ready: requirements/run.txt requirements/ros2.txt pyproject.toml
 	@echo "setting up .venv-ros (once)"
 	test -x .venv-ros/bin/python || $(PYTHON) -m venv .venv-ros

@@ -98,19 +98,19 @@ def detected(
     jump_deg: float, *, runs: int, late_s: tuple[float, float] = (0.0, 0.0), speed: float = 10.0
 ) -> list[bool]:
     """Whether each of so many jumps of a turning stage was refused."""
-    told: list[bool] = []
+    refused: list[bool] = []
     number = 0
-    while len(told) < runs:
+    while len(refused) < runs:
         within_s = Tour(number, late_s=late_s, speed=speed).duration_s()
         tour = Tour(number, late_s=late_s, speed=speed)
         refusal = tour.refusal(jump_deg, within_s=within_s)
         if tour.heading is not None:
-            told.append(refusal is not None)
+            refused.append(refusal is not None)
         low_deg, high_deg = tour.emulator.truth_range_deg
         assert low_deg >= -36.5
         assert high_deg <= 36.5
         number += 1
-    return told
+    return refused
 
 
 @pytest.mark.parametrize("jump_deg", [-1.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6, 1.0])

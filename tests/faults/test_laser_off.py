@@ -1,4 +1,4 @@
-"""The laser goes dark when the search dies or hangs: real processes and signals, the truth told by the emulated box.
+"""The laser goes dark when the search dies or hangs: real processes and signals, the truth comes from the emulated box.
 
 How soon is measured by hand, on a quiet machine: the real command by `python -m tests.faults.laser_off --kills 100`, a
 bare control process by `python tests/faults/test_laser_off.py 100`. As a test it must only be far sooner than the

@@ -9,6 +9,7 @@ import signal
 import struct
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -159,7 +160,9 @@ def test_an_interrupted_scan_stays_readable(tmp_path, number):
     words = ("bank", "scan", str(path), "--step-deg", "0.02", "--json")
     process = subprocess.Popen((*MARKERSEEK, *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while process.poll() is None and angles_in(path) < 3:
-        pass
+        # Waits, so that the scan has the processor, and ends with it.
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.05)
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 128 + number, err

@@ -99,7 +99,7 @@ def test_points_that_cannot_be_used_are_refused(
     [
         (f"{TRUS}\n0,0,0\n", "the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px"),
         (f"{CAMERA}\n0,0,0\n", "the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches"),
-        (f"{TRUS},camera_x_m\n0,0,0,0\n", "the column camera_y_m and camera_z_m is missing beside"),
+        (f"{TRUS},camera_x_m\n0,0,0,0\n", "the columns camera_y_m and camera_z_m are missing beside"),
         (f"{TRUS},{CAMERA}\n0,0,0,0,0,a\n", "line 2: camera_z_m is 'a', it must be a number"),
         (f"{TRUS},{CAMERA},{CAMERA}\n", "appears more than once"),
         (f"{TRUS},{CAMERA}\n", "0 points in DaVinci"),

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,6 +18,8 @@ import pytest
 from markerseek import cli
 from markerseek.cli import terminal
 from markerseek.studies import read_study, run_study
+
+Shell = Callable[..., tuple[int, str, str]]
 
 STUDY = """
 version = 1
@@ -42,47 +45,35 @@ def study(tmp_path: Path) -> Path:
     return path
 
 
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
-    monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    output = capsys.readouterr()
-    assert "Traceback" not in output.err
-    code = ended.value.code
-    return (code if isinstance(code, int) else 0), output.out, output.err
-
-
-def test_a_text_table_a_json_object_and_any_row_again(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_text_table_a_json_object_and_any_row_again(study: Path, tmp_path: Path, shell: Shell) -> None:
     study.write_text(STUDY.replace("800", "20"), encoding="utf-8")
     out = tmp_path / "out"
-    code, text, _ = shell(monkeypatch, capsys, "study", study, "--out", out, "--workers", 1)
+    code, text, _ = shell("study", study, "--out", out, "--workers", 1)
     assert code == 0
     for word in ("mine: 40 simulated searches", "ternary as published, 4", "cell 0", "100.0 %", "0 - 1", "rows.csv"):
         assert word in text
-    code, text, _ = shell(monkeypatch, capsys, "study", study, "--out", out, "--json")
+    code, text, _ = shell("study", study, "--out", out, "--json")
     said = json.loads(text)
     assert code == 0
     assert said == json.loads((out / "summary.json").read_bytes())
     assert [policy["trials"] for policy in said["policies"]] == [20, 20]
     with (out / "rows.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    code, text, _ = shell(monkeypatch, capsys, "study", study, "--row", 17, "--json")
+    code, text, _ = shell("study", study, "--row", 17, "--json")
     again = json.loads(text)
     assert code == 0
     assert {name: float(rows[17][name]) for name in ("mean_deg", "truth_deg", "error_deg", "travel_deg")} == {
         name: again[name] for name in ("mean_deg", "truth_deg", "error_deg", "travel_deg")
     }
-    assert shell(monkeypatch, capsys, "study", study, "--row", 17)[1].count("\n") == len(again)
+    assert shell("study", study, "--row", 17)[1].count("\n") == len(again)
 
 
 def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    study: Path, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(terminal.stdout, "_width", 60)
     study.write_text(STUDY.replace("800", "20"), encoding="utf-8")
-    _, text, _ = shell(monkeypatch, capsys, "study", study, "--out", tmp_path / "out", "--workers", 1)
+    _, text, _ = shell("study", study, "--out", tmp_path / "out", "--workers", 1)
     assert "…" not in text
     for word in ("found: share of", "no claim: any answer but found", "covered: share of the 95 % intervals"):
         assert word in text
@@ -102,6 +93,7 @@ def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
         (("", ""), ("--row", "8000"), "has the rows 0 to 1599"),
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
+        (("", ""), ("--row", "3", "--plot"), "--plot: --row runs one row and writes nothing"),
         (("", ""), ("--plot", "--beside", "other.toml"), "other.toml: the study file cannot be read"),
         (("", ""), ("--beside", "other.toml"), "add --plot, or leave it out"),
         (("", ""), ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), "leave one of them out"),
@@ -110,8 +102,7 @@ def test_no_cell_is_cut_in_a_narrow_terminal_and_the_columns_are_explained(
 def test_wrong_usage_ends_with_2_and_the_cure(
     study: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    shell: Shell,
     change: tuple[str, str],
     words: tuple[str, ...],
     message: str,
@@ -121,17 +112,17 @@ def test_wrong_usage_ends_with_2_and_the_cure(
     (other / "study.json").write_text(json.dumps({"hash": "0123", "version": cli.__version__}))
     study.write_text(STUDY.replace(*change), encoding="utf-8")
     given = [word.format(other=other) for word in words]
-    code, text, err = shell(monkeypatch, capsys, "study", study, *given, "--json")
+    code, text, err = shell("study", study, *given, "--json")
     assert code == 2
     assert message in json.loads(text)["error"]
     assert message in " ".join(err.split())
 
 
 def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    study: Path, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SIGKILL to the command once a further part is there, twice; its orphaned workers end by themselves."""
-    assert shell(monkeypatch, capsys, "study", study, "--workers", 1, "--out", tmp_path / "whole")[0] == 0
+    assert shell("study", study, "--workers", 1, "--out", tmp_path / "whole")[0] == 0
     killed = tmp_path / "killed"
     program = "from markerseek.cli import main; main()"
     command = [sys.executable, "-c", program, "study", str(study), "--workers", "2", "--out", str(killed)]
@@ -148,7 +139,7 @@ def test_a_killed_study_is_continued_and_leaves_the_files_of_one_that_was_not(
         assert len(list((killed / "parts").glob("*.csv"))) >= parts
     kept = {part.name: part.stat().st_mtime_ns for part in (killed / "parts").glob("*.csv")}
     monkeypatch.setattr("markerseek.studies.runner.shutil.rmtree", lambda _: None)
-    assert shell(monkeypatch, capsys, "study", study, "--workers", 1, "--out", killed)[0] == 0
+    assert shell("study", study, "--workers", 1, "--out", killed)[0] == 0
     assert {part.name: part.stat().st_mtime_ns for part in (killed / "parts").glob("*.csv")}.items() > kept.items()
     for name in ("study.json", "rows.csv", "summary.json"):
         assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -191,13 +182,10 @@ def test_a_dask_cluster_gives_the_same_files_as_this_machine(study: Path, tmp_pa
 @pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_does_not_answer_is_named(
-    study: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    study: Path, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("markerseek.studies.cluster._TIMEOUT_S", 1)
     words = ("study", study, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1", "--json")
-    code, text, _ = shell(monkeypatch, capsys, *words)
+    code, text, _ = shell(*words)
     assert code == 2
     assert "nothing answers at tcp://127.0.0.1:1" in json.loads(text)["error"]

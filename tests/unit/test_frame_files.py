@@ -280,6 +280,14 @@ def test_another_kind_of_file_names_the_command_for_it(tmp_path, name, content, 
         load_frame(tmp_path / name)
 
 
+@pytest.mark.parametrize("content", [b"text", npy_header("{'descr': '|O', 'fortran_order': False, 'shape': (2,), }\n")])
+def test_nobody_is_advised_to_unpickle_a_file(tmp_path, content):
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(RecordError, match="it holds Python objects, or another format; save it again") as refused:
+        load_frame(tmp_path / "a.npy")
+    assert "pickle" not in str(refused.value)
+
+
 def test_an_npy_of_many_angles_names_the_command_for_it(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((3, 2, 9), np.int16))
     with pytest.raises(RecordError, match=r"see 'markerseek bank import .*a.npy scan.hdf5'"):

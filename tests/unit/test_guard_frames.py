@@ -78,14 +78,14 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
             made.admit_reading(bad, frame=answer)
 
 
-def heard(*, pulses: int) -> ReadingFrame:
+def frame_of(*, pulses: int) -> ReadingFrame:
     header = FrameHeader(sequence=1, token="t", pulses=pulses, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     return ReadingFrame(header=header, intensity=1.0)
 
 
 def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
     made = guard()
-    lit, dark = heard(pulses=1), heard(pulses=0)
+    lit, dark = frame_of(pulses=1), frame_of(pulses=0)
     for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6), (dark, 0.6)):
         made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
     for one, sigma in ((dark, 3.0), (lit, 1.0), (lit, 6.5), (dark, 0.4)):
@@ -98,30 +98,30 @@ def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
 @pytest.mark.parametrize(("dark", "lit", "believed"), [(1.0, 9.0, True), (1.0, 0.5, True), (1.0, 0.49, False)])
 def test_a_lit_frame_may_be_noisier_than_the_dark_ones_and_not_quieter(dark: float, lit: float, believed: bool) -> None:
     made = guard()
-    made.admit_reading(Reading(intensity=1.0, noise_sigma=dark), frame=heard(pulses=0))
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=dark), frame=frame_of(pulses=0))
     reading = Reading(intensity=1.0, noise_sigma=lit)
     if believed:
-        made.admit_reading(reading, frame=heard(pulses=16))
+        made.admit_reading(reading, frame=frame_of(pulses=16))
     else:
         with pytest.raises(AcquisitionError, match=r"the noise is 0\.49 and was 1 at first"):
-            made.admit_reading(reading, frame=heard(pulses=16))
+            made.admit_reading(reading, frame=frame_of(pulses=16))
 
 
 @pytest.mark.parametrize("pulses", [0, 16])
 @pytest.mark.parametrize("sigma", [0.0, 1e-6, 1e6])
 def test_the_first_frame_of_a_run_may_be_of_any_noise(pulses: int, sigma: float) -> None:
-    guard().admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=heard(pulses=pulses))
+    guard().admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=pulses))
 
 
 def test_noise_may_become_known_in_the_middle_of_a_run() -> None:
     made = guard()
     for sigma in (None, None, 5.0):
-        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=heard(pulses=16))
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=16))
 
 
 def test_a_refused_reading_is_no_measure_of_noise() -> None:
     made = guard()
-    lit = heard(pulses=16)
+    lit = frame_of(pulses=16)
     for bad in (damaged(intensity=-1.0, noise_sigma=9.0), damaged(noise_sigma=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=lit)

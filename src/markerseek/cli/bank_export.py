@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
@@ -51,7 +52,7 @@ def command(
     ] = None,
     columns: Columns = None,
     unit: Unit = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a bank's photoacoustic images (envelope) with the probe's angles for other programs."""
     from markerseek.files import require_new

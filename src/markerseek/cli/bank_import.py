@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
@@ -63,7 +64,7 @@ def command(
     pulse_energy_mj: Annotated[float | None, typer.Option(help="Energy of one laser pulse.")] = None,
     columns: Columns = None,
     unit: Unit = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank

@@ -12,6 +12,8 @@ from rich.markup import escape
 
 from markerseek import __version__
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+from markerseek.cli.open_rig import Arm, RigFile
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
 from markerseek.core import MarkerseekError, Measured, Refused
@@ -41,17 +43,13 @@ class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def command(
     out: Annotated[Path, typer.Argument(help="New file, .hdf5.")],
-    rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-    ] = None,
+    rig: RigFile = None,
     step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
     seed: Annotated[
         int | None,
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same scan.", show_default="1"),
     ] = None,
-    arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
-    ] = False,
+    arm: Arm = False,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, stored in the bank.")] = None,
     pulse_energy_mj: Annotated[
         float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
@@ -59,7 +57,7 @@ def command(
     events: Events = None,
     event_frames: EventFrames = False,
     stop_with_reader: StopWithReader = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
 

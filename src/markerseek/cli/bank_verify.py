@@ -9,6 +9,7 @@ import msgspec
 import typer
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.terminal import one_line, print_json, progress_bar, stdout
 
 NAME = "verify"
@@ -30,7 +31,7 @@ class VerifyReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def command(
     bank: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Read every frame of a bank and compare it with its checksum; exit code 1 if anything is wrong."""
     from markerseek.records.banks import FrameBank, frame_faults, has_checksums, read_bank

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import __version__
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
 from markerseek.core import ConfigError, require_range
@@ -64,7 +65,7 @@ def command(
         Literal["forward", "reverse"],
         typer.Option(help="The direction of rig.toml with which the scan was taken; one scan cannot prove it."),
     ] = "forward",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
 

@@ -8,7 +8,7 @@ from typing import Literal
 from markerseek.core import ConfigError
 
 LEAST_DEG = 5.0
-"""Smallest angle of a source at which its two sides can be told apart, in degrees."""
+"""Smallest angle of a source at which its two sides can be distinguished, in degrees."""
 
 _NEAR_DEG = 5.0
 """Largest accepted difference of the angle found, in degrees; at small angles half of the angle, if less."""

@@ -17,6 +17,7 @@ import msgspec
 import typer
 from rich.markup import escape
 
+from markerseek.cli.output_options import AsJson
 from markerseek.core import ConfigError
 
 NAME = "doctor"
@@ -72,7 +73,7 @@ def command(
         typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check the installation and a rig, and run two simulated searches (which compiles the kernels if necessary).
 

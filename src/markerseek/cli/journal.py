@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from markerseek.cli import journal_list, journal_prune
+from markerseek.cli.output_options import AsJson
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
@@ -19,7 +20,6 @@ for each in (journal_list, journal_prune):
     app.command(name=each.NAME, epilog=each.EXAMPLES)(each.command)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]
 
 
 _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
@@ -33,7 +33,7 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
 
 
 @app.command(epilog="Example:\n\n  markerseek journal show run.journal")
-def show(journal: _File, as_json: _Json = False) -> None:
+def show(journal: _File, as_json: AsJson = False) -> None:
     """Print all entries; of a damaged journal those before the damage, then the error."""
     from markerseek.cli.terminal import print_json
     from markerseek.records.journal import run_state, salvage
@@ -62,7 +62,7 @@ def show(journal: _File, as_json: _Json = False) -> None:
 
 
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
-def verify(journal: _File, as_json: _Json = False) -> None:
+def verify(journal: _File, as_json: AsJson = False) -> None:
     """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
     from markerseek.cli.terminal import one_line, print_json, stdout
     from markerseek.records.journal import verify as verify_journal
@@ -78,7 +78,7 @@ def verify(journal: _File, as_json: _Json = False) -> None:
 
 
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
-def replay(journal: _File, as_json: _Json = False) -> None:
+def replay(journal: _File, as_json: AsJson = False) -> None:
     """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
     from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from markerseek.cli.output_options import AsJson
+
 if TYPE_CHECKING:
     from markerseek.records.journal import JournalSummary
 
@@ -19,7 +21,7 @@ def command(
         Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
     ] = None,
     last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the journals of a folder, the newest last, with time, method, result and size.
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from markerseek.cli.output_options import AsJson
+
 if TYPE_CHECKING:
     from markerseek.records.journal import JournalSummary
 
@@ -33,7 +35,7 @@ def command(
         bool, typer.Option("--unfinished", help="Also journals of runs that could be resumed.")
     ] = False,
     delete: Annotated[bool, typer.Option("--delete", help="Delete them; without it they are only listed.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List old journals, and delete them with --delete. A journal of a run that is going on is never deleted."""
     from markerseek.cli.terminal import one_line, print_error, print_json, stdout

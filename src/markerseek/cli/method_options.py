@@ -1,4 +1,4 @@
-"""Options of the commands that search: the method, and its number of acquisitions."""
+"""Options of the commands that search: the method, its form, and its number of acquisitions."""
 
 from __future__ import annotations
 
@@ -38,3 +38,10 @@ Acquisitions: TypeAlias = Annotated[
         show_default=", ".join(f"{name} {number}" for name, number in USUAL_ACQUISITIONS.items()),
     ),
 ]
+AsPublished: TypeAlias = Annotated[
+    bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
+]
+Single: TypeAlias = Annotated[
+    bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
+]
+Stay: TypeAlias = Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")]

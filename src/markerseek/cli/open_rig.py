@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from markerseek.drivers import BenchSettings
     from markerseek.rigs import Rig
     from markerseek.sim import SimulatedSettings
+
+RigFile: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
+]
+Arm: TypeAlias = Annotated[
+    bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
+]
 
 _USUAL_SEED = 1
 """Default seed of a simulation."""

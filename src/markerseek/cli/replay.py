@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.method_options import Acquisitions, MethodName
+from markerseek.cli.method_options import Acquisitions, AsPublished, MethodName, Single, Stay
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
 
@@ -30,30 +31,24 @@ def command(
     ],
     method: MethodName = "posterior",
     acquisitions: Acquisitions = None,
-    as_published: Annotated[
-        bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
-    ] = False,
-    single: Annotated[
-        bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
-    ] = False,
+    as_published: AsPublished = False,
+    single: Single = False,
     probe: ProbeName = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Reference angle of the marker in degrees, for comparison.")
     ] = None,
     columns: Columns = None,
     unit: Unit = None,
-    stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    stay: Stay = False,
     journal: Annotated[
         Path | None, typer.Option(help="Journal of the run, a new SQLite file; without it, none is kept.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
-    ] = None,
+    out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
     stop_with_reader: StopWithReader = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Search a recorded scan as if it were a rig: the methods ask, the recording answers.
 

@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
+from markerseek.cli.output_options import AsJson, Out
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -39,13 +40,11 @@ def command(
         typer.Option("--reset-fault", help="Reset the fault that ended the run; inspect the rig first."),
     ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
-    ] = None,
+    out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
     stop_with_reader: StopWithReader = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Continue a search after any interruption, with the same next angle and the same result.
 

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.method_options import Acquisitions, MethodName
+from markerseek.cli.method_options import Acquisitions, AsPublished, MethodName, Single, Stay
+from markerseek.cli.open_rig import Arm, RigFile
+from markerseek.cli.output_options import AsJson, Out
 
 NAME = "search"
 EXAMPLES = (
@@ -25,12 +27,8 @@ EXAMPLES = (
 def command(
     method: MethodName = "posterior",
     acquisitions: Acquisitions = None,
-    as_published: Annotated[
-        bool, typer.Option("--as-published", help="The paper's form of the method, which always answers.")
-    ] = False,
-    single: Annotated[
-        bool, typer.Option("--single", help="State that there is one source only: fewer acquisitions, none for others.")
-    ] = False,
+    as_published: AsPublished = False,
+    single: Single = False,
     prior: Annotated[
         Path | None,
         typer.Option(
@@ -44,9 +42,7 @@ def command(
             help="Search the same simulated world with each of these methods; one table, and no journals.",
         ),
     ] = None,
-    rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-    ] = None,
+    rig: RigFile = None,
     tissue: Annotated[
         str | None,
         typer.Option(help="Simulated material, instead of the rig's; an unknown name lists them all."),
@@ -68,15 +64,13 @@ def command(
             help="Seconds to read one acquisition of a simulated rig, instead of the rig's.", show_default="10"
         ),
     ] = None,
-    arm: Annotated[
-        bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
-    ] = False,
+    arm: Arm = False,
     seed: Annotated[
         int | None,
         typer.Option(min=0, help="Seed of the simulation: the same seed gives the same search.", show_default="1"),
     ] = None,
     pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0,
-    stay: Annotated[bool, typer.Option("--stay", help="Do not turn to the marker at the end.")] = False,
+    stay: Stay = False,
     journal: Annotated[
         Path | None,
         typer.Option(help="Journal of the run, a new SQLite file; without it, one in the user's data folder."),
@@ -85,13 +79,11 @@ def command(
         bool, typer.Option("--no-journal", help="Keep no journal; the search cannot be resumed.")
     ] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write search.png and search.html into --out.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for pictures, with --plot.", show_default="the current one")
-    ] = None,
+    out: Out = None,
     events: Events = None,
     event_frames: EventFrames = False,
     stop_with_reader: StopWithReader = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
     from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig

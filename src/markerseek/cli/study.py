@@ -9,6 +9,7 @@ import msgspec
 import typer
 from rich.markup import escape
 
+from markerseek.cli.output_options import AsJson
 from markerseek.cli.signals import Stopped
 from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.core import ConfigError
@@ -52,7 +53,7 @@ def command(
     beside: Annotated[
         list[Path] | None, typer.Option(help="File of another finished study, to draw its lines into the same picture.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run a study, or continue one that was interrupted, and print its summary."""
     from markerseek.cli.terminal import print_json, progress_bar, stderr, stdout
@@ -127,7 +128,8 @@ def _require_alone(**given: object) -> None:
     """Refuse options that have no meaning for a single row."""
     for name, value in given.items():
         if value is not None:
-            raise ConfigError(f"--{name} {value}: --row runs one row and writes nothing; leave one of them out")
+            option = f"--{name}" if value is True else f"--{name} {value}"
+            raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
 
 
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:

@@ -18,7 +18,6 @@ import warnings
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Self, TypeAlias
 
 import msgspec
@@ -77,7 +76,7 @@ class Sandbox:
         self._child: subprocess.Popen[bytes] | None = None
         self._owner = 0
         # Holds the child, so that a garbage cycle cannot delete it, unended, before its sandbox.
-        self._end: weakref.finalize[[subprocess.Popen[bytes], int], Self] | None = None
+        self._end: weakref.finalize[[subprocess.Popen[bytes], int], Sandbox] | None = None
 
     def read(self, reader: Reader, path: Path) -> dict[str, np.ndarray]:
         """Arrays that a reader returns for a file.
@@ -137,9 +136,7 @@ class Sandbox:
         """The sandbox itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the child."""
         self.close()
 

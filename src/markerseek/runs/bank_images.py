@@ -82,10 +82,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
 
 def bank_image(bank: FrameBank, index: int, *, probe: str | ProbePreset | None = None) -> PaImage:
     """Image of one angle, counted from 0; arguments and errors as of `bank_images`."""
-    try:
-        return ImageReader(preset_of(bank, probe)).picture(bank.frame(index))
-    except AcquisitionError as problem:
-        raise RecordError(f"the frame at {bank.angles_deg[index]:g} deg: {problem}") from problem
+    return next(bank_images(bank, probe=probe, order=(index,)))
 
 
 def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Curve:

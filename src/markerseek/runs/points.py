@@ -118,9 +118,8 @@ def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:
     """Whether the columns are there: all or none."""
     missing = [name for name in names if name not in heading]
     if missing and len(missing) < len(names):
-        raise RecordError(
-            f"{path}, line 1: the column {' and '.join(missing)} is missing beside the others of its kind"
-        )
+        those = f"column {missing[0]} is" if len(missing) == 1 else f"columns {' and '.join(missing)} are"
+        raise RecordError(f"{path}, line 1: the {those} missing beside the others of the same kind")
     return not missing
 
 

@@ -131,7 +131,7 @@ def _replayed(recipe: ReplayedRecipe) -> Rig:
 def _reader_recipe(imaging: msgspec.Raw) -> ReaderRecipe:
     try:
         values = msgspec.json.decode(imaging)
-        # msgspec tells structs apart by their tag, and a preset, which is no struct, has none.
+        # msgspec distinguishes structs by their tag, and a preset, which is no struct, has none.
         named = isinstance(values, dict) and "reader" in values
         recipe: ReaderRecipe = msgspec.convert(values, SpareRecipe | TipRecipe if named else ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:

@@ -83,18 +83,7 @@ class Session:
         return resumed(self.policy, self.rig, self.journal, self.held, by=self.by, reset_fault=self.reset_fault)
 
     def interrupt(self, reason: str) -> None:
-        """Record that the run was stopped from outside, once the rig has been stopped; does nothing if it is over.
-
-        Parameters
-        ----------
-        reason
-            What stopped it.
-
-        Raises
-        ------
-        RecordError
-            If the journal cannot be written.
-        """
+        """`Journal.interrupt`, or, where no journal is kept, the same event to the stream."""
         if self.journal is not None:
             self.journal.interrupt(reason)
         elif self.stream is not None and self.recorder.finished is None:

@@ -108,7 +108,7 @@ def simulate_registration(
     target_trus_m
         As in `register_pairs`.
     on_search
-        Is told the number of searches that are done.
+        Called with the number of searches that are done.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reads and writes banks of intensities as CSV tables; what the columns are and mean is told by a `TableFormat`."""
+"""Reads and writes banks of intensities as CSV tables; a `TableFormat` names the columns and the unit of the angle."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. Where it is not the comma that separates them, a comma
-    in a number is a decimal one. A warning tells what was averaged or assumed.
+    in a number is a decimal one. A warning says what was averaged or assumed.
 
     Parameters
     ----------
@@ -140,10 +140,11 @@ def _places(path: Path, rows: Rows, table: TableFormat) -> tuple[int, int]:
     angle = next((name for name in names if name.lower() in _UNIT_OF_COLUMN), None)
     intensity = next((name for name in names if name.lower() == "intensity"), None)
     if angle is None or intensity is None:
-        missing = " and ".join(name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None)
+        lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
+        missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
         has = ", ".join(names) or (f"{rows.width} columns without names" if rows.width else "nothing")
         raise RecordError(
-            f"{path}, line 1: the column {missing} is missing, it has {has}; name the columns of angle and intensity: "
+            f"{path}, line 1: the {missing} missing, it has {has}; name the columns of angle and intensity: "
             "--columns ANGLE,INTENSITY"
         )
     return _place(path, rows, angle), _place(path, rows, intensity)

@@ -44,14 +44,14 @@ def rows_of(path: Path, data: bytes) -> Rows:
     Raises
     ------
     RecordError
-        If it is text of an encoding that cannot be told.
+        If the encoding of the text cannot be determined.
     UnicodeDecodeError, csv.Error
         If it is no text, or no CSV.
     """
     text = _decoded(path, data)
     separator = ""
     first_line = next((line for line in text.splitlines() if line.strip()), "")
-    # The line by which Excel tells itself the separator.
+    # Excel writes the separator into this line.
     if first_line.lower().startswith("sep=") and len(first_line) == len("sep=,"):
         separator = first_line[-1]
     else:

@@ -34,7 +34,7 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
 
 
 def has_checksums(bank: IntensityBank | FrameBank) -> bool:
-    """Whether a change of a frame can be told from its checksum."""
+    """Whether the frames have checksums, by which a change of one is detected."""
     return isinstance(bank, IpascBank) and bool(bank.frame_sums)
 
 

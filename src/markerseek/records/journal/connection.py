@@ -23,11 +23,10 @@ from urllib.parse import quote
 from markerseek.core import RecordError
 from markerseek.files import open_input, require_input
 from markerseek.records.journal.folder import journals_folder
-from markerseek.records.journal.schema import APPLICATION_ID
+from markerseek.records.journal.schema import APPLICATION_ID, VERSION
 
-_MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT = b"SQLite format 3\0", 100, b"\1\1"
-_APPLICATION = slice(68, 72)
-_FORMAT = slice(18, 20)
+_MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT, _WAL_FORMAT = b"SQLite format 3\0", 100, b"\1\1", b"\2\2"
+_FORMAT, _VERSION, _APPLICATION = slice(18, 20), slice(60, 64), slice(68, 72)
 _MOST_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
 
@@ -142,7 +141,10 @@ def is_journal(path: Path) -> bool:
     OSError
         If it cannot be read.
     """
-    header = _header(path)
+    return _is_ours(_header(path))
+
+
+def _is_ours(header: bytes) -> bool:
     return header.startswith(_MAGIC) and header[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")
 
 
@@ -177,6 +179,13 @@ def require_journal_file(path: Path) -> None:
             "without its rollback journal; copy it, and use the copy"
         )
     header = _header(path)
+    version = int.from_bytes(header[_VERSION], "big")
+    # Journals of the development had a write-ahead log, and versions of their own.
+    if _is_ours(header) and header[_FORMAT] == _WAL_FORMAT and version != VERSION:
+        raise RecordError(
+            f"{path}: an earlier markerseek wrote it: the journal has development version {version}, which this one "
+            "does not read; read it with that markerseek"
+        )
     if header.startswith(_MAGIC) and header[_FORMAT] != _ROLLBACK_FORMAT:
         raise RecordError(
             f"{path}: it is a database without rollback journal (format {header[_FORMAT].hex()}) and no journal of a "

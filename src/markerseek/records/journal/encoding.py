@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from datetime import UTC, datetime
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -36,6 +37,7 @@ from markerseek.core import (
     Started,
 )
 from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
+from markerseek.records.journal.schema import Row
 
 _KINDS: dict[str, type[JournalEvent]] = {
     each.__name__.lower(): each
@@ -66,6 +68,24 @@ class EncodedEvent:
     kind: str
     body: bytes
     samples: memoryview | None
+
+    def row(self, number: int, *, clock_s: float, written: str | None = None, checkpoint: bytes | None = None) -> Row:
+        """Row of a journal, without its checksum.
+
+        Parameters
+        ----------
+        number, clock_s, written, checkpoint
+            As in `Entry`; None for ``written``: now.
+        """
+        return Row(
+            number=number,
+            kind=self.kind,
+            written=written or datetime.now(UTC).isoformat(),
+            clock_s=require_finite(float(clock_s), what="the rig's clock"),
+            body=self.body.decode(),
+            checkpoint=None if checkpoint is None else checkpoint.decode(),
+            checksum=0,
+        )
 
 
 def encode(event: JournalEvent) -> EncodedEvent:

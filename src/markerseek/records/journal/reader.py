@@ -157,7 +157,10 @@ def read_configuration(connection: sqlite3.Connection, path: Path) -> tuple[Conf
     try:
         return msgspec.json.decode(row[0], type=Configuration), row[1]
     except (msgspec.MsgspecError, RecursionError) as problem:
-        raise RecordError(f"{path}: the configuration cannot be read: {problem}") from problem
+        # Its checksum agrees, so that it is not damaged.
+        raise RecordError(
+            f"{path}: the configuration cannot be read: {problem}; another version of markerseek wrote it: use that one"
+        ) from problem
 
 
 def iterate(connection: sqlite3.Connection, path: Path, *, first_checksum: int) -> Iterator[tuple[Entry, int]]:

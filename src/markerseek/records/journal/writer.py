@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import msgspec
@@ -23,7 +21,7 @@ from markerseek.records.journal.connection import (
     resolve_link,
     rollback_file,
 )
-from markerseek.records.journal.encoding import encode, json_values, require_finite
+from markerseek.records.journal.encoding import encode, json_values
 from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
 from markerseek.records.journal.presence import Presence, copied
 from markerseek.records.journal.reader import RecordedRun, read_journal
@@ -152,15 +150,7 @@ class Journal:
         encoded = encode(event)
         self._settle()
         self._require_present()
-        row = Row(
-            number=self._number + 1,
-            kind=encoded.kind,
-            written=datetime.now(UTC).isoformat(),
-            clock_s=require_finite(float(clock_s), what="the rig's clock"),
-            body=encoded.body.decode(),
-            checkpoint=None if checkpoint is None else checkpoint.decode(),
-            checksum=0,
-        )
+        row = encoded.row(self._number + 1, clock_s=clock_s, checkpoint=checkpoint)
         row = msgspec.structs.replace(row, checksum=row_checksum(self._checksum, row, encoded.samples))
         # A signal can arrive between the commit and the lines after it: `_settle` then asks the file.
         self._uncertain = row, event, encoded.samples
@@ -278,9 +268,7 @@ class Journal:
         """The journal itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()

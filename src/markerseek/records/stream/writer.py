@@ -11,16 +11,14 @@ import struct
 import termios
 import warnings
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import msgspec
 
 from markerseek.core import RecordError
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.encoding import encode, require_finite
+from markerseek.records.journal.encoding import encode
 from markerseek.records.journal.events import Entry, JournalEvent
 from markerseek.records.journal.schema import Row
 from markerseek.records.stream.lines import EndLine, EventLine, encoded, head
@@ -93,15 +91,7 @@ class EventStream:
         self._number += 1
         try:
             held = encode(event)
-            row = Row(
-                number=self._number,
-                kind=held.kind,
-                written=datetime.now(UTC).isoformat(),
-                clock_s=require_finite(float(clock_s), what="the rig's clock"),
-                body=held.body.decode(),
-                checkpoint=None,
-                checksum=0,
-            )
+            row = held.row(self._number, clock_s=clock_s)
         except RecordError:
             # A number in it is not finite. A watcher must not end a run, so that the event counts as lost.
             self._lost_lines += 1
@@ -117,17 +107,7 @@ class EventStream:
             All entries so far.
         """
         for entry in entries:
-            held = encode(entry.event)
-            row = Row(
-                number=entry.number,
-                kind=held.kind,
-                written=entry.written,
-                clock_s=entry.clock_s,
-                body=held.body.decode(),
-                checkpoint=None,
-                checksum=0,
-            )
-            self.put(row, None)
+            self.put(encode(entry.event).row(entry.number, clock_s=entry.clock_s, written=entry.written), None)
 
     def put(self, row: Row, samples: bytes | memoryview | None) -> None:
         """Send the row of an event, once it is committed; returns at once in any case.
@@ -178,9 +158,7 @@ class EventStream:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write(self, *parts: bytes | memoryview | None) -> None:
@@ -235,7 +213,7 @@ def _opened(path: Path) -> int:
         # Also for reading: opening a FIFO for writing alone fails, or waits, until somebody reads it.
         return os.open(path, os.O_RDWR | os.O_NONBLOCK)
     if inherited or (path.exists() and not path.is_file()):
-        # Opened anew, so that O_NONBLOCK does not hold for the other processes that have this pipe.
+        # Opened again, so that O_NONBLOCK does not hold for the other processes that have this pipe.
         return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_APPEND)
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
 
