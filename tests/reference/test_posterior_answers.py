@@ -108,12 +108,12 @@ def test_the_other_source_is_described():
 
 def test_a_search_that_may_have_missed_a_source_says_where():
     """At 26 dB a curve of 3° is seen 4° away at most: sixteen acquisitions cannot show that there is no other one."""
-    answer = search(World([(-10.0, 20.0, 3.5, 5.0, 40.0)], seed=3)).estimate()
+    answer = search(World([(-10.0, 20.0, 3.5, 5.0, 40.0)], seed=4)).estimate()
     assert isinstance(answer, Unsure)
     assert "a source as loud would have been detected in" in answer.reason
     assert answer.surveyed is not None
     assert 0.3 < answer.surveyed < 0.99
-    single = search(World([(-10.0, 20.0, 3.5, 5.0, 40.0)], seed=3), single=True)
+    single = search(World([(-10.0, 20.0, 3.5, 5.0, 40.0)], seed=4), single=True)
     assert isinstance(single.estimate(), Found)
 
 

@@ -10,7 +10,13 @@ from scipy.stats import norm
 
 from markerseek.core import Interval
 from markerseek.search.posterior.angle_posterior import AnglePosterior
-from markerseek.search.posterior.next_angle import DETECTION_TRAVEL_DEG, LEAST_APART_DEG, most_detectable_deg
+from markerseek.search.posterior.next_angle import (
+    DETECTION_TRAVEL_DEG,
+    LEAST_APART_DEG,
+    PLAN,
+    most_detectable_deg,
+    planned_deg,
+)
 from markerseek.search.posterior.shapes import STEP_DEG, family
 
 SHAPES = family()
@@ -78,3 +84,30 @@ def test_in_a_range_measured_everywhere_it_is_in_the_largest_gap():
     narrow = Interval(low_deg=-1.0, high_deg=1.0)
     angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=narrow, level=LEVEL)
     assert 0.8 < angle_deg < 1.0
+
+
+def planned(*, descending):
+    measured_deg = []
+    for _ in PLAN:
+        measured_deg.append(planned_deg(measured_deg, limits=LIMITS, descending=descending))
+    return np.array(measured_deg)
+
+
+def test_eight_planned_angles_are_the_middles_of_equal_parts():
+    """They detect markers as early as any order of them does, to 3 %: dynamic programming tries all orders."""
+    up = planned(descending=False)
+    np.testing.assert_allclose(np.sort(up), np.arange(-30.625, 31, 8.75))
+    np.testing.assert_allclose(planned(descending=True), -up)
+    rng = np.random.default_rng(1)
+    markers_deg, fwhm_deg = rng.uniform(-35, 35, 4000), np.exp(rng.uniform(np.log(3), np.log(17), 4000))
+    height = 10 ** (rng.choice([20, 30, 40], 4000) / 20)
+    away = 2 * np.abs(np.sort(up)[:, None] - markers_deg) / fwhm_deg
+    shown = height * (1 + 3 * away**2.4) ** -0.5 > LEVEL
+    code = (shown * 2 ** np.arange(8)[:, None]).sum(axis=0)
+    missed = np.array([(code & mask == 0).mean() for mask in range(256)])
+    # Mean number of acquisitions that an order needs from those of a mask on.
+    needed = np.zeros(256)
+    for mask in range(254, -1, -1):
+        needed[mask] = missed[mask] + min(needed[mask | 1 << k] for k in range(8) if not mask >> k & 1)
+    masks = np.concatenate([[0], np.cumsum(2 ** np.array(PLAN[:-1]))])
+    assert missed[masks].sum() < 1.03 * needed[0]

@@ -7,7 +7,7 @@ import pytest
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
 from markerseek.search.floor import Noise
-from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, family, log_curve
 from markerseek.search.posterior.survey import MODEL_ERROR, NARROWER_STEPS, SURVEY_PARTICLES, survey_of, undetected
@@ -70,6 +70,15 @@ def test_the_next_angle_leaves_least_hidden():
 
     shares = [left(angle_deg) for angle_deg in np.linspace(-35, 35, 36).tolist()]
     assert left(survey.next_deg) > max(shares) - 0.03
+
+
+def test_no_angle_is_measured_twice():
+    """A search of intensities measured one angle four times, at which the marker hides another source."""
+    angles = [-33.0, -20.0, -9.0, -3.0, 0.0, 3.0]
+    for _ in range(8):
+        source, lit = candidate(angles)
+        angles.append(survey_of(source, SHAPES, lit, NOISE, limits=PAPER_RANGE).next_deg)
+        assert min(abs(angles[-1] - each) for each in angles[:-1]) > BESIDE_DEG
 
 
 def test_a_louder_source_hides_less():

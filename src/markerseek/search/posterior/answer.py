@@ -25,13 +25,16 @@ from markerseek.core import (
 from markerseek.search.floor import Noise
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
-from markerseek.search.posterior.candidates import RIVAL_DB, Candidate
+from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
 from markerseek.search.posterior.detectability import NARROW_DEG, missed_marker
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import SURVEYED, Survey
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
+
+SHOULDER_SHARE = 0.5
+"""Share of its strongest sample from which others may lie on a shoulder beside the top of a source."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,12 +71,16 @@ def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
     """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle."""
     first, *others = sources
-    rivals = [each for each in others if each.missing is None and each.relative_db(first) >= -RIVAL_DB]
+    rivals = [each for each in others if each.missing is None and each.may_exceed(first, by_db=-RIVAL_DB)]
     return [each for each in rivals if each.apart_from(first)]
 
 
-def unresolved(sources: Sequence[Candidate], measured_deg: Sequence[float]) -> Candidate | None:
+def unresolved(
+    sources: Sequence[Candidate], measured_deg: Sequence[float], *, limits: Interval
+) -> tuple[Candidate, float | None] | None:
     """Return a source of which too little is known to say that it is not the marker; None without one.
+
+    With it comes the angle at which its top may have been missed, in degrees; None where that is not known.
 
     Parameters
     ----------
@@ -81,19 +88,25 @@ def unresolved(sources: Sequence[Candidate], measured_deg: Sequence[float]) -> C
         The sources, the loudest first.
     measured_deg
         Angles measured so far, in degrees.
+    limits
+        Range of the search.
     """
     first, *others = sources
     for each in others:
-        unknown = each.posterior.sigma_deg > SIGMA_LIMIT_DEG
-        if unknown and (each.may_exceed(first, by_db=-RIVAL_DB) or hidden_top_deg(first, each, measured_deg)):
-            return each
+        top_deg = hidden_top_deg(first, each, measured_deg, limits=limits)
+        unknown = each.posterior.sigma_deg > SIGMA_LIMIT_DEG and each.may_exceed(first, by_db=-RIVAL_DB)
+        if unknown or top_deg is not None:
+            return each, top_deg
     return None
 
 
-def hidden_top_deg(first: Candidate, other: Candidate, measured_deg: Sequence[float]) -> float | None:
+def hidden_top_deg(
+    first: Candidate, other: Candidate, measured_deg: Sequence[float], *, limits: Interval
+) -> float | None:
     """Return an angle at which a narrow top of another source may have been missed, in degrees; None without one.
 
-    Its strongest sample may lie on the flank of a narrow curve, whose top is in the middle of the gap beside it.
+    Its strong samples may lie on the flank of a narrow curve, or on a shoulder of it, and its top in the middle of the
+    gap beside them. The curve posited there is as narrow as any, and no weaker than `RIVAL_DB` below the loudest.
 
     Parameters
     ----------
@@ -101,20 +114,24 @@ def hidden_top_deg(first: Candidate, other: Candidate, measured_deg: Sequence[fl
         The loudest source, and another.
     measured_deg
         Angles measured so far, in degrees.
+    limits
+        Range of the search.
     """
-    strongest = max(other.samples, key=lambda sample: sample.reading.intensity)
+    strongest = max(sample.reading.intensity for sample in other.samples)
+    strong = [sample for sample in other.samples if sample.reading.intensity >= SHOULDER_SHARE * strongest]
     log_least = first.loudness - RIVAL_DB * math.log(10) / 20
-    log_seen = math.log(strongest.reading.intensity / other.posterior.sigma)
-    for beside_deg in (
-        min((each for each in measured_deg if each > strongest.angle_deg), default=None),
-        max((each for each in measured_deg if each < strongest.angle_deg), default=None),
-    ):
-        if beside_deg is None:
-            continue
-        half_deg = np.array([(beside_deg - strongest.angle_deg) / 2])
+    for side, end_deg in ((1, limits.high_deg), (-1, limits.low_deg)):
+        outermost = max(strong, key=lambda sample: side * sample.angle_deg)
+        edge_deg = outermost.angle_deg
+        beyond = [each for each in measured_deg if side * (each - edge_deg) > 0]
+        beside_deg = min(beyond, key=lambda each: abs(each - edge_deg), default=end_deg)
+        half_deg = np.array([abs(beside_deg - edge_deg) / 2])
         fallen = float(log_curve(half_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)[0])
-        if log_seen - fallen > log_least:
-            return (beside_deg + strongest.angle_deg) / 2
+        if math.log(outermost.reading.intensity / other.posterior.sigma) - fallen > log_least:
+            middle_deg = (beside_deg + edge_deg) / 2
+            # Beside a sample nothing is hidden, however loud.
+            if min(abs(middle_deg - each) for each in measured_deg) > BESIDE_DEG / 2:
+                return middle_deg
     return None
 
 
@@ -153,7 +170,7 @@ def answer_of(
         modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
-    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state, lit))
+    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state, lit, limits))
     if doubt is not None:
         return Unsure(
             mean_deg=mean_deg,
@@ -202,10 +219,11 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     return f"{limit}; take more acquisitions or average more pulses"
 
 
-def _hidden(state: State, lit: Sequence[Sample]) -> str | None:
+def _hidden(state: State, lit: Sequence[Sample], limits: Interval) -> str | None:
     """Why another source may be the marker; None if none can."""
-    other = unresolved(state.sources, [sample.angle_deg for sample in lit])
-    if other is not None:
+    found = unresolved(state.sources, [sample.angle_deg for sample in lit], limits=limits)
+    if found is not None:
+        other, _ = found
         return (
             f"another source, near {other.posterior.mean_deg:.0f} deg, may be as loud; take more acquisitions, or "
             "state that there is a single source"

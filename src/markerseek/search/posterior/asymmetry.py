@@ -5,17 +5,17 @@ lies some tenths of a millimetre beside the centroid of the spot; tissue on the 
 samples of one curve share its centre, so that more of them do not show the shift: it is a bias, and the posterior is
 widened by it,
 
-    p(θ) = (1 − u)·q(θ) + u·∫ q(θ') N(θ − θ'; 0, (a/ρ)² + (bF)²) dθ',                                         (10)
+    p(θ) = (1 − u)·q(θ) + u·∫ q(θ') N(θ − θ'; 0, (a/ρ)²) dθ',                                                 (10)
 
 with q the posterior of the centre, u the probability that the marker is asymmetric (`PRIOR` before any sample), and the
-standard deviation of its shift from a = `SHIFT_M` at the marker's distance ρ from the axis and b = `SHIFT` times the
-full width F. a is that of the simulated spots of 0.4 to 1.2 mm radius, rounded down to what `Found` can state.
+standard deviation of its shift a/ρ from a = `SHIFT_M` at the marker's distance ρ from the axis.
 
 Point and spot differ in what else they show. The lateral position and the coherence of a point are the same at every
 angle (to 0.55 mm over the SNR, five times that where a pulse of half a microsecond leaves low frequencies only; and to
 5 %, at a wrong speed of sound or not); of a spot, different absorbers may dominate at different angles. And the sound
 of most spots is not coherent over the aperture, whereas that of a point is, unless it is focused with a wrong speed of
-sound. The three of them revise u by Bayes' rule.
+sound. The three of them revise u by Bayes' rule, their ln odds at half of their weight: the samples of one spot scatter
+together, and those of many points scatter more than noise says.
 """
 
 from __future__ import annotations
@@ -30,9 +30,13 @@ from markerseek.core import Float64, Reading, Sample
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_M, SHIFT = 0.23e-3, 0.012
-"""Standard deviation of the shift of an asymmetric marker's curve: a length in metres, seen from the axis, and a part
-over the full width at half maximum."""
+SHIFT_M = 0.29e-3
+"""Standard deviation of the shift of an asymmetric marker's curve, in metres: the root mean square of 90 simulated
+spots of 1.2 mm radius; 0.27 mm of 0.9 mm, 0.2 mm of 0.6 and 0.4 mm. It did not depend on the width of the curve."""
+
+EVIDENCE_SHARE = 0.5
+"""Weight of the ln odds of the samples: of 560 simulated points and spots it gave their kind the mean ln probability
+−0.40; a weight of 1 gave −0.45."""
 
 USUAL_RADIUS_M = 55e-3
 """Distance of the marker from the axis in metres, where frames do not say it."""
@@ -55,18 +59,16 @@ _COHERENCE, _CHANNELS = 0.03, 60.0
 _SCATTERS = np.array([0.0, 0.0, 0.0, 2.0, 6.0, 18.0])
 
 
-def shift_sigma_deg(fwhm_deg: float, *, depth_m: float | None) -> float:
+def shift_sigma_deg(*, depth_m: float | None) -> float:
     """Standard deviation of the shift of an asymmetric marker's curve, in degrees.
 
     Parameters
     ----------
-    fwhm_deg
-        Full width at half maximum of the curve, in degrees.
     depth_m
         Distance of the marker from the array's face in metres; None if unknown.
     """
     radius_m = USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
-    return math.hypot(math.degrees(SHIFT_M / radius_m), SHIFT * fwhm_deg)
+    return math.degrees(SHIFT_M / radius_m)
 
 
 def _lateral_sigma_m(reading: Reading, snr: float) -> float:
@@ -100,11 +102,12 @@ def asymmetry_probability(lit: Sequence[Sample], *, sigma: float, marker_m: floa
                 noise = 2 * _CHANNELS / snr**2
                 coherences.append((reading.coherence * (1 + noise), _COHERENCE + noise / 2))
     # Bayes' rule in log-odds: the prior, and the Bayes factors of position, coherence and its level.
-    log_odds = math.log(PRIOR / (1 - PRIOR)) + _log_scatter(places) + _log_scatter(coherences)
+    evidence = _log_scatter(places) + _log_scatter(coherences)
     if coherences:
         weight = [1 / sigma**2 for _, sigma in coherences]
         level = sum(w * value for w, (value, _) in zip(weight, coherences, strict=True)) / sum(weight)
-        log_odds += _COHERENT_ODDS if level > COHERENT else _INCOHERENT_ODDS
+        evidence += _COHERENT_ODDS if level > COHERENT else _INCOHERENT_ODDS
+    log_odds = math.log(PRIOR / (1 - PRIOR)) + EVIDENCE_SHARE * evidence
     return 1 / (1 + math.exp(-min(max(log_odds, -30.0), 30.0)))
 
 

@@ -70,16 +70,8 @@ def belief_of(
 
     Parameters
     ----------
-    posterior
-        The posterior.
-    shapes
-        Family of curves.
-    measured_deg
-        Angles reached so far, the last one last, in degrees.
-    limits
-        Range of the search.
-    floor
-        Intensity that noise usually reaches by itself, over σ.
+    posterior, shapes, measured_deg, limits, floor
+        As in `expected_sigmas_deg`.
     detected
         Whether anything is detected yet.
     """

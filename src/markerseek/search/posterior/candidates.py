@@ -129,16 +129,12 @@ class Candidates:
 
     Parameters
     ----------
-    limits
-        Range of the search.
-    shapes
-        Family of curves.
+    limits, shapes, prior
+        As for `Inference`.
     cues
-        As for `Inference`; without "lateral" all samples are of one source.
+        Likewise; without "lateral" all samples are of one source.
     single
         Whether there is one source only, so that a dip does not divide the samples.
-    prior
-        What is known of the curves before the first sample; None: what the physics table says.
     """
 
     def __init__(

@@ -5,7 +5,8 @@ laser's energy explain, there are two curves, and the samples are divided at the
 in the near field of an element has a dip of its own, a quarter deep at most (2): in a frame, which tells places apart,
 a dip must be deeper than that. In a file of intensities either is possible, and the answer is `Ambiguous`.
 
-A dip shows only if it was measured: `top_deg` names the angles at which that is still to be done.
+A dip shows only if it was measured: `top_deg` and `beside_deg` name the angles at which that is still to be done, in
+the top of the curve, and beside a sample that is stronger than one nearer to its centre (`unmirrored`).
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import numpy as np
 from markerseek.core import Float64, Sample
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 
-DIP_SIGMAS = 3.0
-"""Standard deviations of noise and laser by which a dip must be deeper than both humps."""
+DIP_SIGMAS, DOUBT_SIGMAS = 3.0, 2.0
+"""Standard deviations of noise and laser by which a dip must be deeper than both humps, and for doubt."""
 
 SAMPLE_ERROR = 0.03
 """Relative error of one sample by itself, the laser's energy."""
@@ -32,6 +33,9 @@ ALIKE_DEG = 1.0
 
 HUMPS_APART_DEG = 5.0
 """Least distance of two humps, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
+
+UNMIRRORED_SHARE = 0.2
+"""Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
 
 TOP_SHARES = (-0.35, 0.0, 0.35)
 """Angles about the answer, over the full width at half maximum, at which a dip would show."""
@@ -102,3 +106,36 @@ def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float |
         if apart > TOP_REACH * posterior.fwhm_deg:
             return angle_deg
     return None
+
+
+def unmirrored(at: Sequence[Sample], *, centre_deg: float, sigma: float, level: float) -> Sample | None:
+    """Return the sample that exceeds most another one nearer to the centre of the curve; None if none does.
+
+    A curve that is symmetric and falls from its centre has none: the sample is of another curve.
+
+    Parameters
+    ----------
+    at
+        Samples at one place.
+    centre_deg
+        Centre of their curve, in degrees.
+    sigma, level
+        As for `dip_deg`.
+    """
+    order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
+    drop = hump - np.minimum.accumulate(bottom)
+    least = np.maximum(DOUBT_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), UNMIRRORED_SHARE * hump)
+    excess = np.where((drop > least) & (hump > level), drop, 0.0)
+    return order[int(np.argmax(excess))] if excess.any() else None
+
+
+def beside_deg(angle_deg: float, measured_deg: Sequence[float]) -> float | None:
+    """Return the middle of the wider gap beside a measured angle, in degrees; None where both are narrow."""
+    gaps = []
+    for side in (-1.0, 1.0):
+        away = min((side * (each - angle_deg) for each in measured_deg if side * (each - angle_deg) > 0), default=0.0)
+        gaps.append((away, angle_deg + side * away / 2))
+    widest, middle_deg = max(gaps)
+    return middle_deg if widest > 2 * ALIKE_DEG else None

@@ -199,7 +199,7 @@ class Inference:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
         angle_deg, share = centre.angles_deg, centre.share
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
-        sigma_deg = shift_sigma_deg(centre.fwhm_deg, depth_m=strongest.depth_m)
+        sigma_deg = shift_sigma_deg(depth_m=strongest.depth_m)
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
         if "intensity" not in self._cues or step_deg > sigma_deg:

@@ -23,11 +23,9 @@ from markerseek.search.posterior.symmetry import (
     TEMPLATE_SIGMAS,
 )
 
-FIRST_ANGLES = 3
-"""First planned angles, in the middles of equal parts of the range."""
-
-PLANNED_ANGLES = 8
-"""Planned angles in all, where the noise is known: gaps are halved until they are about as wide as a usual curve."""
+PLAN = (1, 4, 6, 0, 3, 7, 2, 5)
+"""Planned angles, each in the middle of an equal part of the range: evenly spread after eight, as eight acquisitions
+miss the fewest markers, and nearly so after three."""
 
 DETECTION_ANGLES = 71
 """Candidate angles, evenly spread over the range, while no marker is detected."""
@@ -48,8 +46,8 @@ _SAMPLE_ERROR = sum(error * share for error, share in SAMPLE_ERRORS)
 def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: bool) -> float:
     """Return the next angle of a search that has detected nothing yet, in degrees.
 
-    First `FIRST_ANGLES` in the middles of equal parts of the range, then the middle of the largest gap; a gap at an end
-    of the range counts twice and is closed by the end itself.
+    First those of `PLAN`, then the middle of the largest gap; a gap at an end of the range counts twice and is closed
+    by the end itself.
 
     Parameters
     ----------
@@ -61,8 +59,8 @@ def planned_deg(measured_deg: Sequence[float], *, limits: Interval, descending: 
         Whether to begin at the high end.
     """
     count = len(measured_deg)
-    if count < FIRST_ANGLES:
-        share = (count + 0.5) / FIRST_ANGLES
+    if count < len(PLAN):
+        share = (PLAN[count] + 0.5) / len(PLAN)
         return limits.low_deg + limits.width_deg * (1 - share if descending else share)
     inside = sorted(min(max(angle_deg, limits.low_deg), limits.high_deg) for angle_deg in measured_deg)
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]

@@ -22,13 +22,13 @@ from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import Noise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import State, answer_of, hidden_top_deg, ranked, rivals_of, unresolved
+from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
-from markerseek.search.posterior.humps import top_deg
+from markerseek.search.posterior.humps import beside_deg, top_deg, unmirrored
 from markerseek.search.posterior.loading import loaded_family
 from markerseek.search.posterior.next_angle import (
-    PLANNED_ANGLES,
+    PLAN,
     most_detectable_deg,
     most_informative_deg,
     planned_deg,
@@ -44,6 +44,9 @@ TARGET_SIGMA_DEG = 0.1
 
 LEAST_ACQUISITIONS = 4
 """Acquisitions before which a search does not end for a small standard deviation."""
+
+SURVEY_RESERVE = 6
+"""Acquisitions that precision leaves to the survey, which takes three to five."""
 
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
@@ -224,19 +227,12 @@ class Posterior(SearchPolicy):
         """Next angle once that of the strongest source is known, in degrees; None if nothing remains to be done."""
         state = self._state()
         first = state.sources[0]
-        # What else there is comes before more precision: it may be the marker.
+        imprecise = first.posterior.centre_sigma_deg > self._target_deg
         if not self._single:
-            other = unresolved(state.sources, self._measured_deg())
-            if other is not None:
-                return self._another_look_deg(first, other)
-            # A confirmation changes the amplitude by a little; it does not begin the survey again.
-            wanted = SURVEYED if self._confirmed else SURVEY_TARGET
-            if state.survey is not None and state.survey.share < wanted:
-                return state.survey.next_deg
-            doubtful_deg = self._doubtful_deg(first)
-            if doubtful_deg is not None:
-                return doubtful_deg
-        if first.posterior.centre_sigma_deg > self._target_deg:
+            angle_deg = self._other_source_deg(state, imprecise=imprecise)
+            if angle_deg is not None:
+                return angle_deg
+        if imprecise:
             return self._informative_deg(first)
         answer = self.estimate()
         # More samples cannot help where the centre is known far better than the marker beside it.
@@ -246,27 +242,53 @@ class Posterior(SearchPolicy):
             return None
         return self._informative_deg(first)
 
+    def _other_source_deg(self, state: State, *, imprecise: bool) -> float | None:
+        """Angle at which another source has still to be looked for, in degrees; None if at none."""
+        first, measured_deg = state.sources[0], self._measured_deg()
+        another = unresolved(state.sources, measured_deg, limits=self._limits)
+        if another is not None:
+            return self._another_look_deg(*another)
+        doubtful_deg = self._doubtful_deg(first)
+        # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
+        # amplitude and width that it assumes are known better then.
+        if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
+            return doubtful_deg
+        # A confirmation changes the amplitude by a little; it does not begin the survey again.
+        wanted = SURVEYED if self._confirmed else SURVEY_TARGET
+        if state.survey is not None and state.survey.share < wanted:
+            return state.survey.next_deg
+        if _placed(first):
+            return None
+        # Intensities alone do not tell two sources apart that are near one another.
+        wanted_deg = top_deg(first.posterior, measured_deg)
+        return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
+
     def _doubtful_deg(self, source: Candidate) -> float | None:
         """Angle at which the curve of a source has still to be tested, in degrees; None if at none."""
         measured_deg = self._measured_deg()
-        misfit = unexplained(source, self._shapes, sigmas=DOUBT_SIGMAS)
-        if misfit is not None:
+        centre_deg = source.posterior.mean_deg
+        doubtful = unexplained(source, self._shapes, sigmas=DOUBT_SIGMAS)
+        if doubtful is not None:
             # Between a second hump and the first lies a dip.
-            between_deg = (misfit.angle_deg + source.posterior.mean_deg) / 2
+            between_deg = (doubtful.angle_deg + centre_deg) / 2
             if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
                 return between_deg
-        if any(sample.reading.local_maxima is None for sample in source.samples):
-            # Intensities alone do not tell two sources apart that are near one another.
-            wanted_deg = top_deg(source.posterior, measured_deg)
-            return wanted_deg if wanted_deg in self._limits else None
-        return None
+        elif not _placed(source):
+            noise = self._noise()
+            doubtful = unmirrored(
+                source.samples,
+                centre_deg=centre_deg,
+                sigma=noise.sigma or 0.0,
+                level=noise.floor.level or 0.0,
+            )
+        return None if doubtful is None else beside_deg(doubtful.angle_deg, measured_deg)
 
-    def _another_look_deg(self, first: Candidate, source: Candidate) -> float:
-        """Next angle for a source other than the loudest, in degrees."""
+    def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
+        """Next angle for a source other than the loudest, whose top may be hidden at an angle, in degrees."""
         top_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - top_deg) <= BESIDE_DEG for angle_deg in self._measured_deg())
         if beside > 1 or (source.source is not None and source.seen > 1):
-            return hidden_top_deg(first, source, self._measured_deg()) or self._informative_deg(source)
+            return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
         inwards = 1 if top_deg < self._limits.centre_deg else -1
         return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
@@ -280,7 +302,7 @@ class Posterior(SearchPolicy):
         """Next angle while nothing is detected, in degrees."""
         measured_deg = self._measured_deg()
         noise = self._noise()
-        if len(measured_deg) < PLANNED_ANGLES or noise.floor.level is None or not noise.sigma:
+        if len(measured_deg) < len(PLAN) or noise.floor.level is None or not noise.sigma:
             return planned_deg(measured_deg, limits=self._limits, descending=self._descending)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
@@ -297,3 +319,8 @@ class Posterior(SearchPolicy):
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
         return max(intensities) > level
+
+
+def _placed(source: Candidate) -> bool:
+    """Whether the samples of a source tell places apart."""
+    return all(sample.reading.local_maxima is not None for sample in source.samples)

@@ -21,7 +21,7 @@ from scipy.special import ndtr
 from markerseek.core import Float64, Interval, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
-from markerseek.search.posterior.candidates import Candidate
+from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.predictive import predicted
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
@@ -35,7 +35,7 @@ NARROWER_STEPS = 5
 """Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower: to 0.6 of its width."""
 
 SURVEY_ANGLES = 71
-"""Angles at which a hidden source is assumed, evenly spread over the range; and candidates for the next sample."""
+"""Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
 
 SURVEY_PARTICLES = 12
 """Markers of the posterior whose amplitude and curve it is given."""
@@ -97,18 +97,43 @@ def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: N
     share, hidden_deg = 1 - float(left.mean()), float(angles_deg[np.argmax(left)])
     if share >= SURVEY_TARGET:
         return Survey(share=share, hidden_deg=hidden_deg, next_deg=hidden_deg)
-    # What a sample at each candidate leaves hidden, of all that is.
-    expected = np.full(SURVEY_ANGLES, level / posterior.sigma)
+    # What samples at candidates leave hidden, of all that is.
+    candidates_deg = angles_deg[::2]
+    apart_deg = np.abs(candidates_deg[:, None] - measured_deg).min(axis=1)
+    # A source that a sample does not show is not shown by a second one beside it, for the curve's error is the same.
+    new = candidates_deg[apart_deg > BESIDE_DEG]
+    candidates_deg = new if new.size else candidates_deg[[int(np.argmax(apart_deg))]]
+    expected = np.full(candidates_deg.size, level / posterior.sigma)
     if not listed.all():
-        expected = np.maximum(expected, np.exp(predicted(posterior, shapes, angles_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, angles_deg, expected, angles_deg)
-    gained = left.mean() - (hidden[:, None] * there).mean(axis=(0, 2))
-    travel = np.abs(angles_deg - measured_deg[-1])
+        expected = np.maximum(expected, np.exp(predicted(posterior, shapes, candidates_deg).mean(axis=0)))
+    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg)
     return Survey(
         share=share,
         hidden_deg=hidden_deg,
-        next_deg=float(angles_deg[np.argmax(gained / (1 + travel / SURVEY_TRAVEL_DEG))]),
+        next_deg=_next_deg(hidden, there, candidates_deg, last_deg=float(measured_deg[-1])),
     )
+
+
+def _next_deg(
+    hidden: Float64[np.ndarray, "particles angles"],
+    there: Float64[np.ndarray, "particles candidates angles"],
+    candidates_deg: Float64[np.ndarray, " candidates"],
+    *,
+    last_deg: float,
+) -> float:
+    """Candidate whose sample adds most: alone if that is enough, else of the two that add most; travel weighed in."""
+    far = 1 + np.abs(candidates_deg - last_deg) / SURVEY_TRAVEL_DEG
+    rest = hidden[:, None] * there
+    left = rest.mean(axis=(0, 2))
+    alone = (hidden.mean() - left) / far
+    if left.min() <= 1 - SURVEY_TARGET:
+        return float(candidates_deg[np.argmax(alone)])
+    # The best one, and then the best one after it, would leave gaps that two chosen together do not.
+    particles, count, angles = there.shape
+    rows = rest.transpose(1, 0, 2).reshape(count, -1)
+    left = rows @ there.transpose(1, 0, 2).reshape(count, -1).T / (particles * angles)
+    pair = np.unravel_index(int(np.argmax((hidden.mean() - left) / (far[:, None] + far))), left.shape)
+    return float(candidates_deg[max(pair, key=lambda each: alone[each])])
 
 
 def undetected(
