@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
+    MOST_ACQUISITIONS,
     ConfigError,
     Finished,
     Found,
@@ -24,7 +25,7 @@ from markerseek.core import (
 )
 from markerseek.guard import State
 from markerseek.rigs import in_world
-from markerseek.runs import follow, following, quality_of, stage_period_s
+from markerseek.runs import follow, following, quality_of, stage_period_s, tracking
 from markerseek.search import Following, Tracker
 from markerseek.search.tracking import SHAPE_ERROR, curve
 from markerseek.signals import IntensityReader
@@ -226,6 +227,13 @@ def test_a_rig_that_is_too_slow_loses_the_marker_and_stops():
     assert isinstance(events[-1].estimate, NotFound)
     assert "was lost after" in events[-1].estimate.reason
     assert rig.scanner.guard.state is State.DISARMED
+
+
+def test_a_track_has_a_limit_of_its_own(monkeypatch):
+    assert tracking.MOST_FRAMES > MOST_ACQUISITIONS
+    monkeypatch.setattr(tracking, "MOST_FRAMES", 5)
+    with pytest.raises(SearchError, match="asked for more than 5 acquisitions"):
+        on_rig(1.0, stage=DIRECT, duration_s=3.0)
 
 
 def test_a_moving_world_is_seen_where_it_is_at_the_flash():

@@ -13,7 +13,6 @@ from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.signals import stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
 from markerseek.core import ConfigError, Found, Refused, SearchError, require_range
 
@@ -95,14 +94,13 @@ def command(
     swing = Swing(speed_deg_s=speed_deg_per_s)
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
     announce_compilation()
-    with stopped_by_signals():
-        assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
-        plan = plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
-        session = new_session(assembled, plan)
-        for _ in session.events():
-            pass
-        found = _found(session)
-        policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s)
+    assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
+    plan = plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
+    session = new_session(assembled, plan)
+    for _ in session.events():
+        pass
+    found = _found(session)
+    policy, refused = _follow(assembled, session, found, settings, swing, duration_s=duration_s)
     report = _report(assembled, found, policy, swing, settings, refused=refused)
     if as_json:
         print_json(report)

@@ -10,9 +10,12 @@ import numpy as np
 
 from markerseek.core import Event, Found, Sample, SearchError
 from markerseek.rigs import Rig
-from markerseek.scan import run
+from markerseek.scan import RunLimits, run
 from markerseek.search import FLANK_SHARE, Following, Tracker
 from markerseek.sim import TURN_S, StageMotion, Swing
+
+MOST_FRAMES = 20_000
+"""Most frames of one track: more than a search may take; the guard's budget of pulses holds beside it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +141,7 @@ def follow(rig: Rig, policy: Following, swing: Swing) -> Generator[Event, None, 
         As `markerseek.scan.run`.
     """
     swing.begin(rig.scanner.clock.now_s())
-    yield from run(policy, rig.scanner, stay=True)
+    yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MOST_FRAMES))
 
 
 def quality_of(policy: Following, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
