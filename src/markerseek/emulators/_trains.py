@@ -67,7 +67,7 @@ class Trains:
 
     def pulses(self, train: Train) -> Int16[np.ndarray, "pulses channels samples"]:
         """Channel data of each trigger; pairs differ by opposite amounts, so that their average stays exact."""
-        averaged, count = _average(train), train.triggers
+        averaged, count = self.average(train), train.triggers
         pulses = np.repeat(averaged[np.newaxis], count, axis=0)
         for pair in range(count // 2):
             apart = self._rng.integers(-_SPREAD_COUNTS, _SPREAD_COUNTS + 1, averaged.shape, dtype=np.int16)
@@ -77,15 +77,15 @@ class Trains:
             pulses[2 * pair + 1] -= apart
         return pulses
 
-
-def _average(part: Train) -> Int16[np.ndarray, "channels samples"]:
-    """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
-    # Only the samples are used; the driver makes the header that the guard checks.
-    header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    flash = part.flash
-    if flash is not None and flash.pulses < part.triggers:
-        flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
-    frame = part.world.frame(flash, header=header)
-    if not isinstance(frame, ChannelFrame):
-        raise ConfigError("receiver: this world gives intensities only; emulate a world of frames")
-    return frame.samples
+    @staticmethod
+    def average(part: Train) -> Int16[np.ndarray, "channels samples"]:
+        """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
+        # Only the samples are used; the driver makes the header that the guard checks.
+        header = FrameHeader(sequence=0, token="", pulses=part.triggers, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+        flash = part.flash
+        if flash is not None and flash.pulses < part.triggers:
+            flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
+        frame = part.world.frame(flash, header=header)
+        if not isinstance(frame, ChannelFrame):
+            raise ConfigError("receiver: this world gives intensities only; emulate a world of frames")
+        return frame.samples

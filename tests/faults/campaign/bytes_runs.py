@@ -135,12 +135,12 @@ class ByteRun:
     def _write_down(self) -> None:
         """Keep the samples that were really received, and the angle, beside the emulated files."""
         daq: Any = self.bench.daq
-        pulses, acquisition = daq._pulses, daq._acquisition
+        average, acquisition = daq._trains.average, daq._acquisition
         averages: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
-        def keeping(averaged: Int16[np.ndarray, "channels samples"], count: int) -> Any:
-            averages.append((averaged, count))
-            return pulses(averaged, count)
+        def keeping(part: Any) -> Any:
+            averages.append((average(part), part.triggers))
+            return averages[-1][0]
 
         def taking(parts: Any) -> Any:
             averages.clear()
@@ -150,7 +150,7 @@ class ByteRun:
             self.received.append((np.rint(whole).astype(np.int16), parts[-1].world.angle_deg))
             return files
 
-        daq._pulses, daq._acquisition = keeping, taking
+        daq._trains.average, daq._acquisition = keeping, taking
 
     def rig(self) -> Rig:
         """The real drivers on the emulated devices, armed."""

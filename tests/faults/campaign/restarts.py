@@ -159,7 +159,8 @@ class Restart:
 
     def _watch(self) -> None:
         """Number the trains of triggers, and keep which of them are in each acquisition."""
-        trigger, receive, acquisition = self._daq.trigger, self._daq._average, self._daq._acquisition
+        trains = self._daq._trains
+        trigger, receive, acquisition = self._daq.trigger, trains.average, self._daq._acquisition
         parts_received: list[tuple[Int16[np.ndarray, "channels samples"], int]] = []
 
         def numbered(count: int) -> None:
@@ -185,11 +186,11 @@ class Restart:
             return files
 
         self._bench.laser_box._on_triggers = numbered
-        self._daq._average, self._daq._acquisition = receiving, taking
+        trains.average, self._daq._acquisition = receiving, taking
 
     def _lit(self) -> bool:
         """Whether light came with the train that has just ended."""
-        return len(self._bench.world.flashes) > self._daq._flashes
+        return len(self._bench.world.flashes) > self._daq._trains._flashes
 
     def perform(self) -> Outcome:
         """Let the first search die, wait until a person has begun again, and judge the second."""
