@@ -48,6 +48,20 @@ def test_a_burst_and_a_misfire_are_contradicted_by_the_sample_beside_them():
     assert dip_deg(samples(rising, [60.0, 90.0, 40.0, 20.0, 95.0, 90.0]), sigma=1.0, level=6.0) == 9.0
 
 
+def test_an_angle_measured_twice_at_the_end_is_no_dip():
+    """The marker moved in between. A search of the table of failures had no sample beyond its dip, and failed."""
+    angles_deg, intensities = [14.2, 22.4, 25.4, 29.1, 32.0, 32.0], [51.4, 233.2, 291.2, 150.0, 65.7, 187.6]
+    assert dip_deg(samples(angles_deg, intensities), sigma=1.0, level=6.7) is None
+    assert dip_deg(samples([-angle_deg for angle_deg in angles_deg], intensities), sigma=1.0, level=6.7) is None
+
+
+@settings(max_examples=200, deadline=None)
+@given(at=st.lists(st.tuples(st.sampled_from([0.0, 6.0, 12.0]), st.sampled_from([9.0, 40.0, 99.0])), min_size=3))
+def test_a_dip_has_samples_on_both_sides(at):
+    dip = dip_deg(samples(*zip(*at, strict=True)), sigma=1.0, level=6.0)
+    assert dip is None or {angle_deg < dip for angle_deg, _ in at if angle_deg != dip} == {True, False}
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     middle_deg=st.floats(-20, 20),

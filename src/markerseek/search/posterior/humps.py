@@ -72,7 +72,9 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float) -> float | None
     apart_deg = np.array(
         [angle_deg[k + 1 + np.argmax(hump[k + 1 :])] - angle_deg[np.argmax(hump[:k])] for k in inner.tolist()]
     )
-    deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG), drop, 0.0)
+    # An angle measured twice lies between no others where it is the first or the last: the marker has moved.
+    between = (angle_deg[1:-1] > angle_deg[0]) & (angle_deg[1:-1] < angle_deg[-1])
+    deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG) & between, drop, 0.0)
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
 
 

@@ -30,7 +30,6 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
 from markerseek.studies.paper.section import (
-    ERROR_COLUMNS,
     Answer,
     Cell,
     Comparison,
@@ -40,6 +39,7 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    errors_table,
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
@@ -133,7 +133,16 @@ def fig5(options: RunOptions) -> Section:
         ),
         comparisons=_comparisons(errors),
         tables=(
-            _error_table(errors),
+            errors_table(
+                {
+                    (1e3 * condition.source_radius_m, condition.peak_snr_db, *group): each
+                    for condition, by_group in errors.items()
+                    for group, each in by_group.items()
+                },
+                name="fig5",
+                caption="Errors over the number of acquisitions",
+                columns=("source_radius_mm", "peak_snr_db", "method", "acquisitions"),
+            ),
             _noise_free_table(noise_free),
             _frames_and_curves(options),
         ),
@@ -185,20 +194,6 @@ def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison
             for count in POSTERIOR_COUNTS
         ]
     return tuple(comparisons)
-
-
-def _error_table(by_condition: Mapping[Condition, _Summary]) -> Table:
-    return Table(
-        name="fig5",
-        caption="Errors over the number of acquisitions",
-        columns=("source_radius_mm", "peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS),
-        rows=tuple(
-            (1e3 * condition.source_radius_m, condition.peak_snr_db, name, count, *each.cells)
-            for condition, errors in by_condition.items()
-            for (name, count), each in errors.items()
-        ),
-        shown=False,
-    )
 
 
 def _noise_free_errors(name: PaperMethod, markers_deg: Float64[np.ndarray, " markers"]) -> dict[int, Errors]:

@@ -37,6 +37,7 @@ from markerseek.studies.paper.section import (
     Table,
     compared,
     errors_of,
+    errors_table,
     summary_of,
     table_of,
 )
@@ -68,7 +69,7 @@ _SEARCHES = (
         "of all its answers; those without a claim are not found, at bound, ambiguous or unsure."
     ),
 )
-_COLUMNS = ("material", "peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS)
+_COLUMNS = ("material", "peak_snr_db", "method", "acquisitions")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,13 +173,7 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
         method=_method(searches),
         comparisons=_worst_after_28(errors) if _is_simulated(searches) else (),
         tables=(
-            Table(
-                name="fig6",
-                caption="Errors of the offline searches",
-                columns=_COLUMNS,
-                rows=tuple((*group, *found.cells) for group, found in errors.items()),
-                shown=False,
-            ),
+            errors_table(errors, name="fig6", caption="Errors of the offline searches", columns=_COLUMNS),
             table_of(searches, _SEARCH_CELLS, name="fig6_searches", caption="Every offline search", shown=False),
         ),
         pictures=(
@@ -223,7 +218,7 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
             Table(
                 name="table1",
                 caption="Errors from the reference, and from the largest intensity of the bank itself",
-                columns=(*_COLUMNS, "mean_from_maximum_deg", "spread_from_maximum_deg"),
+                columns=(*_COLUMNS, *ERROR_COLUMNS, "mean_from_maximum_deg", "spread_from_maximum_deg"),
                 rows=tuple(rows),
             ),
         ),

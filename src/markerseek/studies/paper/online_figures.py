@@ -10,7 +10,7 @@ from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.online import METHOD, OnlineSearch, levels_of
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import ERROR_COLUMNS, Errors, Picture, Section, Table, compared, errors_of
+from markerseek.studies.paper.section import Errors, Picture, Section, Table, compared, errors_of, errors_table
 from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
 
 if TYPE_CHECKING:
@@ -47,12 +47,11 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
             for level_db in levels_of(searches)
         ),
         tables=(
-            Table(
+            errors_table(
+                errors,
                 name="fig7",
                 caption="Errors of TS and GSS online",
-                columns=("peak_snr_db", "method", "acquisitions", *ERROR_COLUMNS),
-                rows=tuple((*group, *each.cells) for group, each in errors.items()),
-                shown=False,
+                columns=("peak_snr_db", "method", "acquisitions"),
             ),
         ),
         pictures=(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -52,6 +52,7 @@ class Table:
 
 
 Item = TypeVar("Item")
+Group = TypeVar("Group", bound=tuple[Cell, ...])
 
 
 def table_of(
@@ -155,6 +156,12 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
         unclaimed=float(np.mean(~claimed)),
         claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
     )
+
+
+def errors_table(errors: Mapping[Group, Errors], *, name: str, caption: str, columns: Sequence[str]) -> Table:
+    """Return a table of errors, which is a file only; the columns name what they are grouped by."""
+    rows = tuple((*group, *each.cells) for group, each in errors.items())
+    return Table(name=name, caption=caption, columns=(*columns, *ERROR_COLUMNS), rows=rows, shown=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
