@@ -165,7 +165,8 @@ def unnoticed(rounds: int, search: Callable[[int, Case], int]) -> None:
     steps: dict[str, list[float]] = {"the command alone": [], **{case[0]: [] for case in CASES}}
     floods = 0
     for seed in range(1, rounds + 1):
-        for name in steps:
+        # Another case first in each round: what else the computer does also changes within a round.
+        for name in sorted(steps, key=lambda name: (list(steps).index(name) + seed) % len(steps)):
             with tempfile.TemporaryDirectory() as folder:
                 os.environ["XDG_DATA_HOME"] = folder
                 case = next((each for each in CASES if each[0] == name), None)

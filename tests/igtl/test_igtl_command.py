@@ -77,7 +77,8 @@ def test_a_search_is_stopped_by_a_command() -> None:
         client.until(lambda message: message.device == "PA_Reference")
         assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="3")
         last = client.until(over)
-        assert json.loads(last[-1].content.text)["exit_code"] == 130
+        # SIGTERM follows where a busy computer leaves SIGINT unanswered for two seconds.
+        assert json.loads(last[-1].content.text)["exit_code"] in (130, 143)
         status = [each.content for each in last if each.device == "PaSearch"][-1]
         assert (status.code, status.name) == (igtl.OK, "STOPPED")
 
