@@ -28,7 +28,7 @@ import numpy as np
 from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 from markerseek.bridges.page.state import RunState
-from markerseek.core import Asked
+from markerseek.core import Asked, Failed
 from markerseek.records.journal import read_journal
 
 PACE = 0.02
@@ -161,7 +161,7 @@ CONDITIONS = (("1 viewer", 1, False), ("3 viewers", 3, False), ("1 viewer and a 
 @contextmanager
 def watching(link: str, viewers: int, **query: object) -> Iterator[list[subprocess.Popen[str]]]:
     """Viewers without a browser, each a process; the first starts the search, and of three the last has stopped."""
-    command = [sys.executable, "-m", "benchmarks.page_viewer", link, "--query", json.dumps(query)]
+    command = [sys.executable, "-m", "tests.page.page_viewer", link, "--query", json.dumps(query)]
     started = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(viewers - 1)]
     stopped = started[1:]
     if stopped:
@@ -221,7 +221,8 @@ def leases(searches: int) -> None:
             ):
                 started[0].wait(200)
                 last = read_journal(page.journals()[-1], frames=False).entries[-1].event
-                print(f"{viewers} viewers, load {os.getloadavg()[0]:.1f}: {type(last).__name__}", last, flush=True)
+                told = last.error if isinstance(last, Failed) else "no lease has lapsed"
+                print(f"{viewers} viewers, load {os.getloadavg()[0]:.1f}: {type(last).__name__}, {told}", flush=True)
 
 
 @contextmanager
