@@ -1,11 +1,14 @@
 """The live page under load: memory, processor time, delay of an update, and what the search notices of its viewers.
 
-Run it from the environment of the tests: ``python -m benchmarks.page --minutes 10``. It needs Chromium.
+Run it from the environment of the tests: ``python -m benchmarks.page --minutes 10``. Memory and the way to the screen
+are measured with Chromium; what the search notices is measured with viewers without a browser, because Chromium itself
+loads a computer of two cores.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import socket
@@ -14,14 +17,17 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from tests.page.page_browser import CHROMIUM, Served, Watched, browsing, open_tab, served
+from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 from benchmarks.loop_times import PACE, described, own_times_s
 from markerseek.bridges.page.state import RunState
+from markerseek.core import Failed
 from markerseek.records.journal import read_journal
 
 WATCH_LOG = """() => {
@@ -95,17 +101,9 @@ def endurance(minutes: float) -> None:
                 print("{:6.0f} s: page {:.0f} MB, tab {:.1f} MB".format(*reports[-1]), flush=True)
         share = (processor_s(page.process.pid) - used_s) / (time.monotonic() - began_s)
         print(f"{seed} searches, page {share:.1%} of a core")
+        print(f"load average {os.getloadavg()[0]:.1f}")
         print("from the commit of an acquisition to the page:", described(delays_s(page, lines)))
         print("problems in the tabs:", [each.problems for each in viewers])
-
-
-def chromium_processes() -> set[int]:
-    """Process numbers of every Chromium."""
-    return {
-        int(each.name)
-        for each in Path("/proc").iterdir()
-        if each.name.isdigit() and b"chromium" in (each / "cmdline").read_bytes()
-    }
 
 
 class Flood:
@@ -134,38 +132,89 @@ class Flood:
         return self.refused
 
 
+SCAN = {"pace": PACE, "method": "exhaustive", "acquisitions": 60}
+"""Search whose steps are timed: long, and the same at each seed."""
+
+
+CONDITIONS = (("1 viewer", 1, False), ("3 viewers", 3, False), ("1 viewer and a flood", 1, True))
+
+
+@contextmanager
+def watching(link: str, viewers: int, **query: object) -> Iterator[list[subprocess.Popen[str]]]:
+    """Viewers without a browser, each a process; the first starts the search, and of three the last has stopped."""
+    command = [sys.executable, "-m", "tests.page.page_viewer", link, "--query", json.dumps(query)]
+    started = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(viewers - 1)]
+    stopped = started[1:]
+    if stopped:
+        # Until it is connected.
+        time.sleep(5)
+    for each in stopped:
+        each.send_signal(signal.SIGSTOP)
+    started.insert(0, subprocess.Popen([*command, "--starts"], stdout=subprocess.PIPE, text=True))
+    try:
+        yield started
+    finally:
+        for each in started:
+            each.kill()
+            each.communicate()
+
+
 def unnoticed(searches: int) -> None:
-    """The loop's own time of paced searches with no page, one viewer, and three, one of which has stopped."""
-    common = ["--pace", str(PACE), "--method", "exhaustive", "--acquisitions", "60"]
-    with tempfile.TemporaryDirectory() as folder:
-        alone: list[float] = []
+    """The loop's own time of paced searches without a page, with one viewer, and with three of whom one has stopped."""
+    steps: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page:
+        # The page has loaded its kernels.
+        time.sleep(10)
+        # In turns: what else the computer does changes from minute to minute.
         for seed in range(1, searches + 1):
             journal = Path(folder) / f"{seed}.journal"
-            command = [sys.executable, "-P", "-m", "markerseek", "search", "--seed", str(seed), *common]
+            options = [text for name, value in SCAN.items() for text in (f"--{name}", str(value))]
+            command = [sys.executable, "-P", "-m", "markerseek", "search", "--seed", str(seed), *options]
             subprocess.run([*command, "--journal", str(journal)], check=False, capture_output=True)
-            alone += own_times_s(journal)
-        print("no page:", described(alone), flush=True)
-    query = f"&pace={PACE}&method=exhaustive&acquisitions=60"
-    for viewers, flooded in ((1, False), (3, False), (1, True)):
-        with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page, browsing() as browser:
-            tabs = [open_tab(browser, page, "/", query) for _ in range(min(viewers, 2))]
-            stopped: set[int] = set()
-            before = chromium_processes()
-            if viewers == 3:
-                other = browser.browser_type.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-                open_tab(other, page, "/", query)
-                stopped = chromium_processes() - before
-                for each in stopped:
-                    os.kill(each, signal.SIGSTOP)
-            flood = Flood(page.address) if flooded else None
-            for seed in range(1, searches + 1):
-                search(tabs[0], seed)
-            refused = 0 if flood is None else flood.end()
-            for each in stopped:
-                os.kill(each, signal.SIGCONT)
-            steps = [step for journal in page.journals() for step in own_times_s(journal)]
-            name = f"{viewers} viewers" + (", one of them stopped" if stopped else "")
-            print(f"{name}{f', {refused} requests refused' if flooded else ''}:", described(steps), flush=True)
+            steps.setdefault("no page", []).extend(own_times_s(journal))
+            for name, viewers, flooded in (
+                ("1 viewer", 1, False),
+                ("3 viewers", 3, False),
+                ("1 viewer, flood", 1, True),
+            ):
+                flood = Flood(page.address) if flooded else None
+                with watching(page.link, viewers, seed=seed, **SCAN) as started:
+                    started[0].wait(200)
+                if flood is not None:
+                    print(f"{flood.end()} requests refused")
+                steps.setdefault(name, []).extend(own_times_s(page.journals()[-1]))
+    print(f"load average {os.getloadavg()[0]:.1f}")
+    for name, values in steps.items():
+        print(f"own time of the loop, {name}:", described(values), flush=True)
+
+
+def leases(searches: int) -> None:
+    """Searches over emulated devices with one viewer and with three of whom one has stopped: whether a lease lapses."""
+    from tests.system.test_bench import emulation
+
+    for viewers in (1, 3):
+        for seed in range(1, searches + 1):
+            with (
+                tempfile.TemporaryDirectory() as folder,
+                emulation(Path(folder), seed=seed) as devices,
+                armed_page(Path(folder), devices.rig) as page,
+                watching(page.link, viewers, method="weighted-average", acquisitions=8, as_published=1) as started,
+            ):
+                started[0].wait(200)
+                last = read_journal(page.journals()[-1], frames=False).entries[-1].event
+                told = last.error if isinstance(last, Failed) else "no lease has lapsed"
+                print(f"{viewers} viewers, load {os.getloadavg()[0]:.1f}: {type(last).__name__}, {told}", flush=True)
+
+
+@contextmanager
+def armed_page(folder: Path, rig: Path) -> Iterator[Served]:
+    """A page whose terminal says yes to each question."""
+    terminal, inside = os.openpty()
+    os.write(terminal, b"y\n" * 4)
+    with served(folder, "--rig", str(rig), stdin=inside) as page:
+        yield page
+    os.close(terminal)
+    os.close(inside)
 
 
 def main() -> None:
@@ -173,7 +222,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--searches", type=int, default=3)
+    parser.add_argument("--leases", type=int, default=1)
     given = parser.parse_args()
+    if given.leases:
+        leases(given.leases)
     if given.searches:
         unnoticed(given.searches)
     if given.minutes:

@@ -1,12 +1,15 @@
-"""Shapes and types of every public function of the pure packages are checked while the tests run."""
+"""Types and shapes of the public functions of pure packages are checked in tests; the shell in which commands run."""
 
 from __future__ import annotations
 
 import importlib.util
 import signal
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis
+import pytest
 from jaxtyping import install_import_hook
 
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
@@ -37,3 +40,22 @@ def _pure_modules() -> list[str]:
 
 # An int is a float, as for mypy (PEP 484).
 install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs a command in this process; its exit code, standard output and standard error come back."""
+
+    # Here, after the hook of the types.
+    from markerseek import cli
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        output = capsys.readouterr()
+        assert "Traceback" not in output.err
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), output.out, output.err
+
+    return run

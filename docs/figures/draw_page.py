@@ -87,6 +87,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, served(folder) as link, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        # A busy computer is slow, not broken.
+        tab.set_default_timeout(120_000)
         tab.goto(link + QUERY)
         tab.wait_for_function("window.markerseekBeat > 0")
         # The kernels of posterior and images are loaded in the background.

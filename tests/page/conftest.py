@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
 
+BANK = "examples/simulated_scan.csv"
+
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "system")]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser():
     from page_browser import browsing
 
@@ -18,12 +21,19 @@ def browser():
         yield found
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def page(tmp_path_factory):
+    """One page for all tests that do not end it, with a bank to be replayed."""
     from page_browser import served
 
-    with served(tmp_path_factory.mktemp("data")) as found:
+    with served(tmp_path_factory.mktemp("data"), BANK) as found:
         yield found
+
+
+@pytest.fixture
+def command_result(shell):
+    """What `markerseek search` gives for the same arguments."""
+    return lambda *options: json.loads(shell("search", *options, "--no-journal", "--json")[1])
 
 
 @pytest.fixture

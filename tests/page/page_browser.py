@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -27,16 +26,6 @@ START = "from markerseek.cli import main; main()"
 """The program, as it is started."""
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
-
-
-def command_result(*arguments: str) -> dict:
-    """What `markerseek search` gives for the same arguments."""
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "search", *arguments, "--no-journal", "--json"],
-        capture_output=True,
-        check=False,
-    )
-    return json.loads(done.stdout)
 
 
 @dataclass

@@ -7,7 +7,7 @@ import os
 import signal
 
 import pytest
-from page_browser import command_result, needs_browser
+from page_browser import needs_browser
 
 from markerseek.records.journal import Interrupted, read_journal
 
@@ -32,7 +32,7 @@ def drawn_colours(tab, css):
     return tab.locator(css).first.evaluate(script)
 
 
-def test_search_gives_the_result_of_the_command(opened):
+def test_search_gives_the_result_of_the_command(opened, command_result):
     watched = opened(query="&seed=3&pace=0")
     assert watched.text(".ms-banner").startswith("SIMULATED")
     assert "token" not in watched.tab.url
@@ -69,7 +69,7 @@ def test_stop_in_mid_move(opened, page):
     assert isinstance(held.entries[-1].event, Interrupted)
 
 
-def test_pause_and_go_on_gives_the_same_result(opened):
+def test_pause_and_go_on_gives_the_same_result(opened, command_result):
     watched = opened(query="&seed=4&pace=0.02")
     watched.start()
     watched.wait_for(LOG, "acquisition 3:")
@@ -82,7 +82,7 @@ def test_pause_and_go_on_gives_the_same_result(opened):
     assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
 
 
-def test_killed_child_is_said_and_can_go_on(opened, page):
+def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
     watched = opened(query="&seed=6&pace=0.02")
     watched.start()
     watched.wait_for(LOG, "acquisition 2:")
@@ -94,7 +94,7 @@ def test_killed_child_is_said_and_can_go_on(opened, page):
     assert json.loads(downloaded(watched, "report JSON")) == command_result("--seed", "6")
 
 
-def test_link_holds_the_settings(opened):
+def test_link_holds_the_settings(opened, command_result):
     watched = opened(query="&method=ternary&seed=7&snr_db=30&pace=0&tissue=liver")
     watched.tab.get_by_label("seed").fill("8")
     watched.tab.wait_for_url("**/?method=ternary&tissue=liver&snr_db=30&seed=8&pace=0")

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import os
 import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from page_browser import needs_browser, open_tab, served
@@ -14,6 +18,7 @@ from markerseek.records.journal import Interrupted, read_journal
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS = ".ms-status"
+VIEWER = Path(__file__).with_name("page_viewer.py")
 
 
 def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
@@ -36,13 +41,20 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
     with emulation(tmp_path, seed=3) as devices:
         with served(tmp_path, "--rig", str(devices.rig), stdin=inside) as page:
             watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
+            others = [subprocess.Popen([sys.executable, str(VIEWER), page.link]) for _ in range(2)]
             watched.press("Start")
             wait_for_text(page, "Arm the laser and search?")
             os.write(terminal, b"y\n")
+            watched.wait_for(".ms-log", "acquisition 1:", timeout_ms=120_000)
+            others[0].send_signal(signal.SIGSTOP)
             watched.wait_for(".ms-log", "acquisition 2:", timeout_ms=120_000)
             watched.tab.locator(".ms-stop").click()
             watched.wait_for(STATUS, "^stopped by SIG")
+            # Three viewers, one of them stopped, and no lease has lapsed: that would have ended the search before.
             assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+            for each in others:
+                each.kill()
+                each.wait()
             # The rig would have to be armed again, which is for the terminal.
             assert watched.tab.get_by_role("button", name="Pause", exact=True).is_disabled()
             watched.tab.context.close()

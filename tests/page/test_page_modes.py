@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
-from page_browser import command_result, needs_browser, open_tab, served
+from page_browser import needs_browser
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS, ANGLE = ".ms-status", ".ms-angle"
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """The result and the journal of a search, made by the command."""
-    journal = tmp_path_factory.mktemp("recorded") / "seed-3.journal"
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "3", "--journal", str(journal), "--json"],
-        capture_output=True,
-        check=True,
-    )
-    return json.loads(done.stdout), journal
-
-
-def test_race_on_the_same_scene(opened):
+def test_race_on_the_same_scene(opened, command_result):
     watched = opened("/race")
     watched.tab.get_by_label("speed").click()
     watched.tab.get_by_role("option", name="no waiting").click()
@@ -55,38 +41,32 @@ def test_your_turn_by_keys(opened):
     watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)
 
 
-def test_replay_of_a_journal(browser, recorded, tmp_path):
-    result, journal = recorded
-    with served(tmp_path, str(journal)) as page:
-        watched = open_tab(browser, page, "/replay")
-        watched.tab.get_by_label("recording").click()
-        watched.tab.get_by_role("option", name=journal.name).click()
-        watched.wait_for(ANGLE, f"^{result['angle_deg']:.3f}° ± {result['sigma_deg']:.3f}°$")
-        slider = watched.tab.locator(".ms-foot .q-slider__track-container").first
-        slider.focus()
-        for _ in range(3):
-            slider.press("PageDown")
-        watched.wait_for(ANGLE, "^–$")
-        watched.tab.get_by_label("play").click()
-        watched.wait_for(ANGLE, "±")
-        assert watched.text(".ms-banner").startswith("SIMULATED")
-        watched.tab.context.close()
-        assert watched.problems == []
+def test_replay_of_a_journal(opened, page, shell):
+    journal = page.data / "markerseek" / "journals" / "seed-3.journal"
+    journal.parent.mkdir(parents=True, exist_ok=True)
+    result = json.loads(shell("search", "--seed", "3", "--journal", journal, "--json")[1])
+    watched = opened("/replay")
+    watched.tab.get_by_label("recording").click()
+    watched.tab.get_by_role("option", name=journal.name).click()
+    watched.wait_for(ANGLE, f"^{result['angle_deg']:.3f}° ± {result['sigma_deg']:.3f}°$")
+    slider = watched.tab.locator(".ms-foot .q-slider__track-container").first
+    slider.focus()
+    for _ in range(3):
+        slider.press("PageDown")
+    watched.wait_for(ANGLE, "^–$")
+    watched.tab.get_by_label("play").click()
+    watched.wait_for(ANGLE, "±")
+    assert watched.text(".ms-banner").startswith("SIMULATED")
+    # It must not be the newest journal of the tests that follow.
+    journal.unlink()
 
 
-def test_replay_of_a_bank_is_a_search_on_it(browser, tmp_path):
-    bank = "examples/simulated_scan.csv"
-    with served(tmp_path, bank) as page:
-        watched = open_tab(browser, page, "/replay")
-        watched.tab.get_by_label("recording").click()
-        watched.tab.get_by_role("option", name="simulated_scan.csv").click()
-        watched.press("Search it")
-        watched.wait_for(STATUS, "(found|unsure|not found|at bound|ambiguous) at ")
-        done = subprocess.run(
-            [sys.executable, "-P", "-m", "markerseek", "replay", bank, "--json"], capture_output=True, check=False
-        )
-        expected = json.loads(done.stdout)
-        assert watched.text(ANGLE).startswith(f"{expected['angle_deg']:.3f}°")
-        assert watched.text(".ms-banner").startswith("REPLAYED")
-        watched.tab.context.close()
-        assert watched.problems == []
+def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
+    watched = opened("/replay")
+    watched.tab.get_by_label("recording").click()
+    watched.tab.get_by_role("option", name="simulated_scan.csv").click()
+    watched.press("Search it")
+    watched.wait_for(STATUS, "(found|unsure|not found|at bound|ambiguous) at ")
+    expected = json.loads(shell("replay", "examples/simulated_scan.csv", "--json")[1])
+    assert watched.text(ANGLE).startswith(f"{expected['angle_deg']:.3f}°")
+    assert watched.text(".ms-banner").startswith("REPLAYED")

@@ -22,12 +22,6 @@ UPGRADE = {
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("data")) as found:
-        yield found
-
-
 def answer(page, path="/", *, method="GET", **headers):
     """Status and head of the answer to one request."""
     place = urlsplit(page.address)

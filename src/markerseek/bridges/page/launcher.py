@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 from markerseek.bridges.child import ChildRun
@@ -35,7 +36,9 @@ class Launcher:
         threads = [int(each.name) for each in Path("/proc/self/task").iterdir()]
         # NumPy's libraries have begun threads of their own, which keep their priority where only this thread's changes.
         for thread in threads:
-            if thread != self._thread_id:
-                os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + NICENESS)
-                # What wakes up in the page never takes the processor from a search at once.
-                os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0))
+            # One that has ended since needs no priority.
+            with suppress(ProcessLookupError):
+                if thread != self._thread_id:
+                    os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + NICENESS)
+                    # What wakes up in the page never takes the processor from a search at once.
+                    os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0))

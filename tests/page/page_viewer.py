@@ -13,6 +13,7 @@ import http.cookiejar
 import json
 import os
 import re
+import sys
 import time
 import urllib.request
 from typing import Any
@@ -20,7 +21,7 @@ from urllib.parse import urlencode, urlsplit
 
 import socketio
 
-LONGEST_S = 60.0
+LONGEST_S = 300.0
 """Longest wait for the end of a search, in seconds."""
 
 
@@ -148,7 +149,8 @@ def main() -> None:
     given = parser.parse_args()
     # As the browser of another computer would be: it takes no processor time from page and search.
     os.nice(10)
-    print(json.dumps(asyncio.run(watch(given.link, starts=given.starts, **json.loads(given.query)))))
+    seen = asyncio.run(watch(given.link, starts=given.starts, **json.loads(given.query)))
+    sys.stdout.write(json.dumps(seen))
 
 
 if __name__ == "__main__":
