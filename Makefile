@@ -92,25 +92,14 @@ clean:  ## remove the environment and everything made
 	$(PIP) install --require-hashes -r requirements/dev.txt
 	@touch $@
 
-# The programs of others that ours are timed beside are heavy, and have an environment of their own.
-.venv-bench/ready: requirements/bench.txt pyproject.toml
-	@echo "setting up .venv-bench (once)"
-	test -x .venv-bench/bin/python || $(PYTHON) -m venv .venv-bench
-	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/bench.txt
-	.venv-bench/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
-	@touch $@
-
-.venv-peers/ready: requirements/dev.txt requirements/peers.txt pyproject.toml
-	@echo "setting up .venv-peers (once)"
-	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
-	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/dev.txt -r requirements/peers.txt
-	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
-	@touch $@
-
-# ROS 2 starts another Python at every start of Python, and has an environment of its own for that.
-.venv-ros/ready: requirements/run.txt requirements/ros2.txt pyproject.toml
-	@echo "setting up .venv-ros (once)"
-	test -x .venv-ros/bin/python || $(PYTHON) -m venv .venv-ros
-	.venv-ros/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/run.txt -r requirements/ros2.txt
-	.venv-ros/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
+# The programs of others that ours are timed beside, or that open our files, are heavy, and ROS 2 starts another Python at
+# every start of Python: each has an environment of its own.
+.venv-bench/ready: requirements/bench.txt
+.venv-peers/ready: requirements/dev.txt requirements/peers.txt
+.venv-ros/ready: requirements/run.txt requirements/ros2.txt
+.venv-bench/ready .venv-peers/ready .venv-ros/ready: pyproject.toml
+	@echo "setting up $(@D) (once)"
+	test -x $(@D)/bin/python || $(PYTHON) -m venv $(@D)
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes $(addprefix -r ,$(filter %.txt,$^))
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet install --no-deps --no-build-isolation -e .
 	@touch $@

@@ -11,7 +11,7 @@ import pytest
 
 from markerseek.core import MissingExtraError
 from markerseek.records.banks.ipasc.reading import walk_bank
-from markerseek.records.sandbox import probe_in_child
+from markerseek.records.sandbox import Sandbox
 
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("h5py", reason="needs the extra records")
@@ -68,5 +68,5 @@ def test_a_library_that_the_sandbox_lacks_is_an_error_that_names_it(
 ) -> None:
     (tmp_path / "h5py.py").write_text("raise ImportError('not installed')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(MissingExtraError, match="needs the package h5py, which is not installed"):
-        probe_in_child(walk_bank, BANK)
+    with Sandbox() as sandbox, pytest.raises(MissingExtraError, match="needs the package h5py, which is not installed"):
+        sandbox.read(walk_bank, BANK)

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from markerseek import cli
-from markerseek.cli import open_rig
+from markerseek.cli import doctor, open_rig
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
@@ -105,7 +104,7 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
         yield made[-1], made[-1].scanner.angle_deg
 
     monkeypatch.setattr(open_rig, "open_rig", open_emulated)
-    monkeypatch.setattr(cli.doctor, "_search", lambda _: cli.doctor.Finding(what="", state="ok", detail=""))
+    monkeypatch.setattr(doctor, "_search", lambda _: doctor.Finding(what="", state="ok", detail=""))
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n')
     words = ("doctor", "--rig", rig, "--source-deg", SOURCE_DEG, "--json")
@@ -148,5 +147,14 @@ def test_what_proves_nothing_is_refused(shell: Shell, tmp_path: Path, words: tup
     rig.write_text('kind = "simulated"\n')
     code, _, err = shell("doctor", "--rig", rig, *words)
     assert (code, said in err) == (2, True), err
+
+
+def test_a_source_needs_a_rig_and_an_angle_before_anything_is_searched(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "_search", lambda _: pytest.fail("it was searched"))
+    (tmp_path / "rig.toml").write_text('kind = "simulated"\n')
     code, _, err = shell("doctor", "--source-deg", "12")
     assert (code, "name one with --rig" in err) == (2, True)
+    code, _, err = shell("doctor", "--rig", tmp_path / "rig.toml", "--source-deg", "3")
+    assert (code, "at least 5 deg off 0" in err) == (2, True)

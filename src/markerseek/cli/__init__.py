@@ -35,7 +35,7 @@ def main() -> NoReturn:
     # that moves a probe must end at SIGINT however it was started.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # The collector would walk again and again, and once more at the end, through 300,000 objects of the libraries that
+    # The collector would walk again and again, and once more at the end, through 160,000 objects of the libraries that
     # are no garbage: a fifth of the processor time of a search.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)

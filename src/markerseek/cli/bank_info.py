@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from markerseek import __version__
 from markerseek.cli.output_options import AsJson, Out
 from markerseek.cli.table_options import Columns, Unit, table_format
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
+from markerseek.cli.terminal import announce_compilation, picture_folder, print_facts, print_json, stderr, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
@@ -151,7 +150,6 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
 
 def _print(report: BankReport, *, computed_with: str | None) -> None:
     stdout.print(f"[bold]{escape(report.path)}[/]: {report.content}")
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     cut = ""
     if report.planned != report.angles:
         cut = (
@@ -181,10 +179,7 @@ def _print(report: BankReport, *, computed_with: str | None) -> None:
         ("configuration", report.configuration),
         ("seed", None if report.seed is None else str(report.seed)),
     ]
-    for name, value in rows:
-        if value is not None:
-            table.add_row(f"[dim]{name}[/]", escape(value))
-    stdout.print(table)
+    print_facts((name, value) for name, value in rows if value is not None)
 
 
 def _dark(report: BankReport) -> str:

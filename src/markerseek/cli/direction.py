@@ -33,6 +33,14 @@ def verdict_of(found_deg: float, source_deg: float) -> Verdict:
     return "mirrored" if abs(found_deg + source_deg) <= near_deg else "neither"
 
 
+def require_source_deg(source_deg: float) -> None:
+    """Refuse an angle of a source, in degrees, that proves nothing; `ConfigError` if it is too near to 0."""
+    if not LEAST_DEG <= abs(source_deg) <= 360:
+        raise ConfigError(
+            f"--source-deg is {source_deg:g} deg, it must be at least {LEAST_DEG:g} deg off 0 on either side"
+        )
+
+
 def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
     """Search a source whose angle is known; whether the stage turns the right way, and what was found, in words.
 
@@ -41,7 +49,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     path
         Rig file.
     source_deg
-        True angle of the source on the probe's scale, in degrees.
+        True angle of the source on the probe's scale, in degrees; see `require_source_deg`.
     arm
         Whether the user armed the rig by an option; otherwise a question is asked on the terminal.
     as_json
@@ -50,7 +58,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     Raises
     ------
     ConfigError
-        If the source is too near to 0, or the mirrored angle is outside the search range.
+        If the source or the mirrored angle is outside the search range.
     DeviceError
         If a device did not do its part.
     """
@@ -58,10 +66,6 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     from markerseek.cli.session import run_new_session
     from markerseek.runs import new_session, plan_on
 
-    if not LEAST_DEG <= abs(source_deg) <= 360:
-        raise ConfigError(
-            f"--source-deg is {source_deg:g} deg, it must be at least {LEAST_DEG:g} deg off 0 on either side"
-        )
     with open_rig(path) as (rig, start_deg):
         search = rig.limits.search
         if source_deg not in search or -source_deg not in search:

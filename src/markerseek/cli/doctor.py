@@ -81,12 +81,15 @@ def command(
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
     this. Place it at least 5 degrees from 0, at another angle than the source used to calibrate zero_deg.
     """
+    from markerseek.cli.direction import require_source_deg
     from markerseek.cli.terminal import print_json, stdout
 
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
     if source_deg is None and arm:
         raise ConfigError("--arm: without --source-deg nothing moves and nothing is fired; leave it out")
+    if source_deg is not None:
+        require_source_deg(source_deg)
     lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if lease_s is not None:

@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -71,17 +71,8 @@ class SimulationOptions:
 
     def given(self) -> list[str]:
         """The options that were given, as they are typed."""
-        named = {
-            "--seed": self.seed,
-            "--tissue": self.tissue,
-            "--pace": self.pace or None,
-            "--marker-deg": self.marker_deg,
-            "--second-marker-deg": self.second_marker_deg,
-            "--snr-db": self.snr_db,
-            "--readout-s": self.readout_s,
-        }
-        flag = ["--no-marker"] if self.no_marker else []
-        return flag + [f"{name} {value}" for name, value in named.items() if value is not None]
+        given = {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
+        return [f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}") for name, value in given.items()]
 
     def on(self, settings: SimulatedSettings) -> SimulatedSettings:
         """The settings with the values of these options.

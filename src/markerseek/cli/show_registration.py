@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
 from markerseek.runs import RegistrationReport, SimulatedTruth
 
 REGISTERED, OTHER_ANSWER = 0, 3
@@ -50,10 +50,7 @@ def _print_tables(report: RegistrationReport, truth: SimulatedTruth | None, titl
     stdout.print(f"{answer}: {escape(title)}, {len(report.points)} points")
     if report.reason is not None:
         stdout.print(escape(report.reason))
-    facts = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in _facts(report, truth):
-        facts.add_row(f"[dim]{name}[/]", escape(value))
-    stdout.print(facts)
+    print_facts(_facts(report, truth))
     points = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("point", "x [mm]", "y [mm]", "z [mm]", "residual [mm]", "left out [mm]"):
         points.add_column(escape(heading), justify="right")

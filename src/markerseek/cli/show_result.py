@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, NoReturn
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
 from markerseek.core import ChannelFrame, Floor, Interval, OtherSource, PaImage, Policy, RFFrame, Sample
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
@@ -202,10 +201,7 @@ def density_of(policy: Policy | None, output: Output) -> Curve | None:
 
 def _print_table(result: SearchResult, *, title: str) -> None:
     stdout.print(f"[bold]{escape(title)}[/]")
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in facts(result):
-        table.add_row(f"[dim]{name}[/]", escape(value))
-    stdout.print(table)
+    print_facts(facts(result))
 
 
 def _draw(

@@ -133,9 +133,7 @@ def _require_alone(**given: object) -> None:
 
 
 def _show_row(study: Study, row: int, *, as_json: bool) -> None:
-    from rich.table import Table
-
-    from markerseek.cli.terminal import print_json, stdout
+    from markerseek.cli.terminal import print_facts, print_json
     from markerseek.studies import columns, run_row, values_of
 
     again = run_row(study, row)
@@ -143,10 +141,7 @@ def _show_row(study: Study, row: int, *, as_json: bool) -> None:
     if as_json:
         print_json(named)
         return
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in named.items():
-        table.add_row(f"[dim]{name}[/]", "–" if value is None else str(value))
-    stdout.print(table)
+    print_facts((name, "–" if value is None else str(value)) for name, value in named.items())
 
 
 def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:

@@ -9,7 +9,7 @@ import json
 import shlex
 import sys
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
 
 from markerseek.core import ConfigError, MarkerseekError
@@ -88,6 +89,14 @@ def _readable(value: object) -> object:
             return [_readable(each) for each in value]
         case _:
             return value
+
+
+def print_facts(rows: Iterable[tuple[str, str]]) -> None:
+    """Print names and values in two columns."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in rows:
+        table.add_row(f"[dim]{escape(name)}[/]", escape(value))
+    stdout.print(table)
 
 
 def quoted(path: Path) -> str:

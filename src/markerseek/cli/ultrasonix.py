@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from markerseek import __version__
-from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
 from markerseek.core import ConfigError, FrameHeader, LinearArray, RecordError, RFFrame
 
 if TYPE_CHECKING:
@@ -137,16 +136,19 @@ def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
         + ("" if b_mode else "; --spare looks for one")
     )
     size = f"{report.width} × {report.height} pixels" if b_mode else f"{report.width} lines of {report.height} samples"
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_row("[dim]frames[/]", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else ""))
-    table.add_row("[dim]frame rate[/]", f"{report.frame_rate_hz} Hz")
-    table.add_row("[dim]transmitted[/]", f"{report.transmit_hz / 1e6:g} MHz")
+    rows = [
+        ("frames", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else "")),
+        ("frame rate", f"{report.frame_rate_hz} Hz"),
+        ("transmitted", f"{report.transmit_hz / 1e6:g} MHz"),
+    ]
     if report.sampling_hz is not None:
-        table.add_row("[dim]sampling[/]", f"{report.sampling_hz / 1e6:g} MHz")
-    table.add_row("[dim]lines over the probe[/]", str(report.line_density))
-    table.add_row("[dim]probe number[/]", str(report.probe_number))
-    table.add_row(f"[dim]values of frame {report.frame}[/]", f"{report.smallest} to {report.largest}")
-    stdout.print(table)
+        rows.append(("sampling", f"{report.sampling_hz / 1e6:g} MHz"))
+    rows += [
+        ("lines over the probe", str(report.line_density)),
+        ("probe number", str(report.probe_number)),
+        (f"values of frame {report.frame}", f"{report.smallest} to {report.largest}"),
+    ]
+    print_facts(rows)
 
 
 def _draw(file: UltrasonixFile, pixels: np.ndarray, path: Path, *, number: int) -> None:

@@ -166,12 +166,6 @@ class Sandbox:
         return self._child
 
 
-def probe_in_child(reader: Reader, path: Path) -> None:
-    """Run a reader on a file in a child, to refuse files that crash a library; errors as `Sandbox.read`."""
-    with Sandbox() as sandbox:
-        sandbox.read(reader, path)
-
-
 def _end(child: subprocess.Popen[bytes], owner: int) -> None:
     # After a fork the child belongs to the other process.
     if owner != os.getpid():

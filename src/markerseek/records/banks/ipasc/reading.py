@@ -16,7 +16,7 @@ from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.array import element_row
 from markerseek.records.banks.ipasc.columns import changed, read_columns, read_facts, sums_of
 from markerseek.records.banks.ipasc.rows import frame_sum
-from markerseek.records.sandbox import probe_in_child
+from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
 
 # 4 TiB: frames are read one at a time, so that the size of the file is harmless.
@@ -141,7 +141,9 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
     except OSError as problem:
         raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     require_h5py()
-    probe_in_child(walk_bank, path)
+    with Sandbox() as sandbox:
+        # Refuses a file that crashes the library.
+        sandbox.read(walk_bank, path)
     return read_probed(path)
 
 
