@@ -31,8 +31,8 @@ PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
 SHIFT_M = 0.25e-3
-"""Standard deviation of the shift of an asymmetric marker's curve, in metres: the most likely one of 360 simulated spots
-of 0.4 to 1.2 mm radius, 0.19 mm of the smallest and 0.29 mm of the largest; it did not depend on the curve's width."""
+"""Standard deviation of the shift of an asymmetric marker's curve, in metres: the most likely one of 360 simulated
+spots of 0.4 to 1.2 mm radius, 0.19 mm of the smallest and 0.29 mm of the largest, whatever the curve's width."""
 
 EVIDENCE_SHARE = 0.5
 """Weight of the ln odds of the samples: of 560 simulated points and spots it gave their kind the mean ln probability
