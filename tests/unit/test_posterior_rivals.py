@@ -1,0 +1,54 @@
+"""Which sources may be the marker beside the loudest, and where the top of one may have been missed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from markerseek.core import PAPER_RANGE, Reading, Sample
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.answer import hidden_top_deg, rivals_of, unresolved
+from markerseek.search.posterior.candidates import Candidate
+
+
+def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
+    """A source of which angle and loudness are known, with its samples as (angle, intensity over σ)."""
+    near_deg = angle_deg + np.linspace(-0.5, 0.5, 21)
+    share = norm.pdf(near_deg, loc=angle_deg, scale=0.1)
+    posterior = AnglePosterior(
+        angle_deg=near_deg,
+        share=share / share.sum(),
+        coarse_deg=near_deg,
+        coarse_share=share / share.sum(),
+        sigma=1.0,
+        theta_deg=np.full(9, angle_deg),
+        member=np.zeros(9, np.int64),
+        log_snr=np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
+        strong_deg=np.zeros(0),
+        strong_log_snr=np.zeros(0),
+        fwhm_deg=3.0,
+        marker_m=None,
+        centre_sigma_deg=0.1,
+    )
+    at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
+    return Candidate(source=None, side="both", samples=at, missing=None, posterior=posterior, seen=len(at))
+
+
+@pytest.mark.parametrize(("snr", "log_sigma", "rival"), [(60, 0.02, True), (45, 0.02, False), (45, 0.1, True)])
+def test_a_source_is_a_rival_where_it_may_be_within_6_db(snr, log_sigma, rival):
+    """45 is 6.9 dB below 100: with 0.1 in ln A it may be within 6 dB, with 0.02 it is not."""
+    assert bool(rivals_of([source(-20.0, 100.0), source(10.0, snr, log_sigma=log_sigma)])) is rival
+
+
+def test_a_narrow_top_may_be_missed_beyond_a_shoulder():
+    """The three samples look like a weak curve about -28.2°; the first of them lies on the flank of a loud one."""
+    shoulder = source(-28.3, 16.0, samples=[(-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0)])
+    loudest = source(-22.1, 50.0)
+    measured_deg = [-29.5, -28.2, -26.9, -25.6, -21.9, -14.4]
+    (found, top_deg) = unresolved([loudest, shoulder], measured_deg, limits=PAPER_RANGE)
+    assert found is shoulder
+    assert top_deg == pytest.approx((-35.0 - 29.5) / 2)
+    # Once that has been measured without a top, nothing is left to hide it.
+    measured_deg += [top_deg, -30.9]
+    assert hidden_top_deg(loudest, shoulder, measured_deg, limits=PAPER_RANGE) is None
