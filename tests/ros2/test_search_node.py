@@ -147,10 +147,12 @@ def test_diagnostics_count_searches_and_acquisitions(start: Start, listener: Lis
     listener.wait_for("idle")
     listener.node.call(topics.RUN, timeout_s=10)
     result = listener.wait_for("ended")["result"]
-    for _ in range(100):
+    for _ in range(1000):
         listener.node.spin(0.05)
-    status = listener.heard[topics.DIAGNOSTICS][-1].status[0]
-    values = {each.key: each.value for each in status.values}
+        status = listener.heard[topics.DIAGNOSTICS][-1].status[0]
+        values = {each.key: each.value for each in status.values}
+        if (values["running"], values["searches"]) == ("False", "1"):
+            break
     assert (status.name, status.message, status.level) == ("pa_search", "ok", b"\x00")
     assert values["searches"] == "1"
     # Three dark frames, and the confirmation where there is one.
