@@ -105,7 +105,7 @@ def fig5(options: RunOptions) -> Section:
         for condition in conditions
     ]
     by_marker = over_trials(errors_of_trials, studies, options, stage="Fig. 5 from curves")
-    fewer = max(10, round(POSTERIOR_SHARE * options.markers))
+    fewer = max(4, round(POSTERIOR_SHARE * options.markers))
     by_posterior = over_trials(
         posterior_of_trials,
         [replace(study, trials=fewer) for study in studies],
