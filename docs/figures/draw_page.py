@@ -67,7 +67,9 @@ def record(tab: Page) -> list[tuple[float, Image.Image]]:
 
 
 def save_gif(shots: list[tuple[float, Image.Image]], path: Path) -> None:
-    """One loop of the screenshots; the last one stays for three seconds."""
+    """One loop of the screenshots, each picture once; the last one stays for three seconds."""
+    # Pillow would join equal pictures to one that stays as long as all of them.
+    shots = [shots[0], *(now for before, now in pairwise(shots) if now[1].tobytes() != before[1].tobytes())]
     times_s = [at_s for at_s, _ in shots]
     durations_ms = [min(round(1000 * (end - begin)), LONGEST_MS) for begin, end in pairwise(times_s)]
     small = [each.convert("RGB").resize((GIF_WIDTH, GIF_WIDTH * each.height // each.width)) for _, each in shots]

@@ -72,7 +72,7 @@ class SettingsRow:
         known = dict(options)
         if value not in options:
             # A link may hold a value that is not in the list.
-            known[value] = f"{1 / value:g} × faster" if name == "pace" else f"{value:g} s"
+            known[value] = f"{1 / value:.3g} × faster" if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
         field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
