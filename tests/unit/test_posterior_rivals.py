@@ -48,7 +48,20 @@ def test_a_narrow_top_may_be_missed_beyond_a_shoulder():
     measured_deg = [-29.5, -28.2, -26.9, -25.6, -21.9, -14.4]
     (found, top_deg) = unresolved([loudest, shoulder], measured_deg, limits=PAPER_RANGE)
     assert found is shoulder
-    assert top_deg == pytest.approx((-35.0 - 29.5) / 2)
+    assert -34 < top_deg < -31.5
     # Once that has been measured without a top, nothing is left to hide it.
     measured_deg += [top_deg, -30.9]
     assert hidden_top_deg(loudest, shoulder, measured_deg, limits=PAPER_RANGE) is None
+
+
+def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it():
+    """A curve of 3° that is 15 at -29.5° and hardly seen at -34° is at most 17 high in between, by a fine grid."""
+    loudest = source(-22.1, 50.0)
+    seen = [(-34.0, 3.0), (-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0), (-25.6, 6.0)]
+    weak = source(-28.3, 16.0, samples=seen)
+    measured_deg = [angle_deg for angle_deg, _ in seen] + [-22.1]
+    assert hidden_top_deg(loudest, weak, measured_deg, limits=PAPER_RANGE) is None
+    loud = source(-28.3, 16.0, samples=[(-34.0, 7.5), *seen[1:]])
+    top_deg = hidden_top_deg(loudest, loud, measured_deg, limits=PAPER_RANGE)
+    assert top_deg is not None
+    assert -32.5 < top_deg < -30.5

@@ -15,6 +15,7 @@ from markerseek.core import (
     Ambiguous,
     AtBound,
     Estimate,
+    Float64,
     Found,
     Interval,
     MarkerCurve,
@@ -32,6 +33,9 @@ from markerseek.search.posterior.survey import SURVEYED, Survey
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
+
+GAP_ANGLES = 41
+"""Places of a hidden top that are tried in a gap."""
 
 SHOULDER_SHARE = 0.5
 """Share of its strongest sample from which others may lie on a shoulder beside the top of a source."""
@@ -105,8 +109,9 @@ def hidden_top_deg(
 ) -> float | None:
     """Return an angle at which a narrow top of another source may have been missed, in degrees; None without one.
 
-    Its strong samples may lie on the flank of a narrow curve, or on a shoulder of it, and its top in the middle of the
-    gap beside them. The curve posited there is as narrow as any, and no weaker than `RIVAL_DB` below the loudest.
+    Its strong samples may lie on the flank of a narrow curve, or on a shoulder of it, and its top in the gap beside
+    them. The curve posited there is as narrow as any, no weaker than `RIVAL_DB` below the loudest, and no stronger at
+    either end of the gap than what was measured of the source there.
 
     Parameters
     ----------
@@ -125,14 +130,24 @@ def hidden_top_deg(
         edge_deg = outermost.angle_deg
         beyond = [each for each in measured_deg if side * (each - edge_deg) > 0]
         beside_deg = min(beyond, key=lambda each: abs(each - edge_deg), default=end_deg)
-        half_deg = np.array([abs(beside_deg - edge_deg) / 2])
-        fallen = float(log_curve(half_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)[0])
-        if math.log(outermost.reading.intensity / other.posterior.sigma) - fallen > log_least:
-            middle_deg = (beside_deg + edge_deg) / 2
+        gap_deg = abs(beside_deg - edge_deg)
+        away_deg = np.linspace(0.0, gap_deg, GAP_ANGLES)
+        highest = np.log(outermost.reading.intensity) - _narrow(away_deg)
+        for there in other.samples:
+            if there.angle_deg == beside_deg and there.reading.intensity > 0:
+                highest = np.minimum(highest, np.log(there.reading.intensity) - _narrow(gap_deg - away_deg))
+        hidden = away_deg[highest - math.log(other.posterior.sigma) > log_least]
+        if hidden.size:
+            angle_deg = edge_deg + side * float(hidden.mean())
             # Beside a sample nothing is hidden, however loud.
-            if min(abs(middle_deg - each) for each in measured_deg) > BESIDE_DEG / 2:
-                return middle_deg
+            if min(abs(angle_deg - each) for each in measured_deg) > BESIDE_DEG / 2:
+                return angle_deg
     return None
+
+
+def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
+    """Ln of the narrowest usual curve at distances from its top, in degrees."""
+    return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=1.2, knee=2.4)
 
 
 def answer_of(
