@@ -34,6 +34,9 @@ from markerseek.search.posterior.survey import SURVEYED, Survey
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
 
+RIVAL_SIGMAS = 1.0
+"""Standard deviations of the ratio of two loudnesses within which a source is a rival: at two, one 10 dB weaker was."""
+
 GAP_ANGLES = 41
 """Places of a hidden top that are tried in a gap."""
 
@@ -75,8 +78,8 @@ def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
     """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle."""
     first, *others = sources
-    rivals = [each for each in others if each.missing is None and each.may_exceed(first, by_db=-RIVAL_DB)]
-    return [each for each in rivals if each.apart_from(first)]
+    present = [each for each in others if each.missing is None and each.apart_from(first)]
+    return [each for each in present if each.may_exceed(first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
 
 
 def unresolved(

@@ -91,10 +91,10 @@ class Candidate:
         """Loudness over that of another source, in dB."""
         return 20 / math.log(10) * (self.loudness - other.loudness)
 
-    def may_exceed(self, other: Candidate, *, by_db: float) -> bool:
-        """Whether its loudness over the other's may exceed a ratio, in dB, as far as both are uncertain."""
+    def may_exceed(self, other: Candidate, *, by_db: float, sigmas: float = DOUBT_SIGMAS) -> bool:
+        """Whether its loudness over the other's may exceed a ratio, in dB, within so many standard deviations of it."""
         spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
-        return self.relative_db(other) + DOUBT_SIGMAS * spread * 20 / math.log(10) > by_db
+        return self.relative_db(other) + sigmas * spread * 20 / math.log(10) > by_db
 
     def beside(self, other: Candidate) -> OtherSource:
         """The source as an answer names it beside another."""
