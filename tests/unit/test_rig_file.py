@@ -81,6 +81,13 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
     assert "rig.toml" in str(caught.value)
 
 
+def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(b'kind = "simulated"\n\xff\xfe')
+    with pytest.raises(ConfigError, match=r"rig\.toml: the rig file is not text in UTF-8 \(byte 20\); save it"):
+        read_rig_file(path)
+
+
 def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         read_rig_file(tmp_path / "rig.toml")

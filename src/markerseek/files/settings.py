@@ -56,7 +56,11 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
         ) from problem
     except RecursionError as problem:
         raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+    except UnicodeDecodeError as problem:
+        raise ConfigError(
+            f"{path}: the {what} is not text in UTF-8 (byte {problem.start + 1}); save it as TOML in UTF-8"
+        ) from problem
+    except tomllib.TOMLDecodeError as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
     # From the checks below, and from Python's int() for a number with too many digits.
     except ValueError as problem:
