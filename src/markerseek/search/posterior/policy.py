@@ -273,15 +273,13 @@ class Posterior(SearchPolicy):
             between_deg = (doubtful.angle_deg + centre_deg) / 2
             if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
                 return between_deg
-        elif not _placed(source):
-            noise = self._noise()
-            doubtful = unmirrored(
-                source.samples,
-                centre_deg=centre_deg,
-                sigma=noise.sigma or 0.0,
-                level=noise.floor.level or 0.0,
-            )
-        return None if doubtful is None else beside_deg(doubtful.angle_deg, measured_deg)
+        if _placed(source):
+            return None
+        noise = self._noise()
+        hump = unmirrored(
+            source.samples, centre_deg=centre_deg, sigma=noise.sigma or 0.0, level=noise.floor.level or 0.0
+        )
+        return None if hump is None else beside_deg(hump.angle_deg, measured_deg)
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
         """Next angle for a source other than the loudest, whose top may be hidden at an angle, in degrees."""
