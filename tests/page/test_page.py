@@ -99,7 +99,7 @@ def test_link_holds_the_settings(opened, command_result):
     watched.tab.get_by_label("seed").fill("8")
     watched.tab.wait_for_url("**/?method=ternary&tissue=liver&snr_db=30&seed=8&pace=0")
     watched.search()
-    watched.wait_for(STATUS, r"(found|unsure|not found|ambiguous|at bound) at ")
+    watched.wait_for(STATUS, r"^(found at|unsure|not found|ambiguous|at bound)")
     options = ("--method", "ternary", "--tissue", "liver", "--snr-db", "30", "--seed", "8")
     assert json.loads(downloaded(watched, "report JSON")) == command_result(*options)
 
