@@ -164,7 +164,7 @@ class Streams:
     def _pictured(self, sample: Sample) -> list[Stream]:
         """The images of an acquisition at their place: a photoacoustic one in shades of decibels, B-mode as it is."""
         frame, angle_deg = sample.frame, sample.angle_deg
-        b_mode = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
+        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
         sent = [] if b_mode is None else self._placed("BMode_Reference", b_mode.pixels, b_mode.geometry, angle_deg)
         if self._imaging is None or self._face_radius_m is None or not isinstance(frame, ChannelFrame | RFFrame):
             return sent

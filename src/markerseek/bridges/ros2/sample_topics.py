@@ -75,9 +75,10 @@ class SampleTopics:
         sample = event.sample
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
         node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
-        image, b_mode = None, frame if isinstance(frame, BModeImage) else None
-        if isinstance(frame, ChannelFrame | RFFrame):
-            image, b_mode = None if self._imaging is None else self._imaging.picture(frame), frame.b_mode
+        image = None
+        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
+        if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
+            image = self._imaging.picture(frame)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, _JOINT, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
