@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges import ChildRun, Searches, SearchOptions, SearchRequest
+from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
 from markerseek.core import ConfigError, Finished, Measured, SearchError
 from markerseek.records.journal import Interrupted, read_journal
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
@@ -123,6 +123,19 @@ def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path:
     assert items == []
     assert outcome.exit_code == 4
     assert outcome.message.startswith("not armed: nothing moved and nothing was fired; a person must arm the rig")
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason", "said"),
+    [
+        ("found", None, "found at 1.700 deg"),
+        ("not found", "no signal above the noise floor", "not found: no signal above the noise floor"),
+        ("unsure", "the confirmation was weaker", "unsure: the confirmation was weaker"),
+    ],
+)
+def test_only_the_angle_of_a_marker_that_was_found_is_said(answer: str, reason: str | None, said: str) -> None:
+    outcome = Outcome(exit_code=0, answer={"answer": answer, "angle_deg": 1.7, "reason": reason})
+    assert outcome.message == said
 
 
 def test_an_error_is_one_sentence(tmp_path: Path) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import signal
+from pathlib import Path
 
+import numpy as np
 import pytest
 from page_browser import needs_browser
 
+from markerseek.bridges import page as page_package
 from markerseek.records.journal import Interrupted, read_journal
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS, ANGLE, LOG, RESULT = ".ms-status", ".ms-angle", ".ms-log", ".ms-foot >> text=/ at /"
+
+IMAGE_SCRIPT = Path(page_package.__file__).parent / "static" / "image.js"
 
 
 def downloaded(watched, name):
@@ -47,6 +53,37 @@ def test_search_gives_the_result_of_the_command(opened, command_result):
     assert drawn_colours(watched.tab, fan) > before[0]
     assert drawn_colours(watched.tab, curve) > before[1] + 10
     assert drawn_colours(watched.tab, ".ms-panel-image canvas") > 100
+
+
+def test_both_images_are_drawn_where_their_edges_say(browser):
+    """One bright pixel in each; both together fill 280 by 400 pixels of the canvas, 10 for a millimetre."""
+
+    def layer(rows, columns, bright, **edges):
+        pixels = bytearray(rows * columns)
+        pixels[bright[0] * columns + bright[1]] = 255
+        return {"pixels": base64.b64encode(pixels).decode(), "rows": rows, "columns": columns, **edges}
+
+    image = layer(20, 20, (3, 2), lateral_mm=(-10, 10), depth_mm=(0, 20)) | {"deg": 0, "peak": None, "range": 20}
+    b_mode = layer(30, 28, (5, 20), lateral_mm=(-14, 14), depth_mm=(10, 40))
+    script = """async ([module, view, background]) => {
+        const { default: image } = await import(module);
+        const canvas = document.body.appendChild(document.createElement("canvas"));
+        canvas.style = "width: 288px; height: 434px";
+        image.methods.draw.call({ $el: canvas, view, background });
+        // Without the lines of text above and below; only what is not black, as number of the pixel and level of red.
+        const { data } = canvas.getContext("2d").getImageData(4, 16, 280, 400);
+        const red = Array.from({ length: 280 * 400 }, (_, i) => [i, data[4 * i]]);
+        return red.filter((each) => each[1] > 0); }"""
+    module = "data:text/javascript;base64," + base64.b64encode(IMAGE_SCRIPT.read_bytes()).decode()
+    tab = browser.new_page()
+    number, level = np.array(tab.evaluate(script, [module, image, b_mode]), float).T
+    tab.close()
+    across_mm, down_mm = (number % 280 + 0.5) / 10 - 14, (number // 280 + 0.5) / 10
+    for half, place_mm in ((across_mm < 0, (-7.5, 3.5)), (across_mm > 0, (6.5, 15.5))):
+        middle_mm = [np.average(each[half], weights=level[half]) for each in (across_mm, down_mm)]
+        # Half a pixel of the canvas.
+        assert middle_mm == pytest.approx(place_mm, abs=0.05)
+        assert level[half].max() > 240
 
 
 def test_everything_is_on_the_first_screen(opened):
@@ -99,7 +136,7 @@ def test_link_holds_the_settings(opened, command_result):
     watched.tab.get_by_label("seed").fill("8")
     watched.tab.wait_for_url("**/?method=ternary&tissue=liver&snr_db=30&seed=8&pace=0")
     watched.search()
-    watched.wait_for(STATUS, r"(found|unsure|not found|ambiguous|at bound) at ")
+    watched.wait_for(STATUS, r"^(found at|unsure|not found|ambiguous|at bound)")
     options = ("--method", "ternary", "--tissue", "liver", "--snr-db", "30", "--seed", "8")
     assert json.loads(downloaded(watched, "report JSON")) == command_result(*options)
 

@@ -66,7 +66,7 @@ def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
     watched.tab.get_by_label("recording").click()
     watched.tab.get_by_role("option", name="simulated_scan.csv").click()
     watched.press("Search it")
-    watched.wait_for(STATUS, "(found|unsure|not found|at bound|ambiguous) at ")
+    watched.wait_for(STATUS, "^(found at|unsure|not found|at bound|ambiguous)")
     expected = json.loads(shell("replay", "examples/simulated_scan.csv", "--json")[1])
     assert watched.text(ANGLE).startswith(f"{expected['angle_deg']:.3f}°")
     assert watched.text(".ms-banner").startswith("REPLAYED")

@@ -119,6 +119,14 @@ def test_b_mode_images_beside_channel_data_are_kept_replayed_and_drawn(shell, tm
     # As a bank it is searched again, with the images.
     frame = journal_bank(journal).frame(0)
     assert frame.b_mode.geometry == expected.geometry
+    # Their banks have no place for them, and that is said once.
+    rig.write_text('kind = "simulated"\n[receiver]\nb_mode = true\nreadout_s = 0.01\n[b_mode]\npixel_m = 1e-3\n')
+    for words in (
+        ("scan", tmp_path / "a.hdf5", "--rig", rig, "--step-deg", 35),
+        ("import", journal, tmp_path / "b.hdf5"),
+    ):
+        code, _, err = shell("bank", *words)
+        assert (code, " ".join(err.split()).count("B-mode images are left out")) == (0, 1), err
 
 
 @pytest.mark.parametrize("receive_focus_m", [None, 40e-3])

@@ -13,18 +13,28 @@ from markerseek.bridges.page.belief import Belief, PolicyMirror
 from markerseek.bridges.page.models import (
     angle_text,
     answer_text,
+    background_model,
     curve_options,
     fan_model,
     image_model,
     number_rows,
 )
-from markerseek.bridges.page.picture import BRIGHT_SIGMAS, RANGE_DB, drawn_background, picture_of, pooled_levels
+from markerseek.bridges.page.picture import (
+    BRIGHT_SIGMAS,
+    OVER_B_MODE_DB,
+    RANGE_DB,
+    _b_mode_layer,
+    drawn_background,
+    picture_of,
+    pooled_levels,
+)
 from markerseek.bridges.page.state import RunState, Snapshot
 from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
     Asked,
+    BModeImage,
     Failed,
     Floor,
     Found,
@@ -36,13 +46,14 @@ from markerseek.core import (
     PaImage,
     Refused,
     RigFacts,
+    ScanGeometry,
     SearchPlan,
     Started,
 )
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
 from markerseek.search import BracketSearch, build
-from markerseek.sim import GaussianCurve, SimulatedSettings
+from markerseek.sim import GaussianCurve, MarkerSettings, ReceiverSettings, SimulatedSettings
 
 METHODS = ("posterior", "weighted-average", "golden-section", "golden-section-reuse", "ternary", "exhaustive", "manual")
 
@@ -215,18 +226,66 @@ def test_image_of_zeros_is_black():
     assert not pooled_levels(image, brightest=0.0).any()
 
 
+def levels_of(layer):
+    return np.frombuffer(base64.b64decode(layer.pixels), dtype=np.uint8).reshape(layer.rows, layer.columns)
+
+
+def centre_mm(layer, row, column):
+    """Lateral position and depth of a pixel's centre, from the edges between which the browser draws it."""
+    (left, right), (top, bottom) = layer.lateral_mm, layer.depth_mm
+    return (
+        left + (right - left) * (column + 0.5) / layer.columns,
+        top + (bottom - top) * (row + 0.5) / layer.rows,
+    )
+
+
+def test_b_mode_of_the_frame_is_the_background_and_both_are_where_their_pixels_are():
+    receiver, marker = ReceiverSettings(b_mode=True), MarkerSettings(angle_deg=4.0, lateral_m=6e-3)
+    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=receiver, marker=marker))
+    run = WatchedRun(new_session(rig, SearchPlan(method="posterior")).configuration)
+    sample = rig.scanner.measure(4.0)
+    run.add(Measured(role="search", index=1, sample=sample), clock_s=0.0)
+    picture, b_mode = run.picture(run.snapshots[-1]), sample.frame.b_mode
+    background, note = background_model(picture, simulated=True)
+    assert note == "grey background: B-mode (simulated)"
+    assert background["pixels"] == picture.b_mode.pixels
+    np.testing.assert_array_equal(levels_of(picture.b_mode), b_mode.pixels)
+    for layer, geometry, row, column in (
+        (picture.b_mode, b_mode.geometry, 40, 200),
+        (picture.image, rig.imaging.picture(sample.frame).geometry, 100, 90),
+    ):
+        # Five rows of the photoacoustic image are drawn as one.
+        full_row = row if layer is picture.b_mode else 5 * row + 2
+        place_m = geometry.position_m(row=full_row, column=column)
+        assert centre_mm(layer, row, column) == pytest.approx([1e3 * each for each in place_m], abs=1e-6)
+    assert picture.range_db == OVER_B_MODE_DB
+
+
+def test_large_b_mode_images_are_thinned_where_they_are():
+    pixels = np.arange(1000 * 640, dtype=np.uint32).astype(np.uint8).reshape(1000, 640)
+    geometry = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)
+    layer = _b_mode_layer(BModeImage(pixels=pixels, geometry=geometry))
+    assert (layer.rows, layer.columns) == (334, 214)
+    assert levels_of(layer)[7, 11] == pixels[21, 33]
+    assert centre_mm(layer, 7, 11) == pytest.approx([1e3 * each for each in geometry.position_m(row=21, column=33)])
+
+
+@pytest.mark.parametrize("data", ["rf", "b-mode"])
+def test_rigs_of_other_frames_are_shown(data):
+    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(data=data)))
+    run = WatchedRun(new_session(rig, SearchPlan(method="ternary")).configuration)
+    run.add(Measured(role="search", index=1, sample=rig.scanner.measure(2.0)), clock_s=0.0)
+    assert (run.picture(run.snapshots[-1]) is not None) == (data == "rf")
+
+
 def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
     sample = rig.scanner.measure(2.0)
     picture = picture_of(sample, rig.imaging)
-    levels = np.frombuffer(base64.b64decode(picture.pixels), dtype=np.uint8).reshape(picture.rows, picture.columns)
-    row, column = np.unravel_index(levels.argmax(), levels.shape)
-    depth_mm = np.interp(row, (0, picture.rows - 1), picture.depth_mm)
-    lateral_mm = np.interp(column, (0, picture.columns - 1), picture.lateral_mm)
-    assert (lateral_mm, depth_mm) == (
-        pytest.approx(picture.peak_mm[0], abs=1),
-        pytest.approx(picture.peak_mm[1], abs=1),
-    )
+    lateral_mm, depth_mm = centre_mm(picture.image, *np.unravel_index(levels_of(picture.image).argmax(), (198, 128)))
+    # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
+    assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
+    assert background_model(picture, simulated=True)[1] == "grey background: drawn, not simulated"
     assert image_model(picture, floor=None)["deg"] == sample.angle_deg
     assert image_model(None, floor=None)["pixels"] == ""
     # The largest envelope of noise is no marker.

@@ -55,8 +55,10 @@ class Outcome:
         if "error" in answer:
             return str(answer["error"])
         if "answer" in answer:
+            # Other answers have an angle too, which is for programs: nothing is claimed there.
+            angle = f" at {answer['angle_deg']:.3f} deg" if answer["answer"] == "found" else ""
             reason = f": {answer['reason']}" if answer.get("reason") else ""
-            return f"{answer['answer']} at {answer['angle_deg']:.3f} deg{reason}"
+            return f"{answer['answer']}{angle}{reason}"
         return f"the command ended with exit code {self.exit_code}"
 
 

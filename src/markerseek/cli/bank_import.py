@@ -12,6 +12,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import __version__
+from markerseek.cli.bank_scan import BModeNote
 from markerseek.cli.output_options import AsJson
 from markerseek.cli.probe_option import ProbeName
 from markerseek.cli.table_options import Columns, Unit, table_format
@@ -106,8 +107,10 @@ def command(
         whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
+        b_mode = BModeNote()
         for sample in bank_samples(bank, probe=probe):
             writer.add(sample)
+            b_mode.meet(sample)
             # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"

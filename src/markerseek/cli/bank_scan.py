@@ -16,7 +16,7 @@ from markerseek.cli.open_rig import Arm, RigFile
 from markerseek.cli.output_options import AsJson
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
-from markerseek.core import MarkerseekError, Measured, Refused
+from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
 
 NAME = "scan"
 EXAMPLES = (
@@ -24,6 +24,22 @@ EXAMPLES = (
     "  markerseek bank scan scan.hdf5 --seed 1\n\n"
     "  markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25 --wavelength-nm 760"
 )
+
+
+class BModeNote:
+    """Says once that a bank keeps no B-mode images."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def meet(self, sample: Sample) -> None:
+        """Say it with the first frame that has one."""
+        if not self._said and isinstance(sample.frame, ChannelFrame | RFFrame) and sample.frame.b_mode is not None:
+            self._said = True
+            stderr.print(
+                "[yellow]the B-mode images are left out: a bank in IPASC HDF5 has no place for them, the journal of a "
+                "search keeps them[/]"
+            )
 
 
 class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,16 +107,19 @@ def command(
                 closing(scan),
             ):
                 task = progress.task_ids[0]
+                b_mode = BModeNote()
                 for event in scan:
                     if stream is not None:
                         stream.add(event, clock_s=assembled.scanner.clock.now_s())
-                    if isinstance(event, Measured) and event.role == "search":
-                        taken = event.index
+                    if isinstance(event, Measured):
                         sample = event.sample
-                        shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
-                        progress.update(task, completed=taken, description=shown)
-                    elif isinstance(event, Measured):
-                        dark += 1
+                        b_mode.meet(sample)
+                        if event.role == "search":
+                            taken = event.index
+                            shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
+                            progress.update(task, completed=taken, description=shown)
+                        else:
+                            dark += 1
                     elif isinstance(event, Refused):
                         refused += 1
                         progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")

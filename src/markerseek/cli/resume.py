@@ -202,8 +202,6 @@ def _policy_at_end(held: RecordedRun) -> Policy:
 
 def _imaging(held: RecordedRun) -> AnyImageReader | None:
     """Imaging chain for the pictures; None where there are intensities only."""
-    from markerseek.runs import rebuild_reader
-    from markerseek.signals import ImageReader, SpareReader
+    from markerseek.runs import rebuild_image_reader
 
-    reader = rebuild_reader(held.configuration)
-    return reader if isinstance(reader, ImageReader | SpareReader) else None
+    return rebuild_image_reader(held.configuration)

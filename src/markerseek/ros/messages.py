@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import msgspec
 import numpy as np
 
-from markerseek.core import BModeFrame, Float32, Int16, PaImage, ScanGeometry, UInt8
+from markerseek.core import BModeImage, Float32, Int16, PaImage, ScanGeometry, UInt8
 from markerseek.geometry import RigidTransform
 
 Kinds: TypeAlias = Mapping[str, Any]
@@ -64,24 +64,29 @@ def transforms(
     *,
     time_s: float,
     angle_deg: float,
-    geometry: ScanGeometry | None,
+    images: Mapping[str, ScanGeometry],
     face_radius_m: float | None,
-    frame: str = IMAGE,
 ) -> list[Any]:
-    """Transforms of the probe in its home frame, and of an image in the probe where the face radius is known.
+    """Transforms of the probe in its home frame, and of images in the probe where the face radius is known.
 
-    A list of geometry_msgs/TransformStamped.
+    A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
     """
     # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
     turned = _transform(
         kinds, time_s, (HOME, PROBE), quaternion=(0.0, math.sin(half), 0.0, math.cos(half)), place_m=(0.0, 0.0, 0.0)
     )
-    if geometry is None or face_radius_m is None:
+    if face_radius_m is None:
         return [turned]
-    place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
-    mounted = _transform(kinds, time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
-    return [turned, mounted]
+    places_m = {
+        frame: (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
+        for frame, geometry in images.items()
+    }
+    mounted = [
+        _transform(kinds, time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
+        for frame, place_m in places_m.items()
+    ]
+    return [turned, *mounted]
 
 
 def registered(kinds: Kinds, davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
@@ -265,9 +270,9 @@ def picture(kinds: Kinds, image: PaImage, *, time_s: float, brightest: float) ->
     return _image(kinds, grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
 
 
-def b_mode(kinds: Kinds, frame: BModeFrame, *, time_s: float) -> Any:
+def b_mode(kinds: Kinds, image: BModeImage, *, time_s: float) -> Any:
     """Image message of a B-mode image, mono8, as the machine shows it."""
-    return _image(kinds, frame.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
+    return _image(kinds, image.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
 
 
 def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:

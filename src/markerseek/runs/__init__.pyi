@@ -5,7 +5,7 @@ from .calibration_scan import Calibration, calibrate
 from .former_marker import former_curve
 from .journalled import configuration_of
 from .points import PointRow, read_marker, read_points
-from .rebuild import next_angle, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
+from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
 from .registration import UNDER_M, PointPair, PointReport, RegistrationReport, register_pairs
@@ -59,6 +59,7 @@ __all__ = [
     "read_points",
     "read_registration",
     "read_stereo",
+    "rebuild_image_reader",
     "rebuild_policy",
     "rebuild_reader",
     "rebuild_rig",

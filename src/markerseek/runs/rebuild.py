@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import msgspec
@@ -23,7 +24,7 @@ from markerseek.rigs import (
 )
 from markerseek.runs.same_bench import require_same_measurement
 from markerseek.search import policy_for
-from markerseek.signals import ImageReader, IntensityReader, ProbePreset, SpareReader
+from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
 
 
@@ -107,7 +108,29 @@ def rebuild_reader(configuration: Configuration) -> Reader:
     RecordError
         If its settings cannot be read.
     """
-    recipe = _reader_recipe(configuration.imaging)
+    return _reader(bytes(configuration.imaging))
+
+
+def rebuild_image_reader(configuration: Configuration) -> AnyImageReader | None:
+    """The reader of a journal's rig where it makes photoacoustic images; None where it makes none.
+
+    Raises
+    ------
+    RecordError
+        As in `rebuild_reader`.
+    """
+    return _image_reader(bytes(configuration.imaging))
+
+
+@lru_cache(maxsize=2)
+def _image_reader(imaging: bytes) -> AnyImageReader | None:
+    """Cached, because its tables take a quarter of a second."""
+    reader = _reader(imaging)
+    return reader if isinstance(reader, ImageReader | SpareReader) else None
+
+
+def _reader(imaging: bytes) -> Reader:
+    recipe = _reader_recipe(imaging)
     match recipe:
         case SpareRecipe():
             return SpareReader(recipe.preset, receive_focus_m=recipe.receive_focus_m)
@@ -128,7 +151,7 @@ def _replayed(recipe: ReplayedRecipe) -> Rig:
     )
 
 
-def _reader_recipe(imaging: msgspec.Raw) -> ReaderRecipe:
+def _reader_recipe(imaging: bytes) -> ReaderRecipe:
     try:
         values = msgspec.json.decode(imaging)
         # msgspec distinguishes structs by their tag, and a preset, which is no struct, has none.

@@ -17,22 +17,25 @@ from markerseek.bridges.child import Outcome
 from markerseek.core import (
     AcquisitionError,
     Asked,
-    BModeFrame,
+    BModeImage,
     ChannelFrame,
     Failed,
     Finished,
     Measured,
     Refused,
+    RFFrame,
     Sample,
+    ScanGeometry,
     Started,
+    UInt8,
 )
 from markerseek.records import answer_name
 from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Checked, Interrupted
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.ros import messages
-from markerseek.runs import KnownRegistration, rebuild_reader
-from markerseek.signals import ImageReader
+from markerseek.runs import KnownRegistration, rebuild_image_reader
+from markerseek.signals import AnyImageReader
 from markerseek.wire import igtl
 
 MARKER, MARKER_POSITION = "PaMarker", "PaMarkerToProbeHome"
@@ -69,7 +72,7 @@ class Streams:
         if self._registration is not None:
             self._state["registration"] = self._registration.known
         self._code, self._name, self._sentence = igtl.OK, "IDLE", "no search runs"
-        self._imaging: ImageReader | None = None
+        self._imaging: AnyImageReader | None = None
         self._face_radius_m: float | None = None
         self._brightest = 0.0
 
@@ -111,8 +114,7 @@ class Streams:
         match item:
             case StreamHead(configuration=configuration):
                 facts, plan = configuration.facts, configuration.plan
-                reader = rebuild_reader(configuration)
-                self._imaging = reader if isinstance(reader, ImageReader) else None
+                self._imaging = rebuild_image_reader(configuration)
                 self._face_radius_m = facts.face_radius_m
                 self._state |= {"rig": facts.kind, "emulated": facts.emulated, "method": plan.method}
                 self._state |= {"acquisitions": 0, "refused": 0, "lost_lines": 0, "lost_frames": 0}
@@ -160,25 +162,29 @@ class Streams:
         return Stream(device="ProbeToProbeHome", content=igtl.Transform(matrix=probe_to_probe_home(angle_deg)))
 
     def _pictured(self, sample: Sample) -> list[Stream]:
-        """The image of an acquisition at its place: a photoacoustic one in shades of decibels, B-mode as it is."""
-        if self._face_radius_m is None:
-            return []
-        placed = probe_to_probe_home(sample.angle_deg)
-        if isinstance(sample.frame, BModeFrame):
-            matrix = placed @ image_to_probe(sample.frame.geometry, face_radius_m=self._face_radius_m)
-            b_mode = igtl.Image(pixels=sample.frame.pixels[np.newaxis], matrix=matrix)
-            return [Stream(device="BMode_Reference", content=b_mode)]
-        if self._imaging is None or not isinstance(sample.frame, ChannelFrame):
-            return []
+        """The images of an acquisition at their place: a photoacoustic one in shades of decibels, B-mode as it is."""
+        frame, angle_deg = sample.frame, sample.angle_deg
+        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
+        sent = [] if b_mode is None else self._placed("BMode_Reference", b_mode.pixels, b_mode.geometry, angle_deg)
+        if self._imaging is None or self._face_radius_m is None or not isinstance(frame, ChannelFrame | RFFrame):
+            return sent
         try:
-            image = self._imaging.picture(sample.frame)
+            image = self._imaging.picture(frame)
         except AcquisitionError as problem:
             self._state["no_image"] = str(problem)
-            return []
+            return sent
         self._brightest = max(self._brightest, float(image.envelope.max()))
         shades = messages.grey(image.envelope, brightest=self._brightest)
-        matrix = placed @ image_to_probe(image.geometry, face_radius_m=self._face_radius_m)
-        return [Stream(device="PA_Reference", content=igtl.Image(pixels=shades[np.newaxis], matrix=matrix))]
+        return [*sent, *self._placed("PA_Reference", shades, image.geometry, angle_deg)]
+
+    def _placed(
+        self, device: str, pixels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry, angle_deg: float
+    ) -> list[Stream]:
+        """An image in ProbeHome; nothing where its place there is unknown."""
+        if self._face_radius_m is None:
+            return []
+        matrix = probe_to_probe_home(angle_deg) @ image_to_probe(geometry, face_radius_m=self._face_radius_m)
+        return [Stream(device=device, content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
     def ended(self, outcome: Outcome | None) -> list[Stream]:
         """The search has ended, or a recording, which may have no outcome."""

@@ -29,7 +29,7 @@ class Image(ui.element, component="static/image.js"):
         self._props["background"] = {}
 
     def show(self, model: dict[str, Any], background: dict[str, Any]) -> None:
-        """Send another image, if it differs; the background is sent once."""
+        """Send another image and its background, if they differ."""
         if self._props["background"] != background:
             self._props["background"] = background
         if self._props["view"] != model:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from markerseek.bridges.page.belief import angles_text
-from markerseek.bridges.page.picture import RANGE_DB, Picture
+from markerseek.bridges.page.picture import Picture, drawn_background
 from markerseek.bridges.page.state import Point, Snapshot
 from markerseek.core import Ambiguous, Interval, NotFound, RigFacts
 
@@ -223,16 +224,23 @@ def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, An
     """The image, or why there is none; its peak is marked only above the noise floor, where that is known."""
     if picture is None:
         return {"pixels": "", "why": "no image yet"}
-    return {
-        "pixels": picture.pixels,
-        "rows": picture.rows,
-        "columns": picture.columns,
+    return asdict(picture.image) | {
         "deg": picture.angle_deg,
-        "lateral": picture.lateral_mm,
-        "depth": picture.depth_mm,
         "peak": picture.peak_mm if floor is None or picture.intensity > floor else None,
-        "range": RANGE_DB,
+        "range": picture.range_db,
     }
+
+
+def background_model(picture: Picture | None, *, simulated: bool) -> tuple[dict[str, Any], str]:
+    """What is behind the image, and what it is: B-mode of the same angle, else a drawing where all is simulated."""
+    if picture is None:
+        return {}, ""
+    if picture.b_mode is not None:
+        return asdict(picture.b_mode), "grey background: B-mode" + (" (simulated)" if simulated else "")
+    if not simulated:
+        return {}, ""
+    drawn = replace(picture.image, pixels=drawn_background(picture.image.rows, picture.image.columns))
+    return asdict(drawn), "grey background: drawn, not simulated"
 
 
 def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str, str]]:

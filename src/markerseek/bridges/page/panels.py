@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from nicegui import ui
 
 from markerseek.bridges.page.elements import Fan, Image
-from markerseek.bridges.page.models import angle_text, answer_text, curve_options, fan_model, image_model, number_rows
-from markerseek.bridges.page.picture import drawn_background
+from markerseek.bridges.page.models import (
+    angle_text,
+    answer_text,
+    background_model,
+    curve_options,
+    fan_model,
+    image_model,
+    number_rows,
+)
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import PAPER_RANGE, RigFacts
@@ -102,12 +107,9 @@ class Panels:
         if key == self._image_key:
             return
         self._image_key = key
-        simulated = snapshot.rig == "simulated" and picture is not None
-        background: dict[str, Any] = {}
-        if simulated and picture is not None:
-            background = {"pixels": drawn_background(picture.rows, picture.columns)}
+        background, note = background_model(picture, simulated=snapshot.rig == "simulated")
         self._image.show(image_model(picture, floor=level), background)
-        self._image_note.set_text("grey background: drawn, not simulated" if simulated else "")
+        self._image_note.set_text(note)
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:
         for name in self._rows.keys() - dict(rows).keys():

@@ -1,62 +1,94 @@
-"""The photoacoustic image of a frame as few bytes for the browser, and the background drawn behind a simulated one."""
+"""The images of a frame as few bytes for the browser, and the background drawn where a simulated rig has no B-mode."""
 
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float32, PaImage, Sample, UInt8
-from markerseek.signals import ImageReader
+from markerseek.core import (
+    BModeImage,
+    ChannelFrame,
+    ConfigError,
+    Float32,
+    PaImage,
+    RFFrame,
+    Sample,
+    ScanGeometry,
+    UInt8,
+)
+from markerseek.signals import AnyImageReader
 
-RANGE_DB = 40
-"""From the brightest level to black, in dB."""
+RANGE_DB, OVER_B_MODE_DB = 40, 20
+"""From the brightest level to black, and to transparent over B-mode, in dB: more would hide the B-mode image."""
 
 BRIGHT_SIGMAS = 100.0
 """Brightest level over σ where the frame has nothing stronger: noise alone must look like noise."""
 
 MOST_ROWS = 200
-"""Rows of an image that is sent: a screen shows no more."""
+"""Rows of a photoacoustic image that is sent: a screen shows no more."""
+
+MOST_B_MODE = 400
+"""Rows and columns of a B-mode image that is sent; all images of a run are kept while it is shown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """Pixels as they are sent, and where they are.
+
+    Attributes
+    ----------
+    pixels
+        Levels from 0 to 255, row after row, base64.
+    rows, columns
+        Shape.
+    lateral_mm, depth_mm
+        Outer edges in millimetres.
+    """
+
+    pixels: str
+    rows: int
+    columns: int
+    lateral_mm: tuple[float, float]
+    depth_mm: tuple[float, float]
 
 
 # eq=False: two images are compared often, and never equal unless they are the same.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
-    """An image as it is sent.
+    """The images of an acquisition as they are sent.
 
     Attributes
     ----------
     angle_deg, intensity
         Angle of the probe in degrees, and intensity of the reading.
-    pixels
-        Levels from 0 (`RANGE_DB` below the brightest, or less) to 255, row after row, base64.
-    rows, columns
-        Shape.
-    lateral_mm, depth_mm
-        Outer edges of the image in millimetres.
+    image
+        The photoacoustic image: level 0 is `range_db` below the brightest, or less.
+    b_mode
+        B-mode image of the same angle; None where the rig takes none.
+    range_db
+        From the brightest level to black, or to transparent over B-mode, in dB.
     peak_mm
         Lateral position and depth of the largest envelope, in millimetres; None where the reading has none.
     """
 
     angle_deg: float
     intensity: float
-    pixels: str
-    rows: int
-    columns: int
-    lateral_mm: tuple[float, float]
-    depth_mm: tuple[float, float]
+    image: Layer
+    b_mode: Layer | None
+    range_db: float
     peak_mm: tuple[float, float] | None
 
 
-def picture_of(sample: Sample, imaging: ImageReader) -> Picture:
-    """The image of an acquisition.
+def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
+    """The images of an acquisition.
 
     Parameters
     ----------
     sample
-        One with channel data.
+        One with channel data or RF lines.
     imaging
         Imaging chain of its rig.
 
@@ -65,28 +97,53 @@ def picture_of(sample: Sample, imaging: ImageReader) -> Picture:
     AcquisitionError
         If the frame is not one of that probe.
     ConfigError
-        If the sample has no frame.
+        If the sample has no frame of counts.
     """
-    if sample.frame is None:
-        raise ConfigError("picture: the sample has no frame; ask for one with channel data")
-    image = imaging.picture(sample.frame)
+    frame = sample.frame
+    if not isinstance(frame, ChannelFrame | RFFrame):
+        raise ConfigError("picture: the sample has no frame of counts; ask for one with channel data or RF lines")
+    image = imaging.picture(frame)
     reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
-    levels = pooled_levels(image, brightest=brightest)
+    range_db = RANGE_DB if frame.b_mode is None else OVER_B_MODE_DB
+    together = _rows_together(image.envelope.shape[0])
+    geometry = replace(
+        image.geometry,
+        first_depth_m=image.geometry.position_m(row=(together - 1) / 2, column=0)[1],
+        depth_step_m=together * image.geometry.depth_step_m,
+    )
     known = reading.lateral_m is not None and reading.depth_m is not None
     return Picture(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
-        pixels=base64.b64encode(levels.tobytes()).decode("ascii"),
-        rows=levels.shape[0],
-        columns=levels.shape[1],
-        lateral_mm=(1e3 * float(image.lateral_m[0]), 1e3 * float(image.lateral_m[-1])),
-        depth_mm=(1e3 * float(image.depth_m[0]), 1e3 * float(image.depth_m[-1])),
+        image=_layer(pooled_levels(image, brightest=brightest, range_db=range_db), geometry),
+        b_mode=None if frame.b_mode is None else _b_mode_layer(frame.b_mode),
+        range_db=range_db,
         peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if known else None,
     )
 
 
-def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
+def _layer(levels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry) -> Layer:
+    rows, columns = levels.shape
+    left, right, bottom, top = geometry.edges_mm(rows, columns)
+    return Layer(
+        pixels=base64.b64encode(levels.tobytes()).decode("ascii"),
+        rows=rows,
+        columns=columns,
+        lateral_mm=(left, right),
+        depth_mm=(top, bottom),
+    )
+
+
+def _b_mode_layer(b_mode: BModeImage) -> Layer:
+    """Every pixel, or every n-th of an image with more than `MOST_B_MODE` rows or columns."""
+    nth = -(-max(b_mode.pixels.shape) // MOST_B_MODE)
+    geometry = b_mode.geometry
+    coarser = replace(geometry, lateral_step_m=nth * geometry.lateral_step_m, depth_step_m=nth * geometry.depth_step_m)
+    return _layer(b_mode.pixels[::nth, ::nth], coarser)
+
+
+def pooled_levels(image: PaImage, *, brightest: float, range_db: float = RANGE_DB) -> UInt8[np.ndarray, "rows columns"]:
     """Levels of an image; several rows become one that holds their largest value, so that no peak is lost.
 
     Parameters
@@ -95,16 +152,23 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
         The image.
     brightest
         Envelope of level 255, in the image's unit.
+    range_db
+        From level 255 to level 0, in dB.
     """
     pooled = _pooled(image.envelope)
     relative = pooled / max(brightest, float(np.finfo(np.float32).tiny))
-    decibels = 20 * np.log10(np.maximum(relative, 10 ** (-RANGE_DB / 20)))
-    share = 1 + np.minimum(decibels, 0.0) / RANGE_DB
+    decibels = 20 * np.log10(np.maximum(relative, 10 ** (-range_db / 20)))
+    share = 1 + np.minimum(decibels, 0.0) / range_db
     return np.asarray(np.rint(255 * share), dtype=np.uint8)
 
 
+def _rows_together(rows: int) -> int:
+    """How many rows of an image become one."""
+    return -(-rows // MOST_ROWS)
+
+
 def _pooled(envelope: Float32[np.ndarray, "depths laterals"]) -> Float32[np.ndarray, "rows laterals"]:
-    together = -(-envelope.shape[0] // MOST_ROWS)
+    together = _rows_together(envelope.shape[0])
     rows = -(-envelope.shape[0] // together)
     missing = rows * together - envelope.shape[0]
     # The last row holds fewer depths: zeros are never the largest envelope.
@@ -131,5 +195,5 @@ def drawn_background(rows: int, columns: int) -> str:
     depth = np.linspace(0.0, 1.0, rows)[:, None]
     # A quiet gel pad in front, then tissue that fades with depth.
     tissue = np.where(depth < 0.55, 0.12, 0.75 * np.exp(-1.5 * (depth - 0.55)))
-    levels = np.clip(110 * speckle * tissue, 0, 255).astype(np.uint8)
+    levels = np.clip(60 * speckle * tissue, 0, 255).astype(np.uint8)
     return base64.b64encode(levels.tobytes()).decode("ascii")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import msgspec
 import numpy as np
@@ -11,9 +10,10 @@ import numpy as np
 from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
 from markerseek.bridges.page.state import RunState, Snapshot
-from markerseek.core import PAPER_RANGE, ChannelFrame, FrameHeader, Measured, SearchPlan
+from markerseek.core import PAPER_RANGE, ChannelFrame, FrameHeader, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
-from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, probe_preset
+from markerseek.runs import rebuild_image_reader
+from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import StageMotion
 
 
@@ -34,7 +34,7 @@ class WatchedRun:
         # Only ever appended to, so that another thread may read it at any time.
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}
-        self._imaging = _imaging(bytes(configuration.imaging))
+        self._imaging = rebuild_image_reader(configuration)
         self._motion, self._pace, self.pulse_j = _rig_settings(configuration)
 
     def add(
@@ -67,7 +67,7 @@ class WatchedRun:
         if self._imaging is not None and isinstance(event, Measured) and not event.sample.dark:
             sample = event.sample
             # A stream drops frames where its reader is slow: then there is no image, and nothing else is lost.
-            if isinstance(sample.frame, ChannelFrame):
+            if isinstance(sample.frame, ChannelFrame | RFFrame):
                 self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
                 on_change()
 
@@ -110,13 +110,6 @@ def watched_journal(held: RecordedRun) -> WatchedRun:
     for entry in held.entries:
         run.add(entry.event, clock_s=entry.clock_s)
     return run
-
-
-@lru_cache(maxsize=2)
-def _imaging(preset: bytes) -> ImageReader | None:
-    """Imaging chain of a preset in JSON; cached, because its tables take a quarter of a second."""
-    known = msgspec.json.decode(preset, type=ProbePreset | None)
-    return None if known is None else ImageReader(known)
 
 
 def _rig_settings(configuration: Configuration) -> tuple[StageMotion, float, float | None]:

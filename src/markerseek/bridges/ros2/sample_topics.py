@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from markerseek.core import BModeFrame, ChannelFrame, Measured, ScanGeometry
+from markerseek.core import BModeImage, ChannelFrame, Measured, RFFrame
 from markerseek.records.stream import StreamHead
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import KnownRegistration, rebuild_reader
-from markerseek.signals import ImageReader
+from markerseek.runs import KnownRegistration, rebuild_image_reader
+from markerseek.signals import AnyImageReader
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
@@ -27,7 +27,7 @@ class SampleTopics:
     def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
         self._node, self._publishes_angle = node, publishes_angle
         self._face_radius_m: float | None = None
-        self._imaging: ImageReader | None = None
+        self._imaging: AnyImageReader | None = None
         self._brightest = 0.0
         # All at once, and early: who subscribes misses what comes before the publisher is found.
         node.advertise(topics.BANK, _TEXT, latched=True)
@@ -54,8 +54,7 @@ class SampleTopics:
             More for that JSON.
         """
         configuration = head.configuration
-        reader = rebuild_reader(configuration)
-        self._imaging = reader if isinstance(reader, ImageReader) else None
+        self._imaging = rebuild_image_reader(configuration)
         self._face_radius_m, self._brightest = configuration.facts.face_radius_m, 0.0
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
@@ -77,15 +76,22 @@ class SampleTopics:
         angle_deg, intensity, frame = sample.angle_deg, sample.reading.intensity, sample.frame
         node, kinds, now_s = self._node, self._node.kinds, self._node.now_s()
         image = None
-        if isinstance(frame, ChannelFrame) and self._imaging is not None:
+        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
+        if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
             image = self._imaging.picture(frame)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, _JOINT, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
-        if isinstance(frame, BModeFrame):
-            self._publish_transforms(angle_deg, frame.geometry, messages.BMODE, now_s)
-            node.publish(topics.BMODE, "sensor_msgs/msg/Image", messages.b_mode(kinds, frame, time_s=now_s))
-        else:
-            self._publish_transforms(angle_deg, None if image is None else image.geometry, messages.IMAGE, now_s)
+        shown = {messages.IMAGE: image, messages.BMODE: b_mode}
+        turned = messages.transforms(
+            kinds,
+            time_s=now_s,
+            angle_deg=angle_deg,
+            images={name: each.geometry for name, each in shown.items() if each is not None},
+            face_radius_m=self._face_radius_m,
+        )
+        publish_frames(node, topics.FRAMES, turned)
+        if b_mode is not None:
+            node.publish(topics.BMODE, "sensor_msgs/msg/Image", messages.b_mode(kinds, b_mode, time_s=now_s))
         if image is not None:
             self._brightest = max(self._brightest, float(image.envelope.max()))
             node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
@@ -97,17 +103,6 @@ class SampleTopics:
         node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, "std_msgs/msg/Float64", messages.number(kinds, intensity))
-
-    def _publish_transforms(self, angle_deg: float, geometry: ScanGeometry | None, frame: str, now_s: float) -> None:
-        turned = messages.transforms(
-            self._node.kinds,
-            time_s=now_s,
-            angle_deg=angle_deg,
-            geometry=geometry,
-            face_radius_m=self._face_radius_m,
-            frame=frame,
-        )
-        publish_frames(self._node, topics.FRAMES, turned)
 
 
 def publish_frames(node: RosNode, topic: str, transforms: list[Any], *, latched: bool = False) -> None:

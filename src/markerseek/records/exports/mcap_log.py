@@ -106,9 +106,9 @@ class _Log:
                 self._put_bank_facts(series, image, brightest=brightest)
             at_ns = messages.time_ns(time_s)
             self._put(MEASURED_JS, messages.joint_state(kinds, time_s=time_s, angle_deg=angle_deg), at_ns)
-            geometry = None if image is None else image.geometry
+            placed = {} if image is None else {messages.IMAGE: image.geometry}
             turned = messages.transforms(
-                kinds, time_s=time_s, angle_deg=angle_deg, geometry=geometry, face_radius_m=radius_m
+                kinds, time_s=time_s, angle_deg=angle_deg, images=placed, face_radius_m=radius_m
             )
             self._put(FRAMES, kinds["tf2_msgs/msg/TFMessage"](transforms=turned), at_ns)
             if image is not None and brightest is not None:

@@ -1,4 +1,5 @@
-// The photoacoustic image: levels in decibels as colour over a grey background, depth downwards.
+// The photoacoustic image: levels in decibels as colour over a grey background, depth downwards. Each is placed by its
+// own edges in millimetres of the array.
 
 export default {
   template: `<canvas class="ms-canvas" role="img" :aria-label="said"></canvas>`,
@@ -40,43 +41,47 @@ export default {
         c.fillText(v.why, width / 2, height / 2);
         return;
       }
-      const [across, down] = [v.lateral[1] - v.lateral[0], v.depth[1] - v.depth[0]];
+      const layers = [v];
+      if (this.background.pixels) layers.unshift(this.background);
+      const lateral = hull(layers.map((each) => each.lateral_mm));
+      const depth = hull(layers.map((each) => each.depth_mm));
+      const [across, down] = [lateral[1] - lateral[0], depth[1] - depth[0]];
       const mm = Math.min((width - 8) / across, (height - 34) / down);
-      const box = { x: (width - across * mm) / 2, y: 16, w: across * mm, h: down * mm };
-      c.drawImage(painted(v, this.background), box.x, box.y, box.w, box.h);
+      const x = (at) => (width - across * mm) / 2 + (at - lateral[0]) * mm;
+      const y = (at) => 16 + (at - depth[0]) * mm;
+      for (const each of layers) {
+        const [[left, right], [top, bottom]] = [each.lateral_mm, each.depth_mm];
+        const picture = painted(each, each === v ? hot : grey);
+        c.drawImage(picture, x(left), y(top), (right - left) * mm, (bottom - top) * mm);
+      }
       if (v.peak) {
-        const [x, y] = [box.x + (v.peak[0] - v.lateral[0]) * mm, box.y + (v.peak[1] - v.depth[0]) * mm];
         c.strokeStyle = "#56b4e9";
         c.lineWidth = 2;
         c.beginPath();
-        c.arc(x, y, 9, 0, 2 * Math.PI);
+        c.arc(x(v.peak[0]), y(v.peak[1]), 9, 0, 2 * Math.PI);
         c.stroke();
       }
       c.textAlign = "left";
-      c.fillText(`${v.deg.toFixed(2)}°, lateral ${v.lateral[0].toFixed(0)} to ${v.lateral[1].toFixed(0)} mm`, 6, 12);
-      c.fillText(`depth ${v.depth[0].toFixed(0)} to ${v.depth[1].toFixed(0)} mm, ${v.range} dB`, 6, height - 6);
+      c.fillText(`${v.deg.toFixed(2)}°, lateral ${lateral[0].toFixed(0)} to ${lateral[1].toFixed(0)} mm`, 6, 12);
+      c.fillText(`depth ${depth[0].toFixed(0)} to ${depth[1].toFixed(0)} mm, ${v.range} dB`, 6, height - 6);
     },
   },
 };
 
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-// Levels 0 to 255 become black-body colours; where they are low, the background shows.
-function painted(view, background) {
-  const pixels = bytes(view.pixels);
-  const under = background && background.pixels ? bytes(background.pixels) : null;
-  const image = new ImageData(view.columns, view.rows);
-  for (let i = 0; i < pixels.length; i++) {
-    const level = pixels[i] / 255;
-    const grey = under ? under[i % under.length] * 0.55 : 0;
-    const opaque = Math.min(1, level * 1.6);
-    image.data[4 * i] = grey * (1 - opaque) + 255 * Math.min(1, level * 2.2) * opaque;
-    image.data[4 * i + 1] = grey * (1 - opaque) + 255 * Math.min(1, Math.max(0, level * 2 - 0.6)) * opaque;
-    image.data[4 * i + 2] = grey * (1 - opaque) + 255 * Math.max(0, level * 3 - 2) * opaque;
-    image.data[4 * i + 3] = 255;
-  }
+const hull = (spans) => [Math.min(...spans.map((each) => each[0])), Math.max(...spans.map((each) => each[1]))];
+
+// Colours of a level from 0 to 1, each from 0 to 1: black-body colours are transparent where the level is low.
+const grey = (level) => [level, level, level, 1];
+const hot = (level) => [level * 2.2, level * 2 - 0.6, level * 3 - 2, level * 1.6];
+
+function painted(layer, colour) {
+  const image = new ImageData(layer.columns, layer.rows);
+  // An array of this type clamps to 0 and 255 by itself.
+  bytes(layer.pixels).forEach((level, i) => image.data.set(colour(level / 255).map((each) => 255 * each), 4 * i));
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [view.columns, view.rows];
+  [canvas.width, canvas.height] = [layer.columns, layer.rows];
   canvas.getContext("2d").putImageData(image, 0, 0);
   return canvas;
 }
