@@ -40,7 +40,7 @@ def test_the_commands_of_the_readme_exist(shell: Callable[..., tuple[int, str, s
     for target in set(re.findall(r"^make ([a-z]+)$", readme, re.MULTILINE)):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
     commands = set(re.findall(r"`markerseek ([a-z0-9]+)[ `]", readme))
-    assert len(commands) == 16
+    assert len(commands) == 17
     for command in commands:
         assert shell(command, "--help")[0] == 0, command
 

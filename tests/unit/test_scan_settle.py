@@ -110,7 +110,8 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
         return last[-1]
 
     receiver.acquire = one_behind  # type: ignore[method-assign]
-    policy = build("posterior", limits=rig.limits.search)
+    # Without a confirmation the last acquisition must be of the source, and none of a survey: a single source has none.
+    policy = build("posterior", limits=rig.limits.search, single=stay)
     return rig, run(policy, made, dark_frames=3, stay=stay, closing_dark=True)
 
 

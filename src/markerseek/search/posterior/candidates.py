@@ -112,10 +112,12 @@ def _seen(at: Sequence[Sample], noise: Noise) -> int:
     return sum(sample.reading.intensity > (noise.floor.level or 0.0) for sample in at)
 
 
-def _is_burst(at: Sequence[Sample], place: Source, noise: Noise) -> bool:
+def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: Noise) -> bool:
     """Whether a place was loud once, and not beside that angle, where the narrowest curve is."""
-    beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in at)
-    return beside > 1 and _seen(at, noise) == 1
+    # An upper bound says the same as a sample where it is below the noise floor.
+    measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= (noise.floor.level or 0.0))]
+    beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
+    return beside > 1 and _seen(own, noise) == 1
 
 
 def _is_background(at: Sequence[Sample]) -> bool:
@@ -216,7 +218,7 @@ class Candidates:
             sources = sources_of(lit, level=noise.floor.level)
             for source in sources:
                 own, bounds = samples_at(lit, sources, source)
-                if not _is_burst(own, source, noise):
+                if not _is_burst(own, bounds, source, noise):
                     groups += self._divided(_Group(source=source, side="both", samples=own, bounds=bounds), noise)
         if not groups:
             groups = self._divided(_Group(source=None, side="both", samples=lit), noise)
