@@ -26,8 +26,10 @@ def main() -> int:
         shutil.copy(ROOT / "pyproject.toml", folder)
         (folder / "tests" / "unit").mkdir(parents=True)
         shutil.copy(ROOT / "tests" / "conftest.py", folder / "tests")
-        for test in (ROOT / "tests" / "unit").glob("test_guard_*.py"):
-            shutil.copy(test, folder / "tests" / "unit")
+        for path in (ROOT / "tests" / "unit").glob("*.py"):
+            # The kernel's own tests, and what tests share.
+            if path.name.startswith("test_guard_") or not path.name.startswith("test_"):
+                shutil.copy(path, folder / "tests" / "unit")
         done = subprocess.run(
             [*MUTMUT, "run", "--max-children", "2"], cwd=folder, capture_output=True, text=True, check=False
         )

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 NAME = "track"
 EXAMPLES = (
     "Examples:\n\n"
-    "  markerseek track --speed-deg-per-s 1 --plot\n\n"
-    "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 10 --json"
+    "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
+    "  markerseek track --speed-deg-per-s 0.5 --json"
 )
 
 _READOUT_S = 0.05
@@ -212,6 +212,8 @@ def _facts(report: TrackReport) -> list[tuple[str, str]]:
     if report.rms_error_deg is not None and report.within_1_deg is not None and report.lag_s is not None:
         rows.append(("error", f"{report.rms_error_deg:.2f}° (RMS), within 1° in {report.within_1_deg:.0%} of frames"))
         rows.append(("lag", f"{report.lag_s:.2f} s"))
+    if report.lost:
+        rows.append(("next", "a faster rig (examples/rigs/direct-drive.toml), fewer pulses, or a lower speed"))
     return rows
 
 
