@@ -176,6 +176,6 @@ class Ros2Stage:
         return messages.stamp_ns(message)
 
     def stop(self) -> None:
-        """Ask the node to stop, if it tells its state; a plain node ends its move by itself."""
+        """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
         if self._stop_topic is not None and self._busy:
             self._node.publish(self._stop_topic, "std_msgs/msg/Empty", messages.empty(self._node.kinds))

@@ -106,7 +106,7 @@ class OnEncoderCounts:
 def posterior(
     *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None, early_end: bool = False
 ) -> Policy:
-    """Policy of the posterior with a number of acquisitions, told that there is one source, as the paper assumes.
+    """Policy of the posterior with a number of acquisitions, for one source, as the paper assumes.
 
     Parameters
     ----------
