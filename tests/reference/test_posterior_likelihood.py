@@ -17,7 +17,14 @@ from markerseek.core import Reading, Sample
 from markerseek.search.posterior._grid import LEAST, exponential
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.asymmetry import asymmetry_probability, shifted_density
+from markerseek.search.posterior.asymmetry import (
+    NOISE_SIGMA,
+    POINT_COHERENCE,
+    POINT_SIGMA,
+    PRIOR,
+    asymmetry_probability,
+    shifted_density,
+)
 from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
@@ -240,19 +247,19 @@ def test_moments_against_brute_force():
 
 
 def test_a_spot_is_distinguished_from_a_point():
-    """Same place and coherence at all angles: a point. Another absorber at each: asymmetric."""
+    """Bayes' rule with SciPy's densities; weak samples, and those without a coherence, say nothing."""
 
-    def samples(lateral_mm, coherences):
-        readings = [
-            Reading(intensity=60.0, lateral_m=place * 1e-3, coherence=coherence)
-            for place, coherence in zip(lateral_mm, coherences, strict=True)
-        ]
-        return [Sample(angle_deg=float(index), reading=reading) for index, reading in enumerate(readings)]
+    def probability(*coherences, intensity=60.0):
+        readings = [Reading(intensity=intensity, focused_coherence=each) for each in coherences]
+        return asymmetry_probability([Sample(angle_deg=0.0, reading=each) for each in readings], sigma=1.0)
 
-    point = asymmetry_probability(samples([5, 5.01, 4.99, 5.0], [0.97, 0.96, 0.97, 0.97]), sigma=1.0, marker_m=5e-3)
-    unfocused = asymmetry_probability(samples([5, 5.01, 4.99, 5.0], [0.6, 0.61, 0.6, 0.58]), sigma=1.0, marker_m=5e-3)
-    spot = asymmetry_probability(samples([5, 5.4, 4.9, 5.2], [0.7, 0.5, 0.8, 0.6]), sigma=1.0, marker_m=5e-3)
-    assert point < 0.1 < unfocused < 0.5 < 0.95 < spot
+    sigma = math.hypot(POINT_SIGMA, math.hypot(POINT_SIGMA, NOISE_SIGMA / 60) / math.sqrt(2))
+    of_point = 0.03 + 0.97 * norm.pdf(0.98, POINT_COHERENCE, sigma)
+    of_spot = 0.03 + 0.97 / 0.65
+    expected = PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
+    assert probability(0.97, 0.99) == pytest.approx(expected)
+    assert probability(1.0, 0.99, 0.995) < 0.1 < 0.9 < probability(0.8, 0.6)
+    assert probability(None, None) == probability(0.5, intensity=5.0) == PRIOR
 
 
 def test_the_shift_of_an_asymmetric_marker():

@@ -41,6 +41,8 @@ class Reading:
         Number of independent envelope cells over which the maximum was taken.
     coherence
         Share of the channels' energy at the peak that is in phase, 0 to 1.
+    focused_coherence
+        Share of all energy about the peak that is in phase at its best focus, 0 to 1: near 1 for a point.
     saturated_fraction
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
@@ -65,6 +67,7 @@ class Reading:
     noise_sigma: float | None = None
     cells: int | None = None
     coherence: float | None = None
+    focused_coherence: float | None = None
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
     arrivals: tuple[Arrival, ...] = ()

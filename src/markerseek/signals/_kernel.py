@@ -210,6 +210,51 @@ def coherent_energies(
 
 
 @compiled
+def aligned_energies(
+    signals: Float32[np.ndarray, "samples wide"],
+    element_m: Float64[np.ndarray, " elements"],
+    place_m: Float64[np.ndarray, " points"],
+    per_metre: Float64[np.ndarray, " points"],
+    arrival: tuple[float, float],
+    half_samples: int,
+    half_aperture: float,
+    of_sum: Float64[np.ndarray, " points"],
+    of_channels: Float64[np.ndarray, " points"],
+    used: Int64[np.ndarray, " points"],
+) -> None:
+    """Write the energy of the sum of the channels over their number, that of the channels, and their number.
+
+    Each is of one wave: p comes from the place ``place_m[p]`` along the array, with ``per_metre[p]`` samples per metre
+    of path, and arrives there at the sample ``arrival[0]``, counted from the laser's pulse at the sample
+    ``arrival[1]``. Every second of the ``half_samples`` samples to either side counts, an even number; elements outside
+    of the aperture or of the record are left out.
+    """
+    since, origin = arrival
+    total = np.empty(half_samples + 1)
+    for p in range(len(place_m)):
+        total[:] = 0.0
+        single, count = 0.0, 0
+        depth = since / per_metre[p]
+        for e in range(len(element_m)):
+            offset = element_m[e] - place_m[p]
+            # The whole pulse of a point comes with the delays of its depth, however long it is.
+            start = np.sqrt(depth * depth + offset * offset) * per_metre[p] + origin - half_samples
+            t = int(start)
+            if abs(offset) > half_aperture or start < 0 or t + 2 * half_samples + 1 >= signals.shape[0]:
+                continue
+            w = np.float32(start - t)
+            for k in range(half_samples + 1):
+                value = (np.float32(1) - w) * signals[t + 2 * k, PAD + e] + w * signals[t + 2 * k + 1, PAD + e]
+                total[k] += value
+                single += value * value
+            count += 1
+        energy = 0.0
+        for k in range(half_samples + 1):
+            energy += total[k] * total[k]
+        of_sum[p], of_channels[p], used[p] = energy / max(1, count), single, count
+
+
+@compiled
 def beams(
     signals: Float32[np.ndarray, "samples wide"],
     element_m: Float64[np.ndarray, " elements"],

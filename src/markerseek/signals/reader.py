@@ -30,6 +30,7 @@ from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
 from markerseek.signals.findings import FrameFindings
+from markerseek.signals.focus import focused_coherence
 from markerseek.signals.noise_gain import envelope_cells
 from markerseek.signals.peaks import refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
@@ -116,6 +117,9 @@ class ImageReader:
             noise_sigma=chain.sigma,
             cells=chain.layout.cells,
             coherence=peak.coherence,
+            focused_coherence=focused_coherence(
+                chain.signals, self.preset, lateral_m=peak.lateral_m, depth_m=peak.depth_m, sigma=chain.sigma
+            ),
             saturated_fraction=len(touching) / max(1, channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
             arrivals=tuple(self._arrivals(chain, most=MOST_ARRIVALS)),

@@ -27,7 +27,6 @@ import numpy as np
 
 from markerseek._compiled import compiled
 from markerseek.core import Float64, Sample
-from markerseek.search.posterior.asymmetry import SAME_PLACE_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
 
 FACE_RADIUS_M = 10e-3
@@ -54,6 +53,9 @@ FREEDOM = 4.0
 WEIGHT = 0.25
 """Power of the likelihood: the errors of one marker's samples are alike, so that four count as one. Taken as
 independent they outvote the intensities, by degrees, in one search of some hundred."""
+
+SAME_PLACE_M = 3e-3
+"""Largest lateral distance between peaks of one marker, in metres."""
 
 _ITERATIONS = 3
 

@@ -204,7 +204,7 @@ class Inference:
         # A grid that does not resolve the shift is wide enough already.
         if "intensity" not in self._cues or step_deg > sigma_deg:
             return angle_deg, share
-        probability = asymmetry_probability(lit, sigma=self._scale.sigma, marker_m=self._scale.marker_m)
+        probability = asymmetry_probability(lit, sigma=self._scale.sigma)
         mean_deg = float(share @ angle_deg)
         half_deg = max(4.5 * sigma_deg, (angle_deg[-1] - angle_deg[0]) / 2)
         angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)

@@ -188,6 +188,7 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
         centroid_s=None,
         spread_s=None,
         coherence=None,
+        focused_coherence=None,
     )
     looked_at = replace(sample, reading=weak, frame=None)
     if any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere):
@@ -204,7 +205,8 @@ def at_most(sample: Sample) -> Sample:
     cells = max(2, reading.cells or FEWEST_CELLS)
     noise_sigma = max(reading.noise_sigma or 0.0, reading.intensity / math.sqrt(2 * math.log(cells)))
     bound = replace(reading, noise_sigma=noise_sigma, cells=cells, lateral_m=None, depth_m=None, coherence=None)
-    return replace(sample, reading=replace(bound, arrival_s=None, centroid_s=None, spread_s=None), frame=None)
+    bound = replace(bound, arrival_s=None, centroid_s=None, spread_s=None, focused_coherence=None)
+    return replace(sample, reading=bound, frame=None)
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:
@@ -251,8 +253,9 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
         lateral_m=arrival.lateral_m,
         depth_m=arrival.depth_m,
         arrival_s=arrival.arrival_s,
-        # The moments are those of the largest peak of the image.
+        # The moments and the focus are those of the largest peak of the image.
         centroid_s=reading.centroid_s if largest else None,
         spread_s=reading.spread_s if largest else None,
         coherence=arrival.coherence,
+        focused_coherence=reading.focused_coherence if largest else None,
     )
