@@ -71,7 +71,7 @@ def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
     # While a source is seen from far only, its loudness may come out as anything.
     return sorted(
         sources,
-        key=lambda each: (each.missing is not None, each.posterior.sigma_deg > SIGMA_LIMIT_DEG, -each.loudness),
+        key=lambda each: (each.missing is not None, each.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG, -each.loudness),
     )
 
 
@@ -101,7 +101,7 @@ def unresolved(
     first, *others = sources
     for each in others:
         top_deg = hidden_top_deg(first, each, measured_deg, limits=limits)
-        unknown = each.posterior.sigma_deg > SIGMA_LIMIT_DEG and each.may_exceed(first, by_db=-RIVAL_DB)
+        unknown = each.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG and each.may_exceed(first, by_db=-RIVAL_DB)
         if unknown or top_deg is not None:
             return each, top_deg
     return None
@@ -231,8 +231,8 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     limit = f"the standard deviation, {posterior.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
     if posterior.centre_sigma_deg <= SIGMA_LIMIT_DEG:
         return (
-            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but the position and "
-            "coherence of the peak change with the angle, so the source is not a point and may lie beside that centre"
+            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but not all of the "
+            "sound is in phase, as that of a point is, so the marker is a spot and may lie beside that centre"
         )
     return f"{limit}; take more acquisitions or average more pulses"
 

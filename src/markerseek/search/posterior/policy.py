@@ -209,7 +209,7 @@ class Posterior(SearchPolicy):
 
     def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
         """What may still hide beside a source; None while its angle is not known."""
-        if source.missing is not None or source.posterior.sigma_deg > SIGMA_LIMIT_DEG:
+        if source.missing is not None or source.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG:
             return None
         return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
