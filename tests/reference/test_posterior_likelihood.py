@@ -23,6 +23,8 @@ from markerseek.search.posterior.asymmetry import (
     POINT_SIGMA,
     PRIOR,
     asymmetry_probability,
+    mean_coherence,
+    shift_scale_deg,
     shifted_density,
 )
 from markerseek.search.posterior.grid import Grid
@@ -251,7 +253,8 @@ def test_a_spot_is_distinguished_from_a_point():
 
     def probability(*coherences, intensity=60.0):
         readings = [Reading(intensity=intensity, focused_coherence=each) for each in coherences]
-        return asymmetry_probability([Sample(angle_deg=0.0, reading=each) for each in readings], sigma=1.0)
+        lit = [Sample(angle_deg=0.0, reading=each) for each in readings]
+        return asymmetry_probability(mean_coherence(lit, sigma=1.0))
 
     sigma = math.hypot(POINT_SIGMA, math.hypot(POINT_SIGMA, NOISE_SIGMA / 60) / math.sqrt(2))
     of_point = 0.03 + 0.97 * norm.pdf(0.98, POINT_COHERENCE, sigma)
@@ -263,13 +266,19 @@ def test_a_spot_is_distinguished_from_a_point():
 
 
 def test_the_shift_of_an_asymmetric_marker():
-    """A mixture of the density of the centre and of its convolution with a normal distribution, by SciPy."""
+    """A mixture of the density of the centre and of its convolution with SciPy's Student density."""
     angle_deg = np.arange(-1, 1.0001, 0.01)
     share = norm.pdf(angle_deg, scale=0.1) * 0.01
     wanted = np.linspace(-1.5, 1.5, 31)
-    density = shifted_density(angle_deg, share, wanted, probability=0.3, sigma_deg=0.3)
-    expected = 0.7 * norm.pdf(wanted, scale=0.1) + 0.3 * norm.pdf(wanted, scale=math.hypot(0.1, 0.3))
-    np.testing.assert_allclose(density, expected, atol=2e-3)
+    density = shifted_density(angle_deg, share, wanted, probability=0.3, scale_deg=0.3)
+    shifted = np.sum(student.pdf(wanted[:, None] - angle_deg, 4, scale=0.3) * share, axis=1)
+    np.testing.assert_allclose(density, 0.7 * norm.pdf(wanted, scale=0.1) + 0.3 * shifted, atol=2e-3)
+
+
+def test_the_shift_grows_as_less_of_the_sound_is_in_phase():
+    point, spot = (shift_scale_deg((mean, 0.01), depth_m=0.05) for mean in (1.0, 0.5))
+    assert point == pytest.approx(math.degrees(0.12e-3 / 0.06))
+    assert spot == pytest.approx(math.degrees(0.25e-3 / 0.06))
 
 
 def test_the_exponential_of_the_weights_is_numpys():

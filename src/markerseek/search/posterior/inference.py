@@ -19,7 +19,12 @@ from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
 from markerseek.search.floor import Noise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
 from markerseek.search.posterior.arrival import Moments, moments_of
-from markerseek.search.posterior.asymmetry import asymmetry_probability, shift_sigma_deg, shifted_density
+from markerseek.search.posterior.asymmetry import (
+    asymmetry_probability,
+    mean_coherence,
+    shift_scale_deg,
+    shifted_density,
+)
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
 from markerseek.search.posterior.prior import loudness_of, shapes_with
@@ -54,6 +59,9 @@ SYMMETRY_SHAPES = 8
 
 LEAST_SHARE = 0.01
 """Probability of a hypothesis, over that of the most probable, below which it is dropped in between."""
+
+SHIFT_SCALES = 6.0
+"""Reach of the marker's angles to either side, in scales of the shift: 99.6 % of its distribution."""
 
 HALF_WIDTH_SIGMAS = 5.0
 """Half the width of the next finer grid, in standard deviations."""
@@ -199,14 +207,14 @@ class Inference:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
         angle_deg, share = centre.angles_deg, centre.share
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
-        sigma_deg = shift_sigma_deg(depth_m=strongest.depth_m)
+        coherence = mean_coherence(lit, sigma=self._scale.sigma)
+        scale_deg = shift_scale_deg(coherence, depth_m=strongest.depth_m)
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
-        if "intensity" not in self._cues or step_deg > sigma_deg:
+        if "intensity" not in self._cues or step_deg > scale_deg:
             return angle_deg, share
-        probability = asymmetry_probability(lit, sigma=self._scale.sigma)
         mean_deg = float(share @ angle_deg)
-        half_deg = max(4.5 * sigma_deg, (angle_deg[-1] - angle_deg[0]) / 2)
+        half_deg = max(SHIFT_SCALES * scale_deg, (angle_deg[-1] - angle_deg[0]) / 2)
         angles_deg = mean_deg + np.linspace(-half_deg, half_deg, 2 * math.ceil(half_deg / step_deg) + 1)
         log_moments = np.zeros_like(angles_deg)
         if moments is not None:
@@ -216,7 +224,9 @@ class Inference:
             log_moments -= log_moments.max()
             share = share * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
             share = share / share.sum()
-        density = shifted_density(angle_deg, share, angles_deg, probability=probability, sigma_deg=sigma_deg)
+        density = shifted_density(
+            angle_deg, share, angles_deg, probability=asymmetry_probability(coherence), scale_deg=scale_deg
+        )
         density *= np.exp(log_moments)
         return angles_deg, density / density.sum()
 
