@@ -65,3 +65,16 @@ def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it()
     top_deg = hidden_top_deg(loudest, loud, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
     assert -32.5 < top_deg < -30.5
+
+
+def test_a_narrow_top_may_be_missed_between_two_shoulders():
+    """The near field of an element without a lens: a peak of 3° stands on a curve of 16°, in a gap of 6.5°."""
+    seen = [(9.3, 7.0), (13.7, 8.3), (16.7, 12.1), (23.2, 15.0), (26.5, 11.4), (29.9, 6.0)]
+    loudest, wide = source(-25.0, 77.0), source(21.0, 16.0, samples=seen)
+    measured_deg = [angle_deg for angle_deg, _ in seen]
+    top_deg = hidden_top_deg(loudest, wide, measured_deg, limits=PAPER_RANGE)
+    assert top_deg is not None
+    assert 18.0 < top_deg < 22.0
+    # A sample in the gap that is no higher than its neighbours leaves no room.
+    measured = source(21.0, 16.0, samples=[*seen, (20.0, 14.5)])
+    assert hidden_top_deg(loudest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None

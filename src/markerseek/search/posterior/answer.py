@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -112,7 +113,7 @@ def hidden_top_deg(
 ) -> float | None:
     """Return an angle at which a narrow top of another source may have been missed, in degrees; None without one.
 
-    Its strong samples may lie on the flank of a narrow curve, or on a shoulder of it, and its top in the gap beside
+    Its strong samples may lie on the flank of a narrow curve, or on the shoulders of it, and its top in a gap beside
     them. The curve posited there is as narrow as any, no weaker than `RIVAL_DB` below the loudest, and no stronger at
     either end of the gap than what was measured of the source there.
 
@@ -128,20 +129,19 @@ def hidden_top_deg(
     strongest = max(sample.reading.intensity for sample in other.samples)
     strong = [sample for sample in other.samples if sample.reading.intensity >= SHOULDER_SHARE * strongest]
     log_least = first.loudness - RIVAL_DB * math.log(10) / 20
-    for side, end_deg in ((1, limits.high_deg), (-1, limits.low_deg)):
-        outermost = max(strong, key=lambda sample: side * sample.angle_deg)
-        edge_deg = outermost.angle_deg
-        beyond = [each for each in measured_deg if side * (each - edge_deg) > 0]
-        beside_deg = min(beyond, key=lambda each: abs(each - edge_deg), default=end_deg)
-        gap_deg = abs(beside_deg - edge_deg)
+    ends_deg = {1: limits.high_deg, -1: limits.low_deg}
+    for edge, side in product(sorted(strong, key=lambda sample: -sample.reading.intensity), ends_deg):
+        beyond = [each for each in measured_deg if side * (each - edge.angle_deg) > 0]
+        beside_deg = min(beyond, key=lambda each: abs(each - edge.angle_deg), default=ends_deg[side])
+        gap_deg = abs(beside_deg - edge.angle_deg)
         away_deg = np.linspace(0.0, gap_deg, GAP_ANGLES)
-        highest = np.log(outermost.reading.intensity) - _narrow(away_deg)
+        highest = np.log(edge.reading.intensity) - _narrow(away_deg)
         for there in other.samples:
             if there.angle_deg == beside_deg and there.reading.intensity > 0:
                 highest = np.minimum(highest, np.log(there.reading.intensity) - _narrow(gap_deg - away_deg))
         hidden = away_deg[highest - math.log(other.posterior.sigma) > log_least]
         if hidden.size:
-            angle_deg = edge_deg + side * float(hidden.mean())
+            angle_deg = edge.angle_deg + side * float(hidden.mean())
             # Beside a sample nothing is hidden, however loud.
             if min(abs(angle_deg - each) for each in measured_deg) > BESIDE_DEG / 2:
                 return angle_deg
