@@ -27,8 +27,9 @@ def signals_of(samples, preset=BPL):
     return band_pass(samples, taps, blanked=preset.pickup_samples)
 
 
-def coherence(samples, *, preset=BPL, lateral_m=4e-3, depth_m=0.04, sigma=0.0):
-    return focused_coherence(signals_of(samples, preset), preset, lateral_m=lateral_m, depth_m=depth_m, sigma=sigma)
+def coherence(samples, *, preset=BPL, lateral_m=4e-3, depth_m=0.04, intensity=1e4, sigma=0.0):
+    signals = signals_of(samples, preset)
+    return focused_coherence(signals, preset, lateral_m=lateral_m, depth_m=depth_m, intensity=intensity, sigma=sigma)
 
 
 def point(lateral_m, depth_m, *, share=1000.0, preset=BPL):
@@ -62,6 +63,11 @@ def test_noise_is_left_out():
     noise = rng.normal(0, WHITE, point(4e-3, 0.04).shape)
     sigma = float(np.std(signals_of(counts(noise))[400:1600, PAD : PAD + 128]))
     assert coherence(counts(point(4e-3, 0.04, share=40.0) + noise), sigma=sigma) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_weak_peak_has_none():
+    """Noise would decide it."""
+    assert coherence(counts(point(4e-3, 0.04)), intensity=30.0, sigma=3.0) is None
 
 
 def test_channels_with_random_signs_are_not_in_phase():

@@ -22,6 +22,9 @@ from markerseek.signals.beamform import half_aperture_m, path_delay
 from markerseek.signals.features import LEAST_CHANNELS
 from markerseek.signals.presets import ProbePreset
 
+LEAST_SNR = 12.0
+"""Envelope over the noise from which the coherence at the best focus is computed: below, noise decides it."""
+
 WINDOW_S = 1e-6
 """Half the time over which the sound counts, in seconds: 1.5 mm of path."""
 
@@ -41,19 +44,22 @@ def focused_coherence(
     *,
     lateral_m: float,
     depth_m: float,
+    intensity: float,
     sigma: float,
-) -> float:
-    """Share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1.
+) -> float | None:
+    """Share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1; None of a weak peak.
 
     Parameters
     ----------
     signals, preset
         Filtered channels, and the probe.
-    lateral_m, depth_m
-        Where the peak is, in metres.
+    lateral_m, depth_m, intensity
+        Where the peak is, in metres, and its envelope.
     sigma
         Standard deviation of the beamformed signal where there is no source.
     """
+    if intensity < LEAST_SNR * sigma:
+        return None
     half = 2 * round(WINDOW_S * preset.sampling_hz / 2)
     aperture_m = float(half_aperture_m(preset, np.array([depth_m]), at_least=LEAST_CHANNELS / 2)[0])
     per_metre, origin = path_delay(preset)

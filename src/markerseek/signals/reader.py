@@ -118,7 +118,12 @@ class ImageReader:
             cells=chain.layout.cells,
             coherence=peak.coherence,
             focused_coherence=focused_coherence(
-                chain.signals, self.preset, lateral_m=peak.lateral_m, depth_m=peak.depth_m, sigma=chain.sigma
+                chain.signals,
+                self.preset,
+                lateral_m=peak.lateral_m,
+                depth_m=peak.depth_m,
+                intensity=peak.intensity,
+                sigma=chain.sigma,
             ),
             saturated_fraction=len(touching) / max(1, channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),

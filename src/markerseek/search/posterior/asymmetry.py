@@ -43,9 +43,6 @@ USUAL_RADIUS_M = 55e-3
 FACE_RADIUS_M = 10e-3
 """Distance of the array's face from the axis in metres, the middle of the physics table."""
 
-LEAST_SNR = 12.0
-"""Intensity over σ from which the coherence of a sample counts."""
-
 POINT_COHERENCE, POINT_SIGMA, NOISE_SIGMA = 0.997, 0.005, 0.5
 """Coherence of a point at its best focus, standard deviation from point to point, and that by noise times the SNR: of
 120 simulated points with all that is unknown drawn."""
@@ -70,7 +67,7 @@ def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> tuple[float, float
     known = [
         (sample.reading.focused_coherence, math.hypot(POINT_SIGMA, NOISE_SIGMA * sigma / sample.reading.intensity))
         for sample in lit
-        if sample.reading.focused_coherence is not None and sample.reading.intensity >= LEAST_SNR * sigma
+        if sample.reading.focused_coherence is not None
     ]
     if not known:
         return None
