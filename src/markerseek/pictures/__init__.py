@@ -2,11 +2,8 @@
 
 from markerseek.pictures.bank_picture import bank_figure
 from markerseek.pictures.comparison_picture import ComparedSearch, comparison_figure
-from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
-from markerseek.pictures.frame_picture import frame_figure
-from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
-from markerseek.pictures.overlay_picture import overlay_figure
-from markerseek.pictures.page import write_from_template, write_page
+from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg, write_page, written
+from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
@@ -36,6 +33,6 @@ __all__ = [
     "shared_legend",
     "tip_figure",
     "track_figure",
-    "write_from_template",
     "write_page",
+    "written",
 ]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from markerseek.core import PaImage
-from markerseek.pictures.image_panel import draw_image
+from markerseek.pictures.images import draw_image
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def bank_figure(
     axes.set_xlim(angles_deg[0], angles_deg[-1])
     if image is not None:
         panel = figure.add_subplot(grid[0, 1])
-        draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+        draw_image(panel, image)
         panel.set_title(f"photoacoustic image at {max_deg:.2f}°", fontsize=9)
     shared_legend(figure, columns=4)
     return figure

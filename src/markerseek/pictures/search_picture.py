@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import BModeImage, Float64, Found, Interval, PaImage, Sample
-from markerseek.pictures.image_panel import draw_image, draw_overlay
+from markerseek.pictures.images import draw_image, draw_overlay
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def search_figure(
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
         if b_mode is None:
-            draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+            draw_image(panel, image)
         else:
             draw_overlay(panel, b_mode, image)
         last = confirmation or samples[-1]

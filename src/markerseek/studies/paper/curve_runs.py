@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, TypeAlias, TypeVar
+from itertools import islice
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -96,11 +97,10 @@ def study_of(
     seed: int,
     trials: int,
     sweeps: tuple[int, ...],
-    level: Literal["curves", "frames"] = "curves",
     marker_deg: float | None = None,
     early: bool = False,
 ) -> Study:
-    """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, under one condition.
+    """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, on the curves of one condition.
 
     Parameters
     ----------
@@ -110,8 +110,6 @@ def study_of(
         Seed and number of markers.
     sweeps
         Acquisitions of the full scans of WA.
-    level
-        From curves, or from frames of channel data.
     marker_deg
         Angle of the marker in degrees; None draws it for each trial.
     early
@@ -131,14 +129,13 @@ def study_of(
         ),
         seed=seed,
         trials=trials,
-        level=level,
         stay=True,
         rig=replace(settings, marker=replace(settings.marker, angle_deg=marker_deg)),
     )
 
 
-TrialsOf: TypeAlias = tuple[Study, range]
-"""Some trials of the first cell of a study."""
+TrialOf: TypeAlias = tuple[Study, int]
+"""A trial of the first cell of a study."""
 
 MarkerErrors: TypeAlias = dict[tuple[PaperMethod, int], float]
 """Absolute errors of one marker in degrees, by method and number of acquisitions."""
@@ -148,7 +145,7 @@ Done = TypeVar("Done")
 
 
 def over_trials(
-    function: Callable[[TrialsOf], list[Done]],
+    function: Callable[[TrialOf], Done],
     studies: Sequence[Study],
     options: RunOptions,
     *,
@@ -160,7 +157,7 @@ def over_trials(
     Parameters
     ----------
     function
-        `errors_of_trials` or `posterior_of_trials`.
+        `errors_of_trial` or `posterior_of_trial`.
     studies
         Of `study_of`.
     options
@@ -168,51 +165,16 @@ def over_trials(
     stage
         What is done, in words.
     part
-        Trials of one job.
+        Trials that a process is given at once.
     """
-    parts = [
-        [(study, range(study.trials)[first : first + part]) for first in range(0, study.trials, part)]
-        for study in studies
-    ]
-    results = iter(options.each(function, [trials for of_study in parts for trials in of_study], stage=stage))
-    return [[of_trial for _ in of_study for of_trial in next(results)] for of_study in parts]
+    trials = [(study, trial) for study in studies for trial in range(study.trials)]
+    results = iter(options.each(function, trials, stage=stage, part=part))
+    return [list(islice(results, study.trials)) for study in studies]
 
 
-def errors_of_trials(part: TrialsOf) -> list[MarkerErrors]:
-    """Errors of each of these trials, with all methods of the study.
-
-    Parameters
-    ----------
-    part
-        The study and the numbers of the trials.
-    """
-    study, trials = part
-    return [_errors(study, trial) for trial in trials]
-
-
-def posterior_of_trials(part: TrialsOf) -> list[dict[int, Answer]]:
-    """Answers of the posterior for each of these trials, by number of acquisitions.
-
-    Parameters
-    ----------
-    part
-        The study, of which only markers and rigs are used, and the numbers of the trials.
-    """
-    study, trials = part
-    cell = cells(study)[0]
-    answers = []
-    for trial in trials:
-        draw = draw_trial(study, cell, trial)
-        rig = study_rig(study, cell, draw)
-        policy = posterior(
-            limits=rig.limits.search, acquisitions=max(BRACKET_ACQUISITIONS), start_deg=rig.stage.angle_deg
-        )
-        found = searched(policy, rig.scanner, dark_frames=rig.dark_frames, counts=BRACKET_ACQUISITIONS)
-        answers.append({n: Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()})
-    return answers
-
-
-def _errors(study: Study, trial: int) -> MarkerErrors:
+def errors_of_trial(trial_of: TrialOf) -> MarkerErrors:
+    """Errors of a trial, with all methods of the study."""
+    study, trial = trial_of
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
     names = {BUILT[name]: name for name in PAPER_METHODS}
@@ -232,6 +194,17 @@ def _errors(study: Study, trial: int) -> MarkerErrors:
             answers = searched(policy, rig.scanner, counts=BRACKET_ACQUISITIONS).answers
         errors |= {(name, n): abs(each.mean_deg - draw.marker_deg) for n, each in answers.items()}
     return errors
+
+
+def posterior_of_trial(trial_of: TrialOf) -> dict[int, Answer]:
+    """Answers of the posterior for the marker of a trial, by number of acquisitions."""
+    study, trial = trial_of
+    cell = cells(study)[0]
+    draw = draw_trial(study, cell, trial)
+    rig = study_rig(study, cell, draw)
+    policy = posterior(limits=rig.limits.search, acquisitions=max(BRACKET_ACQUISITIONS), start_deg=rig.stage.angle_deg)
+    found = searched(policy, rig.scanner, dark_frames=rig.dark_frames, counts=BRACKET_ACQUISITIONS)
+    return {n: Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()}
 
 
 def _is_full_scan(settings: PolicySettings) -> bool:

@@ -232,23 +232,19 @@ def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
     options
         What may be used.
     """
-    parts = [tuple(runs[first : first + _PART]) for first in range(0, len(runs), _PART)]
-    return [outcome for part in options.each(_outcomes, parts, stage="failures") for outcome in part]
+    of_runs = options.each(_outcomes, runs, stage="failures", part=_PART)
+    return [outcome for of_run in of_runs for outcome in of_run]
 
 
-def _outcomes(runs: tuple[FaultRun, ...]) -> list[Outcome]:
+def _outcomes(run: FaultRun) -> list[Outcome]:
     outcomes = []
-    for run in runs:
-        # The last place of the marker: a search is used after it has ended.
-        truth_deg = run.marker_deg + CASES[run.case].shift_deg
-        for rules in run.rules:
-            for method in run.methods or METHODS[rules]:
-                if rules == "ours" or method == "posterior":
-                    angle_deg = _guarded(run, method)
-                else:
-                    angle_deg = _unguarded(run, method)
-                error_deg = None if angle_deg is None else angle_deg - truth_deg
-                outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
+    # The last place of the marker: a search is used after it has ended.
+    truth_deg = run.marker_deg + CASES[run.case].shift_deg
+    for rules in run.rules:
+        for method in run.methods or METHODS[rules]:
+            angle_deg = _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
+            error_deg = None if angle_deg is None else angle_deg - truth_deg
+            outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
     return outcomes
 
 

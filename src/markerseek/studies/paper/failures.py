@@ -29,13 +29,7 @@ RUNS, FRAMED_RUNS = 120, 30
 
 
 def failures(options: RunOptions) -> Section:
-    """Table of failures: share of runs with an error above 4.33°, and share that claim no angle.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Table of failures: share of runs with an error above 4.33°, and share that claim no angle."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 9])))
     runs = []
     for name, case in CASES.items():
@@ -67,42 +61,31 @@ def failures(options: RunOptions) -> Section:
 
 
 def _table(outcomes: Sequence[Outcome]) -> Table:
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     for case, rules, method in dict.fromkeys((each.case, each.rules, each.method) for each in outcomes):
         here = [o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, method)]
         errors = [o.error_deg for o in here if o.error_deg is not None]
         off, close = share_off(here), share_off(here, limit_deg=CLOSE_DEG)
+        low, high = off.interval95 or (None, None)
         rows.append(
-            (
-                CASES[case].words,
-                method,
-                rules,
-                len(here),
-                off.share,
-                *(off.interval95 or (None, None)),
-                close.share,
-                (close.interval95 or (None, None))[1],
-                1 - len(errors) / len(here),
-                float(np.mean(errors)) if errors else None,
-            )
+            {
+                "fault": CASES[case].words,
+                "method": method,
+                "rules": rules,
+                "runs": len(here),
+                "off": off.share,
+                "low95": low,
+                "high95": high,
+                "off_by_1_deg": close.share,
+                "off_by_1_deg_high95": (close.interval95 or (None, None))[1],
+                "no_angle": 1 - len(errors) / len(here),
+                "mean_signed_error_deg": float(np.mean(errors)) if errors else None,
+            }
         )
     return Table(
         name="failures",
         caption="Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share off by "
         "more than 1° with its upper limit, share that claim no angle, and mean of the signed error",
-        columns=(
-            "fault",
-            "method",
-            "rules",
-            "runs",
-            "off",
-            "low95",
-            "high95",
-            "off_by_1_deg",
-            "off_by_1_deg_high95",
-            "no_angle",
-            "mean_signed_error_deg",
-        ),
         rows=tuple(rows),
     )
 

@@ -16,7 +16,7 @@ from markerseek.pictures import TipImage, tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Comparison, Picture, Section, Table
+from markerseek.studies.paper.section import Comparison, Section, Table
 from markerseek.studies.statistics import Moments
 from markerseek.vision import SensitiveRange, sensitive_range
 
@@ -61,13 +61,7 @@ class _Series:
 
 
 def fig9(options: RunOptions) -> Section:
-    """Fig. 9: sensitive range of the tip at three positions.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Fig. 9: sensitive range of the tip at three positions."""
     # A reduced report has the size assumed beforehand only.
     sizes_m = SIZES_M if options.share > 0.2 else _SHOWN[:1]
     jobs = [
@@ -96,13 +90,8 @@ def fig9(options: RunOptions) -> Section:
         ),
         comparisons=tuple(_comparison(series, tip_m, tip_db) for tip_m in sizes_m for tip_db in LEVELS_DB),
         tables=(_range_table(series), _curve_table(shown)),
-        pictures=(
-            Picture(
-                name="fig9",
-                alt="Strip of simulated B-mode images with the tip circled, and its grey value over the angle",
-                draw=partial(_draw, shown[len(PLACES_M) // 2]),
-            ),
-        ),
+        draw=partial(_draw, shown[len(PLACES_M) // 2]),
+        alt="Strip of simulated B-mode images with the tip circled, and its grey value over the angle",
         remarks=_remarks(series),
     )
 
@@ -153,16 +142,15 @@ def _range_table(series: Sequence[_Series]) -> Table:
     return Table(
         name="fig9_ranges",
         caption="Half of the sensitive range at each position",
-        columns=("tip_mm", "tip_over_tissue_db", "x_mm", "half_range_deg", "full_range_deg", "at_least"),
         rows=tuple(
-            (
-                1e3 * each.job.tip_m,
-                each.job.tip_db,
-                1e3 * PLACES_M[each.job.place],
-                each.found.half_deg,
-                each.found.full_deg,
-                "yes" if each.found.open_above else "no",
-            )
+            {
+                "tip_mm": 1e3 * each.job.tip_m,
+                "tip_over_tissue_db": each.job.tip_db,
+                "x_mm": 1e3 * PLACES_M[each.job.place],
+                "half_range_deg": each.found.half_deg,
+                "full_range_deg": each.found.full_deg,
+                "at_least": "yes" if each.found.open_above else "no",
+            }
             for each in series
         ),
     )
@@ -172,16 +160,15 @@ def _curve_table(shown: Sequence[_Series]) -> Table:
     return Table(
         name="fig9",
         caption="Grey value of the tip over the angle from the reference",
-        columns=("x_mm", "angle_deg", "grey_value", "must_exceed", "region_px", "seen"),
         rows=tuple(
-            (
-                1e3 * PLACES_M[each.job.place],
-                frame.angle_deg,
-                frame.tip.intensity,
-                frame.tip.level,
-                frame.tip.area_px,
-                "yes" if frame.tip.visible else "no",
-            )
+            {
+                "x_mm": 1e3 * PLACES_M[each.job.place],
+                "angle_deg": frame.angle_deg,
+                "grey_value": frame.tip.intensity,
+                "must_exceed": frame.tip.level,
+                "region_px": frame.tip.area_px,
+                "seen": "yes" if frame.tip.visible else "no",
+            }
             for each in shown
             for frame in each.found.frames
             if frame.tip is not None

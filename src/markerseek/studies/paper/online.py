@@ -6,7 +6,7 @@ data. The probe begins at −35°, and a search ends with a move to the angle fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -30,18 +30,7 @@ from markerseek.studies.paper.methods import (
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
-from markerseek.studies.paper.section import (
-    ERROR_COLUMNS,
-    Answer,
-    Cell,
-    Comparison,
-    Section,
-    Table,
-    compared,
-    errors_of,
-    summary_of,
-    table_of,
-)
+from markerseek.studies.paper.section import Answer, Cell, Comparison, Section, Table, compared, errors_of, summary_of
 
 REPEATS = 4
 """Times that the nine positions are visited, each time with another grid, other spots and other noise."""
@@ -217,21 +206,15 @@ def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
 
 
 def table2(searches: Sequence[OnlineSearch]) -> Section:
-    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions.
-
-    Parameters
-    ----------
-    searches
-        Of `online_searches`.
-    """
+    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     for level_db in levels_of(searches):
         for name in _ORDER:
             found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
             errors = summary_of(search.table_answer for search in found)
             counts = errors_of(float(search.table_acquisitions) for search in found)
-            rows.append((name, level_db, counts.mean_deg, *errors.cells))
+            rows.append({"method": name, "peak_snr_db": level_db, "acquisitions": counts.mean_deg, **errors.cells})
             condition = f"{level_db:g} dB"
             is_ours = name in get_args(Ours)
             number = OwnNumber(quantity=f"{name} (ours) online, mean error") if is_ours else f"table2/{name}"
@@ -256,28 +239,28 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
         method=(*METHOD, _FORMS),
         comparisons=tuple(comparisons),
         tables=(
+            Table(name="table2", caption="Errors of the online searches", rows=tuple(rows)),
             Table(
-                name="table2",
-                caption="Errors of the online searches",
-                columns=("method", "peak_snr_db", "acquisitions", *ERROR_COLUMNS),
-                rows=tuple(rows),
+                name="table2_searches",
+                caption="Every online search",
+                rows=tuple(
+                    {
+                        "method": each.method,
+                        "peak_snr_db": each.peak_snr_db,
+                        "repeat": each.repeat,
+                        "position": each.position,
+                        "truth_deg": each.truth_deg,
+                        "acquisitions": each.table_acquisitions,
+                        "answer_deg": each.answers_deg[each.table_acquisitions],
+                        "error_deg": each.error_deg(each.table_acquisitions),
+                        "travel_of_whole_run_deg": each.travel_deg,
+                        "elapsed_s": each.elapsed_s,
+                        "acquiring_s": each.acquiring_s,
+                        "claimed": "yes" if each.claimed else "no",
+                    }
+                    for each in searches
+                ),
+                shown=False,
             ),
-            table_of(searches, _SEARCH_CELLS, name="table2_searches", caption="Every online search", shown=False),
         ),
     )
-
-
-_SEARCH_CELLS: dict[str, Callable[[OnlineSearch], Cell]] = {
-    "method": lambda each: each.method,
-    "peak_snr_db": lambda each: each.peak_snr_db,
-    "repeat": lambda each: each.repeat,
-    "position": lambda each: each.position,
-    "truth_deg": lambda each: each.truth_deg,
-    "acquisitions": lambda each: each.table_acquisitions,
-    "answer_deg": lambda each: each.answers_deg[each.table_acquisitions],
-    "error_deg": lambda each: each.error_deg(each.table_acquisitions),
-    "travel_of_whole_run_deg": lambda each: each.travel_deg,
-    "elapsed_s": lambda each: each.elapsed_s,
-    "acquiring_s": lambda each: each.acquiring_s,
-    "claimed": lambda each: "yes" if each.claimed else "no",
-}
