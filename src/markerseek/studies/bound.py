@@ -18,7 +18,7 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Estimate, Policy, Sample
+from markerseek.core import ConfigError, Estimate, Interval, Policy, Sample
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
@@ -28,12 +28,11 @@ from markerseek.search.bounds import (
     best_angles,
     sample_information,
 )
-from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import build_policy
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns
-from markerseek.studies.window import noise_free
-from markerseek.studies.worlds import draw_trial, marker_window, study_rig
+from markerseek.studies.window import noise_free, window_of
+from markerseek.studies.worlds import draw_trial, study_rig
 
 _OFF_DEG = np.concatenate(
     [np.arange(0, 6, 0.25), np.arange(6, 14, 0.5), np.arange(14, 30, 1.0), np.arange(30, 70.1, 5.0)]
@@ -99,17 +98,17 @@ class _Recorded:
 
 
 @lru_cache(maxsize=1024)
-def marker_curve(unknowns: Unknowns, settings: SimulatedSettings) -> SampledCurve:
+def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
     """Noise-free curve of a drawn marker.
 
     Parameters
     ----------
     unknowns
         The rig and the marker.
-    settings
-        The settings that are not drawn.
+    travel
+        Angles that the probe can have.
     """
-    window = marker_window(unknowns, settings)
+    window = window_of(unknowns, travel)
     heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
     # Behind the plane of the face there is no signal, and the bound takes the logarithm of the curve.
     return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
@@ -214,7 +213,7 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         snr=10 ** (rig.noise.peak_snr_db / 20),
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
-    return unknowns, noise, marker_curve(unknowns, rig)
+    return unknowns, noise, marker_curve(unknowns, rig.limits.travel)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:

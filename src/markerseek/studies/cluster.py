@@ -8,8 +8,8 @@ from concurrent.futures import CancelledError
 from functools import partial
 
 from markerseek.core import ConfigError, MarkerseekError, MissingExtraError
-from markerseek.studies.chunks import Chunk, run_chunk
 from markerseek.studies.study import Study
+from markerseek.studies.table import run_chunk
 from markerseek.studies.workers import as_ready
 
 _AHEAD = 3
@@ -18,7 +18,7 @@ _AHEAD = 3
 _TIMEOUT_S = 20
 
 
-def on_cluster(study: Study, pieces: Iterable[Chunk], *, address: str) -> Iterator[tuple[int, bytes]]:
+def on_cluster(study: Study, pieces: Iterable[range], *, address: str) -> Iterator[tuple[int, bytes]]:
     """Index and lines of each chunk, as it is ready; closing the iterator cancels the rest.
 
     Parameters

@@ -1,13 +1,18 @@
-"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own."""
+"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own.
+
+A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
+``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
+that it must be installed or lie in a folder of PYTHONPATH.
+"""
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import MOST_ACQUISITIONS, PAPER_RANGE, ConfigError, Interval, Policy
-from markerseek.search import METHODS, Method, build, method_named
-from markerseek.studies.own_policy import build_own, is_own
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerseekError, Policy
+from markerseek.search import METHODS, Method, build, check_acquisitions, method_named
 
 
 def method_of(name: str) -> Method:
@@ -35,7 +40,7 @@ class PolicySettings:
     Attributes
     ----------
     method
-        Name of the method, or ``module:name`` of a user's own policy (`markerseek.studies.own_policy`).
+        Name of the method, or ``module:name`` of a user's own policy.
     acquisitions
         Most acquisitions; None: the method's own. Required for a user's own policy.
     as_published
@@ -60,12 +65,8 @@ class PolicySettings:
             self._require_own()
             return
         least = method_of(self.method).least
-        if self.acquisitions is not None and not self.acquisitions >= least:
-            raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
-        if self.acquisitions is not None and self.acquisitions > MOST_ACQUISITIONS:
-            raise ConfigError(
-                f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
-            )
+        if self.acquisitions is not None:
+            check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.single and self.method != "posterior":
             raise ConfigError(
                 f"{self.method}: single is set, but only the posterior looks for other sources; leave it out"
@@ -75,12 +76,11 @@ class PolicySettings:
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
-        number = self.acquisitions
-        if number is None or not 1 <= number <= MOST_ACQUISITIONS:
+        if self.acquisitions is None:
             raise ConfigError(
-                f"{self.method}: acquisitions is {number}, a policy of your own needs the number of its acquisitions, "
-                f"from 1 to {MOST_ACQUISITIONS}"
+                f"{self.method}: acquisitions is None, a policy of your own needs the number of them; give it"
             )
+        number = check_acquisitions(self.acquisitions, least=1, method=self.method)
         for name, value, usual in (("early_end", self.early_end, True), ("cues", self.cues, None)):
             if value != usual:
                 raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
@@ -146,3 +146,53 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         cues=settings.cues,
         single=settings.single,
     )
+
+
+def is_own(method: str) -> bool:
+    """Whether a method is named as a user's own, ``module:name``."""
+    return ":" in method
+
+
+def build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
+    """Return a user's own policy.
+
+    Parameters
+    ----------
+    method
+        Its name, ``module:name``.
+    limits, acquisitions
+        Range to search, and most acquisitions.
+
+    Raises
+    ------
+    ConfigError
+        If the module cannot be imported, has no such name, or does not make a policy.
+    """
+    module, _, name = method.partition(":")
+    try:
+        maker = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as problem:
+        raise ConfigError(
+            f"{method}: {problem}; install it, or name its folder: PYTHONPATH=FOLDER markerseek study STUDY.toml"
+        ) from problem
+    except AttributeError as problem:
+        raise ConfigError(f"{method}: {problem}; name a class or a function of that module") from problem
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except Exception as problem:
+        raise ConfigError(f"{method}: importing it failed: {described(problem)}") from problem
+    try:
+        policy = maker(limits=limits, acquisitions=acquisitions)
+    except MarkerseekError:
+        raise
+    except Exception as problem:
+        raise ConfigError(
+            f"{method}: calling it with limits and acquisitions failed: {described(problem)}"
+        ) from problem
+    if not isinstance(policy, Policy):
+        raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
+    return policy
+
+
+def described(problem: Exception) -> str:
+    """An error as its class and message in one line."""
+    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"

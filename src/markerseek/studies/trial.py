@@ -24,8 +24,7 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.scan import run
-from markerseek.studies.own_policy import described, is_own
-from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.policies import PolicySettings, build_policy, described, is_own
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.worlds import draw_trial, study_rig

@@ -22,7 +22,7 @@ import numpy as np
 from markerseek.acoustics import Noise
 from markerseek.core import Arrival, ConfigError, Float32, Frame, FrameHeader, LocalMaxima, Reading, ReadingFrame
 from markerseek.signals import FALSE_FOUND, LEAST_CHANNELS, beamformed_sigma, found_level
-from markerseek.sim import Flash, flash_of, largest_noise
+from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise
 from markerseek.studies.window import Window, frame_of
 
 FLOOR_SCATTER = 0.01
@@ -78,35 +78,20 @@ class WindowWorld:
     ----------
     window
         The window of the marker.
-    present
-        Whether there is a marker.
-    peak_snr_db
-        Peak SNR of the physics notes, in dB.
-    energy_jitter
-        Standard deviation of a pulse's energy over its mean.
-    start_deg
-        Where the probe points at first, in degrees.
+    settings
+        Noise, laser, start, and whether there is a marker; the rest is in the window.
     rng
         Source of randomness.
     """
 
-    def __init__(
-        self,
-        window: Window,
-        *,
-        present: bool,
-        peak_snr_db: float,
-        energy_jitter: float,
-        start_deg: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.angle_deg = start_deg
+    def __init__(self, window: Window, settings: SimulatedSettings, *, rng: np.random.Generator) -> None:
+        self.angle_deg = settings.start_deg
         self.flashes: list[Flash] = []
         self._window = window
-        self._present = present
-        self._energy_jitter = energy_jitter
+        self._present = settings.marker.present
+        self._energy_jitter = settings.laser.energy_jitter
         self._rng = rng
-        sigma = window.peak / 10 ** (peak_snr_db / 20)
+        sigma = window.peak / 10 ** (settings.noise.peak_snr_db / 20)
         # Peak SNR is defined in the image; the noise is added to the channels.
         white_sigma = sigma / beamformed_sigma(1.0, preset=window.reader.preset)
         # Noise and marker alike, so that the SNR stays: strong noise would not fit into 16 bits.
