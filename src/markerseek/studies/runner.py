@@ -22,11 +22,10 @@ import msgspec
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import MIB, read_input
-from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
 from markerseek.studies.table import as_csv, chunks, columns, read_rows, run_chunk, write_whole
-from markerseek.studies.workers import default_workers, on_processes
+from markerseek.studies.workers import default_workers, on_cluster, on_processes
 
 ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
 """Names in a study's folder."""
@@ -148,7 +147,7 @@ def _run_chunks(
     left = [trials for trials in chunks(study) if not _part(parts, trials).exists()]
     done = study.rows - sum(map(len, left)) * len(study.policies)
     if scheduler is not None:
-        computed: Iterator[tuple[int, bytes]] = on_cluster(study, left, address=scheduler)
+        computed: Iterator[tuple[int, bytes]] = on_cluster(run_chunk, study, left, address=scheduler)
     else:
         count = default_workers() if workers is None else workers
         computed = on_processes(partial(run_chunk, study), left, workers=count)

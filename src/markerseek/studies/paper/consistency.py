@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.pictures import new_figure, put_heading
+from markerseek.pictures import new_figure
 from markerseek.studies.paper.banks import grid
 from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_trial, fwhm_deg, study_of
 from markerseek.studies.paper.fig5 import FITTED
@@ -284,8 +284,11 @@ def _draw(combinations: Sequence[Combination]) -> Figure:
     levels = list(dict.fromkeys(each.condition.peak_snr_db for each in combinations))
     cells = {(each.condition.source_radius_m, each.condition.peak_snr_db): each for each in combinations}
     wide_in, high_in = 0.62 * len(radii) + 1.2, 0.42 * len(levels) + 1.0
-    figure = new_figure(width_in=2 * wide_in, height_in=2 * high_in + 0.5)
-    put_heading(figure, "Numbers of the paper that a curve width and a noise are consistent with")
+    figure = new_figure(
+        width_in=2 * wide_in,
+        height_in=2 * high_in + 0.5,
+        heading="Numbers of the paper that a curve width and a noise are consistent with",
+    )
     for axes, family in zip(figure.subplots(2, 2).flat, (*FAMILIES, None), strict=True):
         counts = np.array([[cells[radius, level].share(family)[0] for radius in radii] for level in levels])
         every = combinations[0].share(family)[1]

@@ -18,9 +18,17 @@ from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import Condition
-from markerseek.studies.paper.methods import ALL_METHODS, BUILT, PAPER_METHODS, AnyMethod, PaperMethod, searched
+from markerseek.studies.paper.methods import (
+    ALL_METHODS,
+    BUILT,
+    PAPER_METHODS,
+    AnyMethod,
+    PaperMethod,
+    searched,
+    unguarded_acquisition,
+    unguarded_answer,
+)
 from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.unguarded_rules import unguarded_acquisition, unguarded_answer
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.worlds import intensity_curve
 
