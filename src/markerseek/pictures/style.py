@@ -52,9 +52,9 @@ def new_figure(*, width_in: float, height_in: float, heading: str | None = None,
     return figure
 
 
-def put_title(axes: Axes, text: str, *, width_in: float, fontsize: float = 9.0) -> None:
+def put_title(axes: Axes, text: str, *, width_in: float) -> None:
     """Write the title of one panel, wrapped to a width in inches."""
-    axes.set_title(_wrapped(text, width_in=width_in, fontsize=fontsize), fontsize=fontsize, parse_math=False)
+    axes.set_title(_wrapped(text, width_in=width_in, fontsize=9.0), fontsize=9.0, parse_math=False)
 
 
 def _wrapped(text: str, *, width_in: float, fontsize: float) -> str:

@@ -114,9 +114,7 @@ def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
     return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
 
 
-def compare_with_bound(
-    study: Study, cell: Cell, *, policy: int, markers: int, acquisitions: int | None = None
-) -> BoundComparison:
+def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
     """Repeat the searches for the first markers of a study, and compare the errors with the bound of each.
 
     Parameters
@@ -127,8 +125,6 @@ def compare_with_bound(
         Number of the policy.
     markers
         Number of trials.
-    acquisitions
-        Angles of the bound; None: as many as the policy makes at most.
 
     Raises
     ------
@@ -136,7 +132,6 @@ def compare_with_bound(
         If the study does not draw everything, so that its markers have no curve of their own.
     """
     settings, limits = study.policies[policy], cell.world.rig.limits.search
-    count = settings.most if acquisitions is None else acquisitions
     errors, best, taken, times = [], [], [], []
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
@@ -149,7 +144,7 @@ def compare_with_bound(
         errors.append(recorded.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.
         ideal = best_angles(
-            curve, marker_deg=marker_deg, noise=noise, acquisitions=count, limits=limits, prior=TABLE_PRIOR
+            curve, marker_deg=marker_deg, noise=noise, acquisitions=settings.most, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
         angles_deg = np.array(recorded.angles_deg)
@@ -163,7 +158,7 @@ def compare_with_bound(
         policy=policy,
         label=str(settings),
         markers=markers,
-        acquisitions=count,
+        acquisitions=settings.most,
         rmse_deg=rmse_deg,
         median_error_deg=float(np.median(magnitude)),
         best_deg=best_deg,

@@ -61,7 +61,7 @@ def row(words: str, observable: bool | None, method: AnyMethod, outcomes: Sequen
 def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:
     """Runs of some methods with our rules; each case has a seed of its own, so that any of them can be made alone."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 10, list(CASES).index(name)])))
-    return draw_runs(name, count, rng, rules=("ours",), methods=methods)
+    return draw_runs(name, count, rng, searches=tuple(("ours", method) for method in methods))
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from markerseek.core import Float64
 from markerseek.pictures import new_figure
 from markerseek.studies.paper.banks import grid
-from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_trial, fwhm_deg, study_of
+from markerseek.studies.paper.curve_runs import Condition, MarkerAnswers, answers_of_trial, fwhm_deg, study_of
 from markerseek.studies.paper.fig5 import FITTED
 from markerseek.studies.paper.methods import ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
@@ -135,19 +135,22 @@ def _combinations(
     for level_db in levels_db:
         condition = Condition(source_radius_m=source_radius_m, peak_snr_db=level_db)
         study = study_of(condition, seed=seed, trials=trials, sweeps=SWEEPS)
-        random = [errors_of_trial((study, trial)) for trial in range(trials)]
-        at_positions: list[MarkerErrors] = []
+        random = [answers_of_trial((study, trial)) for trial in range(trials)]
+        at_positions: list[MarkerAnswers] = []
         for marker_deg in positions_deg:
             study = study_of(
                 condition, seed=seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), marker_deg=marker_deg, early=True
             )
-            at_positions.append(errors_of_trial((study, 0)))
+            at_positions.append(answers_of_trial((study, 0)))
         combinations.append(_combination(condition, random, at_positions, rng))
     return combinations
 
 
 def _combination(
-    condition: Condition, random: Sequence[MarkerErrors], at_positions: Sequence[MarkerErrors], rng: np.random.Generator
+    condition: Condition,
+    random: Sequence[MarkerAnswers],
+    at_positions: Sequence[MarkerAnswers],
+    rng: np.random.Generator,
 ) -> Combination:
     ours: dict[str, float] = {}
     consistent: dict[str, bool] = {}
@@ -155,7 +158,8 @@ def _combination(
         # The simulation has random markers; offline and online have the nine positions.
         found = random if check.family == "simulation" else at_positions
         # The number of WA in Fig. 5 is a mean over N; all others have one N.
-        errors = np.array([np.mean([each[check.method, count] for count in check.acquisitions]) for each in found])
+        keys = [(check.method, count) for count in check.acquisitions]
+        errors = np.array([np.mean([each[key].error_deg for key in keys]) for each in found])
         ours[check.key] = float(errors.mean())
         consistent[check.key] = is_consistent(paper_number(check.key).value, errors, searches=check.searches, rng=rng)
     return Combination(condition=condition, ours=ours, consistent=consistent)

@@ -7,11 +7,11 @@ shorter ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,9 +24,7 @@ from markerseek.studies.paper.methods import (
     BRACKETS,
     BUILT,
     ONLINE_STEPS,
-    PAPER_METHODS,
-    PaperMethod,
-    posterior,
+    AnyMethod,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
@@ -137,27 +135,17 @@ def study_of(
 TrialOf: TypeAlias = tuple[Study, int]
 """A trial of the first cell of a study."""
 
-MarkerErrors: TypeAlias = dict[tuple[PaperMethod, int], float]
-"""Absolute errors of one marker in degrees, by method and number of acquisitions."""
-
-
-Done = TypeVar("Done")
+MarkerAnswers: TypeAlias = dict[tuple[AnyMethod, int], Answer]
+"""Answers for one marker, by method and number of acquisitions."""
 
 
 def over_trials(
-    function: Callable[[TrialOf], Done],
-    studies: Sequence[Study],
-    options: RunOptions,
-    *,
-    stage: str,
-    part: int = 20,
-) -> list[list[Done]]:
-    """Results of a function for each trial of each study.
+    studies: Sequence[Study], options: RunOptions, *, stage: str, part: int = 20
+) -> list[list[MarkerAnswers]]:
+    """Answers for the marker of each trial of each study.
 
     Parameters
     ----------
-    function
-        `errors_of_trial` or `posterior_of_trial`.
     studies
         Of `study_of`.
     options
@@ -168,51 +156,43 @@ def over_trials(
         Trials that a process is given at once.
     """
     trials = [(study, trial) for study in studies for trial in range(study.trials)]
-    results = iter(options.each(function, trials, stage=stage, part=part))
+    results = iter(options.each(answers_of_trial, trials, stage=stage, part=part))
     return [list(islice(results, study.trials)) for study in studies]
 
 
-def errors_of_trial(trial_of: TrialOf) -> MarkerErrors:
-    """Errors of a trial, with all methods of the study."""
+def answers_of_trial(trial_of: TrialOf) -> MarkerAnswers:
+    """Answers for the marker of a trial, of all policies of the study."""
     study, trial = trial_of
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
-    names = {BUILT[name]: name for name in PAPER_METHODS}
+    names = {built: name for name, built in BUILT.items()}
     # From frames every search runs in the loop: it is what the curves are compared with.
     at_once = [settings for settings in study.policies if _is_full_scan(settings) and study.level == "curves"]
-    errors = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
+    answers = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
     for settings in study.policies:
         if settings in at_once:
             continue
         name = names[settings.method]
         rig = study_rig(study, cell, draw)
-        policy = build_policy(settings, limits=rig.limits.search, start_deg=None)
-        if name == "WA":
-            # It may end early, and stands under the number that it was given.
-            answers = {settings.most: searched(policy, rig.scanner).finished.estimate}
-        else:
-            answers = searched(policy, rig.scanner, counts=BRACKET_ACQUISITIONS).answers
-        errors |= {(name, n): abs(each.mean_deg - draw.marker_deg) for n, each in answers.items()}
-    return errors
-
-
-def posterior_of_trial(trial_of: TrialOf) -> dict[int, Answer]:
-    """Answers of the posterior for the marker of a trial, by number of acquisitions."""
-    study, trial = trial_of
-    cell = cells(study)[0]
-    draw = draw_trial(study, cell, trial)
-    rig = study_rig(study, cell, draw)
-    policy = posterior(limits=rig.limits.search, acquisitions=max(BRACKET_ACQUISITIONS), start_deg=rig.stage.angle_deg)
-    found = searched(policy, rig.scanner, dark_frames=rig.dark_frames, counts=BRACKET_ACQUISITIONS)
-    return {n: Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()}
+        policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+        found = searched(
+            policy,
+            rig.scanner,
+            dark_frames=0 if settings.as_published else rig.dark_frames,
+            counts=() if name == "WA" else BRACKET_ACQUISITIONS,
+        )
+        # WA may end early, and stands under the number that it was given.
+        by_count = found.answers or {settings.most: found.finished.estimate}
+        answers |= {(name, n): Answer.of(each, truth_deg=draw.marker_deg) for n, each in by_count.items()}
+    return answers
 
 
 def _is_full_scan(settings: PolicySettings) -> bool:
     return settings.method == BUILT["WA"] and not settings.early_end
 
 
-def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerErrors:
-    """Errors of full scans of WA without the search loop; equal to those of the loop to rounding."""
+def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerAnswers:
+    """Answers of full scans of WA without the search loop; equal to those of the loop to rounding."""
     # The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of
     # each marker would otherwise take most of the time.
     settings = cell.world.rig
@@ -228,8 +208,8 @@ def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> 
     # The probe only moves upwards, so that there is no play, and is at the encoder count.
     reached = [np.round(equal_steps(limits, acquisitions=count) * counts_per_deg) / counts_per_deg for count in counts]
     scans = world.scans([np.maximum(at, settings.start_deg) for at in reached], pulses=settings.laser.pulses)
-    errors: MarkerErrors = {}
+    answers: MarkerAnswers = {}
     for count, at, intensities in zip(counts, reached, scans, strict=True):
         angle_deg = float(np.clip(weighted_average(at, intensities), limits.low_deg, limits.high_deg))
-        errors["WA", count] = abs(angle_deg - draw.marker_deg)
-    return errors
+        answers["WA", count] = Answer(error_deg=abs(angle_deg - draw.marker_deg))
+    return answers

@@ -55,6 +55,11 @@ Rules: TypeAlias = Literal["the paper's", "ours"]
 METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": ALL_METHODS}
 """Methods by rules."""
 
+Search: TypeAlias = tuple[Rules, AnyMethod]
+"""A method by some rules."""
+
+SEARCHES: tuple[Search, ...] = tuple((rules, method) for rules, methods in METHODS.items() for method in methods)
+
 _PART = 3
 """Runs of one job: a run from frames takes seconds, and no process should wait long for another at the end."""
 
@@ -167,11 +172,10 @@ class ChangingCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultRun:
-    """One marker, searched for under one fault with the methods of some rules."""
+    """One marker, searched for under one fault."""
 
     case: str
-    rules: tuple[Rules, ...]
-    methods: tuple[AnyMethod, ...] | None
+    searches: tuple[Search, ...]
     marker_deg: float
     number: int
     seed: int
@@ -196,12 +200,7 @@ class Outcome:
 
 
 def draw_runs(
-    case: str,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    rules: tuple[Rules, ...] = ("the paper's", "ours"),
-    methods: tuple[AnyMethod, ...] | None = None,
+    case: str, count: int, rng: np.random.Generator, *, searches: tuple[Search, ...] = SEARCHES
 ) -> list[FaultRun]:
     """Draw the runs of a case.
 
@@ -213,15 +212,14 @@ def draw_runs(
         Number of markers.
     rng
         Source of markers and seeds.
-    rules, methods
-        Rules, and their methods; None: all of `METHODS`.
+    searches
+        Searches for each marker.
     """
     markers_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
     return [
         FaultRun(
             case=case,
-            rules=rules,
-            methods=methods,
+            searches=searches,
             marker_deg=float(marker_deg),
             number=number,
             seed=int(rng.integers(2**31)),
@@ -248,11 +246,10 @@ def _outcomes(run: FaultRun) -> list[Outcome]:
     outcomes = []
     # The last place of the marker: a search is used after it has ended.
     truth_deg = run.marker_deg + CASES[run.case].shift_deg
-    for rules in run.rules:
-        for method in run.methods or METHODS[rules]:
-            angle_deg = _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
-            error_deg = None if angle_deg is None else angle_deg - truth_deg
-            outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
+    for rules, method in run.searches:
+        angle_deg = _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
+        error_deg = None if angle_deg is None else angle_deg - truth_deg
+        outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
     return outcomes
 
 
@@ -278,8 +275,7 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    built = "posterior" if method == "posterior" else BUILT[method]
-    policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    policy = build(BUILT[method], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
         estimate = searched(policy, scanner, dark_frames=rig.dark_frames).finished.estimate
     # A refusal of the guard, of the policy or of a device: none of them claims an angle.

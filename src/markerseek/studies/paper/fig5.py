@@ -13,10 +13,8 @@ import numpy as np
 from markerseek.core import PAPER_RANGE, Float64
 from markerseek.studies.paper.curve_runs import (
     Condition,
-    MarkerErrors,
-    errors_of_trial,
+    MarkerAnswers,
     over_trials,
-    posterior_of_trial,
     study_of,
 )
 from markerseek.studies.paper.methods import (
@@ -30,7 +28,6 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
 from markerseek.studies.paper.section import (
-    Answer,
     Cell,
     Comparison,
     Errors,
@@ -41,6 +38,7 @@ from markerseek.studies.paper.section import (
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
+from markerseek.studies.policies import PolicySettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,6 +67,7 @@ POSTERIOR_SHARE = 0.2
 
 POSTERIOR_COUNTS = (8, 16, 28)
 """N of the posterior that stand beside the paper's numbers."""
+_ALL_OF_THE_POSTERIOR = PolicySettings(method="posterior", acquisitions=28, early_end=False, single=True)
 
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "
@@ -96,17 +95,16 @@ def fig5(options: RunOptions) -> Section:
         study_of(condition, seed=options.seed, trials=options.markers, sweeps=AVERAGE_ACQUISITIONS)
         for condition in conditions
     ]
-    by_marker = over_trials(errors_of_trial, studies, options, stage="Fig. 5 from curves")
+    by_marker = over_trials(studies, options, stage="Fig. 5 from curves")
     fewer = max(4, round(POSTERIOR_SHARE * options.markers))
     by_posterior = over_trials(
-        posterior_of_trial,
-        [replace(study, trials=fewer) for study in studies],
+        [replace(study, trials=fewer, policies=(_ALL_OF_THE_POSTERIOR,)) for study in studies],
         options,
         stage=f"Fig. 5, posterior, {fewer} markers",
         part=5,
     )
     errors = {
-        condition: {**_summary(found), **_posterior_summary(ours)}
+        condition: {**_summary(found), **_summary(ours)}
         for condition, found, ours in zip(conditions, by_marker, by_posterior, strict=True)
     }
     rng = np.random.Generator(np.random.PCG64(options.seed))
@@ -150,12 +148,8 @@ def fig5(options: RunOptions) -> Section:
     )
 
 
-def _summary(by_marker: Sequence[MarkerErrors]) -> _Summary:
-    return {key: errors_of(errors[key] for errors in by_marker) for key in by_marker[0]}
-
-
-def _posterior_summary(by_marker: Sequence[Mapping[int, Answer]]) -> _Summary:
-    return {("posterior", count): summary_of(each[count] for each in by_marker) for count in BRACKET_ACQUISITIONS}
+def _summary(by_marker: Sequence[MarkerAnswers]) -> _Summary:
+    return {key: summary_of(answers[key] for answers in by_marker) for key in by_marker[0]}
 
 
 def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison, ...]:
@@ -227,13 +221,13 @@ def _frames_and_curves(options: RunOptions) -> Table:
     studies = [replace(by_curves, level="frames"), by_curves]
     # A trial from frames takes about a second.
     stage = f"Fig. 5 from frames, {markers} markers"
-    frames, curves = over_trials(errors_of_trial, studies, options, stage=stage, part=2)
+    frames, curves = over_trials(studies, options, stage=stage, part=2)
     rows: list[dict[str, Cell]] = []
     keys: list[tuple[PaperMethod, int]] = [(name, count) for name in BRACKETS for count in FRAME_BRACKETS]
     keys += [("WA", count) for count in FRAME_SWEEPS]
     for method, count in keys:
-        by_curve = np.array([errors[method, count] for errors in curves])
-        by_frame = np.array([errors[method, count] for errors in frames])
+        by_curve = np.array([answers[method, count].error_deg for answers in curves])
+        by_frame = np.array([answers[method, count].error_deg for answers in frames])
         paired = by_frame - by_curve
         # Paired, because markers and noise seeds are the same: most of the scatter cancels.
         half = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size)

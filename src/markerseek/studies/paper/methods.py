@@ -58,27 +58,48 @@ TABLE_ACQUISITIONS = 16
 ONLINE_STEPS = 15
 """Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
 
-BUILT: dict[PaperMethod, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
+BUILT: dict[AnyMethod, str] = {
+    "TS": "ternary",
+    "GSS": "golden-section",
+    "WA": "weighted-average",
+    "posterior": "posterior",
+}
 """Names in `markerseek.search`."""
 
 
-def published(
-    name: PaperMethod, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False
+def policy_of(
+    name: AnyMethod,
+    *,
+    acquisitions: int,
+    limits: Interval = PAPER_RANGE,
+    start_deg: float | None = None,
+    early_end: bool = False,
 ) -> Policy:
-    """Policy of a method in its published form, which always answers.
+    """Policy of a method: published ones always answer, the posterior knows that there is one source, as they assume.
 
     Parameters
     ----------
     name
-        Its name in the paper.
+        The method.
     acquisitions
-        Number N of acquisitions.
+        Number N of acquisitions, all of them made unless it may end early.
     limits
         Range to search.
+    start_deg
+        Angle of the probe in degrees, for the posterior.
     early_end
-        Whether WA ends once the peak is recorded and passed, as it does online.
+        Whether WA ends once the peak is recorded and passed, as it does online, or the posterior once the angle is
+        known well enough.
     """
-    return build(BUILT[name], limits=limits, acquisitions=acquisitions, as_published=True, early_end=early_end)
+    return build(
+        BUILT[name],
+        limits=limits,
+        acquisitions=acquisitions,
+        as_published=name != "posterior",
+        start_deg=start_deg,
+        early_end=early_end,
+        single=name == "posterior",
+    )
 
 
 class OnEncoderCounts:
@@ -115,27 +136,6 @@ class OnEncoderCounts:
     def estimate(self) -> Estimate:
         """Answer of the policy."""
         return self._policy.estimate()
-
-
-def posterior(
-    *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None, early_end: bool = False
-) -> Policy:
-    """Policy of the posterior with a number of acquisitions, for one source, as the paper assumes.
-
-    Parameters
-    ----------
-    limits
-        Range to search.
-    acquisitions
-        Number N of acquisitions, all of them made unless it may end early.
-    start_deg
-        Angle of the probe in degrees.
-    early_end
-        Whether it ends once the angle is known well enough.
-    """
-    return build(
-        "posterior", limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end, single=True
-    )
 
 
 class Searched(NamedTuple):
@@ -208,7 +208,7 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
     acquisitions
         Number N of acquisitions.
     """
-    policy = published(name, acquisitions=acquisitions)
+    policy = policy_of(name, acquisitions=acquisitions)
     track: list[float] = []
     while (angle_deg := policy.ask()) is not None:
         track.append(angle_deg)

@@ -20,8 +20,7 @@ from markerseek.studies.paper.methods import (
     TABLE_ACQUISITIONS,
     AnyMethod,
     OnEncoderCounts,
-    posterior,
-    published,
+    policy_of,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
@@ -126,11 +125,12 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
     recorded = [rig.scanner.measure(angle_deg) for angle_deg in read_bank(bank.path).angles_deg]
     maximum_deg = max(recorded, key=lambda sample: sample.reading.intensity).angle_deg
     most = max(BRACKET_ACQUISITIONS)
+    ours = policy_of("posterior", acquisitions=most, limits=limits, start_deg=limits.low_deg)
     # The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
     policies: list[tuple[AnyMethod, Policy, tuple[int, ...]]] = [
-        *((name, published(name, acquisitions=most, limits=limits), BRACKET_ACQUISITIONS) for name in BRACKETS),
-        *(("WA", published("WA", acquisitions=count, limits=limits), (count,)) for count in AVERAGE_ACQUISITIONS),
-        ("posterior", posterior(acquisitions=most, limits=limits, start_deg=limits.low_deg), BRACKET_ACQUISITIONS),
+        *((name, policy_of(name, acquisitions=most, limits=limits), BRACKET_ACQUISITIONS) for name in BRACKETS),
+        *(("WA", policy_of("WA", acquisitions=count, limits=limits), (count,)) for count in AVERAGE_ACQUISITIONS),
+        ("posterior", ours, BRACKET_ACQUISITIONS),
     ]
     return [
         OfflineSearch(

@@ -24,8 +24,7 @@ from markerseek.studies.paper.methods import (
     PAPER_METHODS,
     TABLE_ACQUISITIONS,
     PaperMethod,
-    posterior,
-    published,
+    policy_of,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
@@ -192,12 +191,12 @@ def _policy(method: OnlineMethod) -> Policy:
     match method:
         case "TS" | "GSS":
             # With the largest N only: it contains the shorter searches.
-            return published(method, acquisitions=max(BRACKET_ACQUISITIONS))
+            return policy_of(method, acquisitions=max(BRACKET_ACQUISITIONS))
         case "WA":
-            return published(method, acquisitions=ONLINE_STEPS, early_end=True)
+            return policy_of(method, acquisitions=ONLINE_STEPS, early_end=True)
         case "posterior, survey":
             return build("posterior", start_deg=start_deg)
-    return posterior(acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
+    return policy_of("posterior", acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
 
 
 def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
