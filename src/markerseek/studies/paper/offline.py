@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek import rigs
-from markerseek.core import Found, Policy
+from markerseek.core import Estimate
 from markerseek.records.banks import read_bank
 from markerseek.studies.paper.banks import OfflineBank
 from markerseek.studies.paper.methods import (
@@ -76,8 +76,8 @@ class OfflineSearch:
         The bank.
     method, acquisitions
         The method, and the number of its acquisitions.
-    angle_deg, claimed
-        Its answer in degrees, and whether it claims that angle.
+    estimate
+        Its answer.
     reference_deg, maximum_deg
         Angle that counts as true, and that of the bank's largest intensity, in degrees.
     """
@@ -85,20 +85,14 @@ class OfflineSearch:
     bank: OfflineBank
     method: AnyMethod
     acquisitions: int
-    angle_deg: float
-    claimed: bool
+    estimate: Estimate
     reference_deg: float
     maximum_deg: float
 
     @property
-    def error_deg(self) -> float:
-        """Absolute difference from the reference, in degrees."""
-        return abs(self.angle_deg - self.reference_deg)
-
-    @property
     def answer(self) -> Answer:
         """Its error from the reference, and whether it claims its angle."""
-        return Answer(error_deg=self.error_deg, claimed=self.claimed)
+        return Answer.of(self.estimate, truth_deg=self.reference_deg)
 
 
 def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[OfflineSearch]:
@@ -124,29 +118,28 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
     limits = rig.limits.search
     recorded = [rig.scanner.measure(angle_deg) for angle_deg in read_bank(bank.path).angles_deg]
     maximum_deg = max(recorded, key=lambda sample: sample.reading.intensity).angle_deg
-    most = max(BRACKET_ACQUISITIONS)
-    ours = policy_of("posterior", acquisitions=most, limits=limits, start_deg=limits.low_deg)
     # The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
-    policies: list[tuple[AnyMethod, Policy, tuple[int, ...]]] = [
-        *((name, policy_of(name, acquisitions=most, limits=limits), BRACKET_ACQUISITIONS) for name in BRACKETS),
-        *(("WA", policy_of("WA", acquisitions=count, limits=limits), (count,)) for count in AVERAGE_ACQUISITIONS),
-        ("posterior", ours, BRACKET_ACQUISITIONS),
+    runs: list[tuple[AnyMethod, tuple[int, ...]]] = [
+        *((name, BRACKET_ACQUISITIONS) for name in BRACKETS),
+        *(("WA", (count,)) for count in AVERAGE_ACQUISITIONS),
+        ("posterior", BRACKET_ACQUISITIONS),
     ]
-    return [
-        OfflineSearch(
-            bank=bank,
-            method=name,
-            acquisitions=count,
-            angle_deg=answer.mean_deg,
-            claimed=isinstance(answer, Found),
-            reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
-            maximum_deg=maximum_deg,
-        )
-        for name, policy, counts in policies
-        for count, answer in searched(
-            OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts
-        ).answers.items()
-    ]
+    searches = []
+    for name, counts in runs:
+        policy = policy_of(name, acquisitions=max(counts), limits=limits, start_deg=limits.low_deg)
+        found = searched(OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts)
+        searches += [
+            OfflineSearch(
+                bank=bank,
+                method=name,
+                acquisitions=count,
+                estimate=answer,
+                reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
+                maximum_deg=maximum_deg,
+            )
+            for count, answer in found.answers.items()
+        ]
+    return searches
 
 
 _Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
@@ -181,11 +174,11 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
                         "position": each.bank.position,
                         "method": each.method,
                         "acquisitions": each.acquisitions,
-                        "angle_deg": each.angle_deg,
+                        "angle_deg": each.estimate.mean_deg,
                         "reference_deg": each.reference_deg,
                         "bank_maximum_deg": each.maximum_deg,
-                        "error_deg": each.error_deg,
-                        "claimed": "yes" if each.claimed else "no",
+                        "error_deg": each.answer.error_deg,
+                        "claimed": "yes" if each.answer.claimed else "no",
                     }
                     for each in searches
                 ),
@@ -203,7 +196,7 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
     errors = {group: summary_of(each.answer for each in found) for group, found in groups.items()}
     rows = []
     for group, found in groups.items():
-        from_maximum = errors_of(abs(each.angle_deg - each.maximum_deg) for each in found)
+        from_maximum = errors_of(abs(each.estimate.mean_deg - each.maximum_deg) for each in found)
         rows.append(
             {
                 **_named(group),

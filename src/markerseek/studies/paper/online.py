@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import PAPER_RANGE, Found, Policy, SearchError
+from markerseek.core import PAPER_RANGE, Estimate, Policy, SearchError
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
@@ -78,10 +78,8 @@ class OnlineSearch:
         Angle of the marker in degrees.
     track_deg
         Angles reached, one for each acquisition, in degrees.
-    answers_deg
-        Answers by number of acquisitions, in degrees; of WA and ours the last only.
-    claimed
-        Whether the last answer claims its angle.
+    estimates
+        Answers by number of acquisitions; of WA and ours the last only.
     travel_deg
         Rotation from −35° to the angle found, in degrees.
     elapsed_s, acquiring_s
@@ -94,8 +92,7 @@ class OnlineSearch:
     position: int
     truth_deg: float
     track_deg: tuple[float, ...]
-    answers_deg: dict[int, float]
-    claimed: bool
+    estimates: dict[int, Estimate]
     travel_deg: float
     elapsed_s: float
     acquiring_s: float
@@ -105,14 +102,14 @@ class OnlineSearch:
         """Acquisitions of Table 2: 16 of a bracket search, all of the others."""
         return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
 
-    def error_deg(self, acquisitions: int) -> float:
-        """Absolute error of the answer after this number of acquisitions, in degrees."""
-        return abs(self.answers_deg[acquisitions] - self.truth_deg)
+    def answer(self, acquisitions: int) -> Answer:
+        """Answer after this number of acquisitions."""
+        return Answer.of(self.estimates[acquisitions], truth_deg=self.truth_deg)
 
     @property
     def table_answer(self) -> Answer:
         """Answer of Table 2."""
-        return Answer(error_deg=self.error_deg(self.table_acquisitions), claimed=self.claimed)
+        return self.answer(self.table_acquisitions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,8 +174,7 @@ def _search(job: _Job) -> OnlineSearch:
         position=job.position,
         truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
-        answers_deg={n: each.mean_deg for n, each in (found.answers or {len(samples): finished.estimate}).items()},
-        claimed=isinstance(finished.estimate, Found),
+        estimates=found.answers or {len(samples): finished.estimate},
         travel_deg=finished.travel_deg,
         elapsed_s=finished.elapsed_s,
         # The confirmation at the end is one more acquisition.
@@ -250,12 +246,12 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
                         "position": each.position,
                         "truth_deg": each.truth_deg,
                         "acquisitions": each.table_acquisitions,
-                        "answer_deg": each.answers_deg[each.table_acquisitions],
-                        "error_deg": each.error_deg(each.table_acquisitions),
+                        "answer_deg": each.estimates[each.table_acquisitions].mean_deg,
+                        "error_deg": each.table_answer.error_deg,
                         "travel_of_whole_run_deg": each.travel_deg,
                         "elapsed_s": each.elapsed_s,
                         "acquiring_s": each.acquiring_s,
-                        "claimed": "yes" if each.claimed else "no",
+                        "claimed": "yes" if each.table_answer.claimed else "no",
                     }
                     for each in searches
                 ),

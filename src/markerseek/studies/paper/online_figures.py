@@ -10,7 +10,7 @@ from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.online import METHOD, OnlineSearch, levels_of
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Errors, Section, Table, compared, errors_of
+from markerseek.studies.paper.section import Errors, Section, Table, compared, summary_of
 from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ _ByGroup: TypeAlias = dict[tuple[float, PaperMethod, int], Errors]
 def fig7(searches: Sequence[OnlineSearch]) -> Section:
     """Fig. 7: mean error of TS and GSS over the number of acquisitions."""
     errors: _ByGroup = {
-        (level_db, name, count): errors_of(
-            each.error_deg(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
+        (level_db, name, count): summary_of(
+            each.answer(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
         )
         for level_db in levels_of(searches)
         for name in BRACKETS
