@@ -58,6 +58,9 @@ METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ou
 Search: TypeAlias = tuple[Rules, AnyMethod]
 """A method by some rules."""
 
+Outcomes: TypeAlias = dict[tuple[str, Rules, AnyMethod], list[float | None]]
+"""Angle of each answer minus the marker's in degrees, by case, rules and method; None where no angle was claimed."""
+
 SEARCHES: tuple[Search, ...] = tuple((rules, method) for rules, methods in METHODS.items() for method in methods)
 
 _PART = 3
@@ -181,24 +184,6 @@ class FaultRun:
     seed: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """How one search under a fault ended.
-
-    Attributes
-    ----------
-    case, rules, method
-        Case of `CASES`, rules and method.
-    error_deg
-        Angle of the answer minus the marker's, in degrees; None where no angle was claimed.
-    """
-
-    case: str
-    rules: Rules
-    method: AnyMethod
-    error_deg: float | None
-
-
 def draw_runs(
     case: str, count: int, rng: np.random.Generator, *, searches: tuple[Search, ...] = SEARCHES
 ) -> list[FaultRun]:
@@ -228,7 +213,7 @@ def draw_runs(
     ]
 
 
-def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
+def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> Outcomes:
     """Outcomes of all searches of the runs, in their order.
 
     Parameters
@@ -238,19 +223,21 @@ def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
     options
         What may be used.
     """
-    of_runs = options.each(_outcomes, runs, stage="failures", part=_PART)
-    return [outcome for of_run in of_runs for outcome in of_run]
+    outcomes: Outcomes = {}
+    for run, errors_deg in zip(runs, options.each(_errors_deg, runs, stage="failures", part=_PART), strict=True):
+        for (rules, method), error_deg in zip(run.searches, errors_deg, strict=True):
+            outcomes.setdefault((run.case, rules, method), []).append(error_deg)
+    return outcomes
 
 
-def _outcomes(run: FaultRun) -> list[Outcome]:
-    outcomes = []
+def _errors_deg(run: FaultRun) -> list[float | None]:
     # The last place of the marker: a search is used after it has ended.
     truth_deg = run.marker_deg + CASES[run.case].shift_deg
-    for rules, method in run.searches:
-        angle_deg = _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
-        error_deg = None if angle_deg is None else angle_deg - truth_deg
-        outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
-    return outcomes
+    angles_deg = (
+        _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
+        for rules, method in run.searches
+    )
+    return [None if angle_deg is None else angle_deg - truth_deg for angle_deg in angles_deg]
 
 
 def _unguarded(run: FaultRun, method: PaperMethod) -> float | None:

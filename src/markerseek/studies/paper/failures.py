@@ -12,7 +12,7 @@ from markerseek.studies.paper.failure_runs import (
     METHODS,
     NARROW,
     WIDE,
-    Outcome,
+    Outcomes,
     draw_runs,
     outcomes_of,
 )
@@ -60,26 +60,25 @@ def failures(options: RunOptions) -> Section:
     )
 
 
-def _table(outcomes: Sequence[Outcome]) -> Table:
+def _table(outcomes: Outcomes) -> Table:
     rows: list[dict[str, Cell]] = []
-    for case, rules, method in dict.fromkeys((each.case, each.rules, each.method) for each in outcomes):
-        here = [o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, method)]
-        errors = [o.error_deg for o in here if o.error_deg is not None]
-        off, close = share_off(here), share_off(here, limit_deg=CLOSE_DEG)
+    for (case, rules, method), errors_deg in outcomes.items():
+        claimed_deg = [error_deg for error_deg in errors_deg if error_deg is not None]
+        off, close = share_off(errors_deg), share_off(errors_deg, limit_deg=CLOSE_DEG)
         low, high = off.interval95 or (None, None)
         rows.append(
             {
                 "fault": CASES[case].words,
                 "method": method,
                 "rules": rules,
-                "runs": len(here),
+                "runs": len(errors_deg),
                 "off": off.share,
                 "low95": low,
                 "high95": high,
                 "off_by_1_deg": close.share,
                 "off_by_1_deg_high95": (close.interval95 or (None, None))[1],
-                "no_angle": 1 - len(errors) / len(here),
-                "mean_signed_error_deg": float(np.mean(errors)) if errors else None,
+                "no_angle": 1 - len(claimed_deg) / len(errors_deg),
+                "mean_signed_error_deg": float(np.mean(claimed_deg)) if claimed_deg else None,
             }
         )
     return Table(
@@ -90,27 +89,27 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
     )
 
 
-def share_off(outcomes: Sequence[Outcome], *, limit_deg: float = SENSITIVE_DEG) -> Share:
+def share_off(errors_deg: Sequence[float | None], *, limit_deg: float = SENSITIVE_DEG) -> Share:
     """Return the share of runs that claim an angle with an error above the limit.
 
     Parameters
     ----------
-    outcomes
-        How the runs ended.
+    errors_deg
+        Error of each run in degrees; None where no angle was claimed.
     limit_deg
         Largest error that does not count, in degrees.
     """
-    errors = [each.error_deg for each in outcomes]
-    return Share.of(sum(error is not None and abs(error) > limit_deg for error in errors), len(errors))
+    off = sum(error_deg is not None and abs(error_deg) > limit_deg for error_deg in errors_deg)
+    return Share.of(off, len(errors_deg))
 
 
-def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+def _remarks(outcomes: Outcomes) -> tuple[str, ...]:
     remarks = []
     for rules, methods in METHODS.items():
         # Of the worst method: a mean over the methods would hide one that fails.
         worst = {
             case: max(
-                (share_off([o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, m)]) for m in methods),
+                (share_off(outcomes[case, rules, method]) for method in methods),
                 key=lambda off: off.share or 0.0,
             )
             for case in CASES

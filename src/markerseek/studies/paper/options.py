@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -97,7 +97,7 @@ class Duration:
     """
 
     seconds: float
-    stages_s: Mapping[str, float] = field(default_factory=dict)
+    stages_s: Mapping[str, float]
 
     def __str__(self) -> str:
         stages = [f"{name}: {spent_s:.1f} s" for name, spent_s in self.stages_s.items()]
@@ -112,26 +112,23 @@ class Stopwatch:
     ----------
     progress
         Receives the progress after the watch.
-    clock
-        Time in seconds.
     """
 
-    def __init__(self, progress: Progress, *, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._clock = clock
-        self._since_s = clock()
+        self._since_s = time.perf_counter()
         self._began_s: dict[str, float] = {}
         self._stages_s: dict[str, float] = {}
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Note the progress of a stage and pass it on; see `Progress`."""
-        now_s = self._clock()
+        now_s = time.perf_counter()
         self._stages_s[stage] = now_s - self._began_s.setdefault(stage, now_s)
         self._progress(stage, done, total)
 
     def lap(self) -> Duration:
         """Time since the watch was made, or since the last lap, and that of the stages since."""
-        now_s = self._clock()
+        now_s = time.perf_counter()
         duration = Duration(seconds=now_s - self._since_s, stages_s=self._stages_s)
         self._since_s, self._began_s, self._stages_s = now_s, {}, {}
         return duration
