@@ -245,6 +245,11 @@ def test_another_table_is_refused(tmp_path: Path, content: bytes, message: str) 
     path.write_bytes(as_csv([columns(SMALL)]) + b"x" * 9 + b"," * (len(columns(SMALL)) - 1) + b"\n")
     with pytest.raises(RecordError, match="not a study's table"):
         list(read_rows(path, SMALL))
+    row = list(values_of(run_row(SMALL, 0)))
+    row[columns(SMALL).index("cell")] = 99
+    path.write_bytes(as_csv([columns(SMALL), row]))
+    with pytest.raises(RecordError, match="not a study's table"):
+        list(read_rows(path, SMALL))
 
 
 def test_a_summary_agrees_with_its_rows() -> None:

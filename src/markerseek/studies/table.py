@@ -101,7 +101,7 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
                 yield _row(line, by_cell)
     except (OSError, UnicodeDecodeError) as problem:
         raise RecordError(f"{path}: the table cannot be read: {problem}") from problem
-    except (ValueError, msgspec.ValidationError) as problem:
+    except (ValueError, IndexError, msgspec.ValidationError) as problem:
         raise RecordError(f"{path}: it is not a study's table: {problem}") from problem
 
 
@@ -137,10 +137,9 @@ def _field(value: object) -> object:
 
 
 def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
-    named: dict[str, object] = {
-        name: None if text == "" else text for name, text in zip(COLUMNS, line[: len(COLUMNS)], strict=True)
-    }
-    marks = line[COLUMNS.index("marks_deg")]
-    named["marks_deg"] = [float(part) for part in marks.split()]
-    # Column 2 is the cell. Its settings are taken from the study: read as text, a value would lose its type.
-    return msgspec.convert({**named, "settings": by_cell[int(line[2])]}, Row, strict=False)
+    named = dict(zip(COLUMNS, line[: len(COLUMNS)], strict=True))
+    values = {name: text or None for name, text in named.items()}
+    marks_deg = [float(part) for part in named["marks_deg"].split()]
+    # The settings of the cell are taken from the study: read as text, a value would lose its type.
+    settings = by_cell[int(named["cell"])]
+    return msgspec.convert({**values, "marks_deg": marks_deg, "settings": settings}, Row, strict=False)
