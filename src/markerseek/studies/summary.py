@@ -9,8 +9,9 @@ table.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import combinations, groupby
+from collections import defaultdict
+from collections.abc import Iterable
+from itertools import combinations, groupby, islice
 
 import msgspec
 
@@ -24,7 +25,7 @@ ALL_PAIRS = 6
 """Most policies of which every pair is compared; with more, pairs with the same number of acquisitions."""
 
 _BLOCK = 4096
-"""Rows whose moments are computed together: NumPy is slow on a few values, and memory must not grow."""
+"""Rows, at least, whose moments are computed together: NumPy is slow on a few values, and memory must not grow."""
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,20 +63,25 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     pairs = compared(study.policies)
     policies: list[PolicySummary] = []
     differences: list[Difference] = []
+    # Whole trials, so that all policies of a trial are in one block.
+    block_rows = -(-_BLOCK // len(study.policies)) * len(study.policies)
     count = 0
     # The table is in the order of the cells, so that a cell is finished before the next begins.
     for index, of_cell in groupby(rows, key=lambda row: row.cell):
         tallies = [Tally(len(study.marks)) for _ in study.policies]
         apart = [Moments() for _ in pairs]
-        for block in _blocks(of_cell, len(study.policies)):
+        while block := list(islice(of_cell, block_rows)):
+            by_policy: defaultdict[int, list[Row]] = defaultdict(list)
+            for row in block:
+                by_policy[row.policy].append(row)
             for policy, tally in enumerate(tallies):
-                tally.add([trial[policy] for trial in block])
+                tally.add(by_policy[policy])
             # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
             apart = [
-                moments.merged(Moments.of(_apart(block, one, other)))
+                moments.merged(Moments.of(_apart(by_policy[one], by_policy[other])))
                 for moments, (one, other) in zip(apart, pairs, strict=True)
             ]
-            count += len(block) * len(study.policies)
+            count += len(block)
         settings = dict(cells(study)[index].varied)
         policies += [
             tally.summary(cell=index, settings=settings, policy=policy, policy_settings=study.policies[policy])
@@ -110,19 +116,7 @@ def compared(policies: tuple[PolicySettings, ...]) -> list[tuple[int, int]]:
     return [(one, other) for one, other in pairs if policies[one].most == policies[other].most]
 
 
-def _apart(block: list[list[Row]], one: int, other: int) -> list[float]:
+def _apart(one: list[Row], other: list[Row]) -> list[float]:
     """Differences of the errors of two policies, trial by trial."""
-    errors = ((found_error(trial[one]), found_error(trial[other])) for trial in block)
+    errors = ((found_error(row), found_error(beside)) for row, beside in zip(one, other, strict=True))
     return [a - b for a, b in errors if a is not None and b is not None]
-
-
-def _blocks(rows: Iterator[Row], policies: int) -> Iterator[list[list[Row]]]:
-    """Trials, each a list of its rows, some thousand at a time."""
-    block: list[list[Row]] = []
-    for _, trial in groupby(rows, key=lambda row: row.trial):
-        block.append(list(trial))
-        if len(block) * policies >= _BLOCK:
-            yield block
-            block = []
-    if block:
-        yield block
