@@ -15,14 +15,8 @@ from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerseekError,
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named
 
 
-def method_of(name: str) -> Method:
-    """Return the method of that name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none; the message lists the names.
-    """
+def _method_of(name: str) -> Method:
+    """The method of that name; a `ConfigError` that lists the names if there is none."""
     for method in ADAPTERS:
         if method.name == name:
             return method
@@ -64,7 +58,7 @@ class PolicySettings:
         if is_own(self.method):
             self._require_own()
             return
-        least = method_of(self.method).least
+        least = _method_of(self.method).least
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.single and self.method != "posterior":
@@ -85,12 +79,12 @@ class PolicySettings:
             if value != usual:
                 raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
         # A module that cannot be imported is an error when the study is read, not in a worker process.
-        build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
+        _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
 
     @property
     def most(self) -> int:
         """Most acquisitions that it makes."""
-        return self.acquisitions or method_of(self.method).acquisitions
+        return self.acquisitions or _method_of(self.method).acquisitions
 
     def __str__(self) -> str:
         form = " as published" if self.as_published else ""
@@ -119,7 +113,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         If the settings do not fit together, or (MissingExtraError) an optional package is missing.
     """
     if is_own(settings.method):
-        return build_own(settings.method, limits=limits, acquisitions=settings.most)
+        return _build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.
     if settings.method not in {method.name for method in METHODS}:
         return build_adapter(
@@ -153,21 +147,8 @@ def is_own(method: str) -> bool:
     return ":" in method
 
 
-def build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
-    """Return a user's own policy.
-
-    Parameters
-    ----------
-    method
-        Its name, ``module:name``.
-    limits, acquisitions
-        Range to search, and most acquisitions.
-
-    Raises
-    ------
-    ConfigError
-        If the module cannot be imported, has no such name, or does not make a policy.
-    """
+def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
+    """A user's own policy; a `ConfigError` if the module cannot be imported, has no such name, or makes no policy."""
     module, _, name = method.partition(":")
     try:
         maker = getattr(importlib.import_module(module), name)

@@ -43,20 +43,14 @@ _SPREAD_S, _WIDE_SPREAD_S, _WIDE = 0.083e-6, 0.7e-6, 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PrecomputedFrame(ReadingFrame):
-    """A frame that holds its reading instead of channel data.
-
-    Attributes
-    ----------
-    reading
-        The reading.
-    """
+class _PrecomputedFrame(ReadingFrame):
+    """A frame that holds its reading instead of channel data."""
 
     reading: Reading
 
 
 class PrecomputedReader:
-    """Returns the readings of `PrecomputedFrame`."""
+    """Returns the readings of `_PrecomputedFrame`."""
 
     def read(self, frame: Frame) -> Reading:
         """Reading of the frame.
@@ -66,7 +60,7 @@ class PrecomputedReader:
         ConfigError
             If it holds none.
         """
-        if not isinstance(frame, PrecomputedFrame):
+        if not isinstance(frame, _PrecomputedFrame):
             raise ConfigError(f"a {type(frame).__name__} holds no reading")
         return frame.reading
 
@@ -104,10 +98,10 @@ class WindowWorld:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
-    def frame(self, flash: Flash | None, *, header: FrameHeader) -> PrecomputedFrame:
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> _PrecomputedFrame:
         """Frame with the reading after a flash; after none, that of noise alone."""
         reading = self._reading(flash)
-        return PrecomputedFrame(
+        return _PrecomputedFrame(
             header=header,
             intensity=reading.intensity,
             noise_sigma=reading.noise_sigma,

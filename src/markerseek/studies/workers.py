@@ -65,7 +65,7 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        yield from _as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
@@ -87,18 +87,8 @@ def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
-    """Index and result of each submitted job, as it is ready.
-
-    Parameters
-    ----------
-    submit
-        Starts a job.
-    jobs
-        The jobs, one after another.
-    ahead
-        Most jobs under way, so that memory does not grow with their number.
-    """
+def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
+    """Index and result of each submitted job, as it is ready; at most `ahead` are under way, to bound the memory."""
     waiting = enumerate(jobs)
     under_way = {submit(job): number for number, job in islice(waiting, ahead)}
     while under_way:
@@ -147,7 +137,7 @@ def on_cluster(
         submit = partial(client.get_executor(pure=False).submit, function, everywhere)
         threads = sum(client.nthreads().values()) or 1
         try:
-            yield from as_ready(submit, jobs, ahead=_AHEAD_ON_CLUSTER * threads)
+            yield from _as_ready(submit, jobs, ahead=_AHEAD_ON_CLUSTER * threads)
         except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
             raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 
