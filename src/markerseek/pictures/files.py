@@ -128,12 +128,8 @@ def write_page(path: Path, template: str, **values: object) -> None:
 
     Raises
     ------
-    ConfigError
-        If the file cannot be written.
-    RecordError
-        If its name is that of a symbolic link, a pipe or a device.
     MissingExtraError
-        If Jinja2 is not installed.
+        If Jinja2 is not installed; other errors as of `written`.
     """
     text = _templates().get_template(template).render(values)
     with written(path, what="page") as part:
