@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
@@ -255,7 +255,7 @@ def _groups(searches: Sequence[OfflineSearch]) -> dict[_Group, list[OfflineSearc
     return groups
 
 
-def _levels(groups: Sequence[_Group] | dict[_Group, list[OfflineSearch]] | dict[_Group, Errors]) -> list[float | None]:
+def _levels(groups: Iterable[_Group]) -> list[float | None]:
     return list(dict.fromkeys(level_db for _, level_db, _, _ in groups))
 
 
