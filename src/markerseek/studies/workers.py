@@ -60,6 +60,7 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         yield from enumerate(map(function, jobs))
         return
     # The command that starts a worker would import from the current folder, before it takes over our own path.
+    before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
@@ -73,6 +74,11 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         ) from problem
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        # Programs that this process starts later may need the current folder.
+        if before is None:
+            os.environ.pop("PYTHONSAFEPATH", None)
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
