@@ -29,14 +29,16 @@ BARE_CHUNKS = 40
 _BARE = """
 import sys, time
 from pathlib import Path
-from markerseek.studies import chunks, read_study
+from itertools import islice
+from markerseek.studies import read_study
+from markerseek.studies.table import chunks, run_chunk
 study = read_study(Path(sys.argv[1]))
-pieces = [chunks.chunk(study, index) for index in range(int(sys.argv[2]))]
-chunks.run_chunk(study, pieces[0])
+pieces = list(islice(chunks(study), int(sys.argv[2])))
+run_chunk(study, pieces[0])
 input()
 start = time.perf_counter()
 for piece in pieces:
-    chunks.run_chunk(study, piece)
+    run_chunk(study, piece)
 print(time.perf_counter() - start)
 """
 

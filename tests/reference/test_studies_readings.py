@@ -11,9 +11,9 @@ from scipy import stats
 from markerseek.core import Reading
 from markerseek.sim import LaserSettings, NoiseSettings, SimulatedSettings
 from markerseek.studies import PolicySettings, Study, cells, run_row
-from markerseek.studies.window import noise_free
+from markerseek.studies.window import noise_free, window_of
 from markerseek.studies.window_world import FLOOR_SCATTER
-from markerseek.studies.worlds import draw_trial, marker_window, study_rig
+from markerseek.studies.worlds import draw_trial, study_rig
 
 COUNT = 24
 
@@ -115,7 +115,7 @@ def test_the_noise_free_curve_is_that_of_quiet_frames() -> None:
     cell = cells(STUDY)[0]
     drawn = draw_trial(STUDY, cell, 1)
     assert drawn.unknowns is not None
-    window = marker_window(drawn.unknowns, cell.world.rig)
+    window = window_of(drawn.unknowns, cell.world.rig.limits.travel)
     assert noise_free(window, off_deg=0.0) == pytest.approx(1.0, rel=0.01)
     strong = replace(STUDY, level="frames", rig=replace(STUDY.rig, noise=NoiseSettings(peak_snr_db=45.0)))
     top = np.mean([reading.intensity for reading in readings(strong, 1, 0.0)])

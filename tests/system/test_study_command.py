@@ -184,7 +184,7 @@ def test_a_dask_cluster_gives_the_same_files_as_this_machine(study: Path, tmp_pa
 def test_a_scheduler_that_does_not_answer_is_named(
     study: Path, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("markerseek.studies.cluster._TIMEOUT_S", 1)
+    monkeypatch.setattr("markerseek.studies.workers._TIMEOUT_S", 1)
     words = ("study", study, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1", "--json")
     code, text, _ = shell(*words)
     assert code == 2

@@ -36,6 +36,9 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {
 }
 """Each reader, and the largest file that it opens."""
 
+PAGE = {"title": "", "note": None, "facts": [], "picture_uri": "", "alt": "", "rows": [[]], "json": ""}
+"""A page with nothing on it."""
+
 
 def make_socket(path: Path) -> None:
     # The name of a socket must be short: it is bound from its folder.
@@ -127,7 +130,9 @@ def test_nothing_is_written_through_a_link_or_a_pipe(make: Callable[[Path, Path]
     target.write_text("precious")
     make(place, target)
     with pytest.raises(RecordError, match=r"search\.html: it is a symbolic link, a pipe or a device"):
-        write_page(place, title="", note=None, facts=[], picture_uri="", alt="", rows=[[]], json="")
+        write_page(
+            place, "search.html.jinja", title="", note=None, facts=[], picture_uri="", alt="", rows=[[]], json=""
+        )
     with pytest.raises(RecordError), replace_file(place) as part:
         part.write_text("another")
     assert target.read_text() == "precious"
@@ -144,6 +149,8 @@ def test_a_page_that_cannot_be_finished_leaves_the_one_before(tmp_path: Path) ->
     place = tmp_path / "search.html"
     place.write_text("the page before")
     with pytest.raises(UnicodeEncodeError):
-        write_page(place, title="\udcff", note=None, facts=[], picture_uri="", alt="", rows=[[]], json="")
+        write_page(
+            place, "search.html.jinja", title="\udcff", note=None, facts=[], picture_uri="", alt="", rows=[[]], json=""
+        )
     assert place.read_text() == "the page before"
     assert list(tmp_path.iterdir()) == [place]

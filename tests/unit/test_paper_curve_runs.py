@@ -11,8 +11,9 @@ from markerseek import rigs
 from markerseek.search import build
 from markerseek.sim import CurveWorld, LaserSettings, MarkerSettings, NoiseSettings, PowerCurve, SimulatedSettings
 from markerseek.studies.paper import curve_runs
-from markerseek.studies.paper.curve_runs import Condition, errors_of_trials, study_of
+from markerseek.studies.paper.curve_runs import Condition, answers_of_trial, study_of
 from markerseek.studies.paper.methods import searched
+from markerseek.studies.paper.section import Answer
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import cells
 from markerseek.studies.worlds import draw_trial, study_rig
@@ -48,8 +49,8 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
     )
     for marker_deg in (None, -35.0, 35.0):
         here = replace(study, rig=replace(study.rig, marker=replace(study.rig.marker, angle_deg=marker_deg)))
-        quick = errors_of_trials((here, range(here.trials)))
-        for trial, errors in enumerate(quick):
+        quick = [answers_of_trial((here, trial)) for trial in range(here.trials)]
+        for trial, answers in enumerate(quick):
             cell = cells(here)[0]
             draw = draw_trial(here, cell, trial)
             for settings in here.policies[2:]:
@@ -58,6 +59,6 @@ def test_full_scans_answer_as_those_of_the_loop(monkeypatch: pytest.MonkeyPatch,
                 )
                 found = searched(policy, study_rig(here, cell, draw).scanner)
                 by_loop = abs(found.finished.estimate.mean_deg - draw.marker_deg)
-                assert errors["WA", settings.most] == pytest.approx(by_loop, abs=1e-9)
-    monkeypatch.setattr(curve_runs, "_full_scans", lambda *_: {("WA", 8): 60.0})
-    assert errors_of_trials((study, range(1)))[0]["WA", 8] == 60.0
+                assert answers["WA", settings.most].error_deg == pytest.approx(by_loop, abs=1e-9)
+    monkeypatch.setattr(curve_runs, "_full_scans", lambda *_: {("WA", 8): Answer(error_deg=60.0)})
+    assert answers_of_trial((study, 0))["WA", 8].error_deg == 60.0

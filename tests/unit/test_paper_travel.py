@@ -11,7 +11,7 @@ import pytest
 from markerseek import rigs
 from markerseek.sim import NoiseSettings, SimulatedSettings, StageMotion
 from markerseek.studies.paper import RunOptions
-from markerseek.studies.paper.methods import OnEncoderCounts, Searched, noise_free_track, posterior, published, searched
+from markerseek.studies.paper.methods import OnEncoderCounts, Searched, noise_free_track, policy_of, searched
 from markerseek.studies.paper.travel import rotation_s, shortest_order, travel, travel_deg
 
 MARKERS = np.random.default_rng(11).uniform(-35, 35, 1500)
@@ -58,7 +58,7 @@ def test_the_shortest_order_is_that_of_all_orders_tried() -> None:
 def test_rotation_takes_as_long_as_on_the_simulated_rig() -> None:
     settings = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60))
     rig = rigs.simulated(seed=2, marker_deg=4.0, settings=settings)
-    samples, finished, _, _ = searched(published("TS", acquisitions=6), rig.scanner)
+    samples, finished, _, _ = searched(policy_of("TS", acquisitions=6), rig.scanner)
     acquiring_s = 6 * (settings.receiver.readout_s + settings.laser.pulses / settings.laser.rate_hz)
     track = [-35.0, *(sample.angle_deg for sample in samples)]
     assert finished.elapsed_s - acquiring_s == pytest.approx(rotation_s(track, motion=settings.stage), abs=2e-3)
@@ -75,10 +75,7 @@ def test_a_single_long_move_takes_a_trapezoid() -> None:
 def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
     def ended(acquisitions: int, *counts: int) -> Searched:
         rig = rigs.simulated(seed=5, marker_deg=-7.0)
-        if name == "posterior":
-            policy = posterior(acquisitions=acquisitions, start_deg=rig.stage.angle_deg)
-        else:
-            policy = published(name, acquisitions=acquisitions)  # type: ignore[arg-type]
+        policy = policy_of(name, acquisitions=acquisitions, start_deg=rig.stage.angle_deg)  # type: ignore[arg-type]
         return searched(policy, rig.scanner, counts=counts)
 
     counts = (2, 8, 12)
@@ -87,7 +84,7 @@ def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
 
 
 def test_requested_angles_lie_on_encoder_counts_and_inside_the_bank() -> None:
-    policy = published("WA", acquisitions=8)
+    policy = policy_of("WA", acquisitions=8)
     wrapped = OnEncoderCounts(policy, limits=policy._limits)
     counts = StageMotion().counts_per_deg
     asked = wrapped.ask()

@@ -128,10 +128,7 @@ def image() -> PaImage:
 
 
 def frame_of(title: str) -> Figure:
-    shown = image()
-    return frame_figure(
-        shown.envelope, lateral_m=shown.lateral_m, depth_m=shown.depth_m, marks_m=[(0.0, 0.04)], title=title
-    )
+    return frame_figure(image(), marks_m=[(0.0, 0.04)], title=title)
 
 
 def bank_of(title: str) -> Figure:
@@ -164,6 +161,7 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
     assert figure._suptitle is None
     write_page(
         tmp_path / "page.html",
+        "search.html.jinja",
         title="<b>",
         note=None,
         facts=[("answer", "a < b")],

@@ -17,7 +17,8 @@ from markerseek.studies import PolicySettings, Row, Study, cells, read_rows, run
 from markerseek.studies.bound import compare_with_bound, marker_curve, mean_bounds
 from markerseek.studies.bound_figure import error_figure
 from markerseek.studies.table import as_csv, columns, values_of
-from markerseek.studies.worlds import draw_trial, marker_window
+from markerseek.studies.window import window_of
+from markerseek.studies.worlds import draw_trial
 
 TERNARY = PolicySettings(method="ternary", acquisitions=6, as_published=True)
 AVERAGE = PolicySettings(method="weighted-average", acquisitions=9, as_published=True)
@@ -161,10 +162,11 @@ def test_a_curve_is_that_of_the_marker() -> None:
     cell = cells(DRAWN)[0]
     drawn = draw_trial(DRAWN, cell, 0).unknowns
     assert drawn is not None
-    curve = marker_curve(drawn, cell.world.rig)
+    curve = marker_curve(drawn, cell.world.rig.limits.travel)
     assert curve.value(np.zeros(1)) == pytest.approx([1.0])
     assert curve.value(np.array([20.0])) < 0.5
-    assert marker_window(drawn, cell.world.rig) is marker_window(drawn, cell.world.rig)
+    travel = cell.world.rig.limits.travel
+    assert window_of(drawn, travel) is window_of(drawn, travel)
 
 
 def test_the_bound_needs_drawn_markers() -> None:

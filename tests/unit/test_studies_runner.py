@@ -14,8 +14,7 @@ import pytest
 
 from markerseek.core import ConfigError, MissingExtraError, RecordError
 from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, Summary, run_row, run_study, runner
-from markerseek.studies.chunks import Chunk, chunk_count, run_chunk
-from markerseek.studies.table import as_csv, columns, values_of
+from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
 from markerseek.studies.workers import on_processes
 
 STUDY = Study(
@@ -30,7 +29,7 @@ STUDY = Study(
 )
 
 
-Compute = Callable[[Chunk], bytes]
+Compute = Callable[[range], bytes]
 
 
 class KilledError(Exception):
@@ -72,16 +71,16 @@ def test_two_processes_give_the_same_files_and_progress_rises_to_the_end(
 def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_twice(
     whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
 ) -> None:
-    computed: list[int] = []
+    computed: list[range] = []
 
-    def mortal(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
+    def mortal(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
         for count, piece in enumerate(pieces):
             if count == after:
                 raise KilledError
-            computed.append(piece.index)
+            computed.append(piece)
             yield count, compute(piece)
 
-    assert chunk_count(STUDY) == 3
+    assert len(list(chunks(STUDY))) == 3
     monkeypatch.setattr(runner, "on_processes", mortal)
     with pytest.raises(KilledError):
         run_study(STUDY, tmp_path)
@@ -89,15 +88,15 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
     (tmp_path / ".rows.csv.0123abcd.part").write_bytes(b"half a table")
     assert "rows.csv" not in files(tmp_path)
 
-    def counted(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
+    def counted(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
         for count, piece in enumerate(pieces):
-            computed.append(piece.index)
+            computed.append(piece)
             yield count, compute(piece)
 
     monkeypatch.setattr(runner, "on_processes", counted)
     run_study(STUDY, tmp_path)
     assert files(tmp_path) == whole
-    assert computed == [0, 1, 2]
+    assert computed == list(chunks(STUDY))
     assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "rows.csv", "study.json", "summary.json"]
 
 
@@ -146,7 +145,7 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
 def test_lines_of_a_worker_with_another_version_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = dataclasses.replace(STUDY, seed=2)
 
-    def elsewhere(compute: Compute, pieces: Iterator[Chunk], *, workers: int) -> Iterator[tuple[int, bytes]]:
+    def elsewhere(compute: Compute, pieces: Iterator[range], *, workers: int) -> Iterator[tuple[int, bytes]]:
         for count, piece in enumerate(pieces):
             yield count, run_chunk(other, piece)
 

@@ -26,9 +26,8 @@ from markerseek.studies import (
     run_trial,
     summarise,
 )
-from markerseek.studies.chunks import chunk, chunk_count, chunk_rows, run_chunk
 from markerseek.studies.summary import compared
-from markerseek.studies.table import as_csv, columns, values_of
+from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
 from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
@@ -220,13 +219,10 @@ def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
     assert row.truth_deg == 0.0
 
 
-def test_chunks_cover_every_row_once_and_in_order() -> None:
+def test_chunks_cover_every_trial_once_and_in_order() -> None:
     study = dataclasses.replace(SMALL, trials=1203, policies=(TERNARY, AVERAGE))
-    pieces = [chunk(study, index) for index in range(chunk_count(study))]
-    assert [piece.first for piece in pieces[1:]] == [piece.last for piece in pieces[:-1]]
-    assert (pieces[0].first, pieces[-1].last) == (0, 2406)
-    assert sum(chunk_rows(study, piece) for piece in pieces) == study.rows
-    lines = run_chunk(SMALL, chunk(SMALL, 0))
+    assert [trial for piece in chunks(study) for trial in piece] == list(range(2406))
+    lines = b"".join(run_chunk(SMALL, piece) for piece in chunks(SMALL))
     assert lines == as_csv(values_of(row) for row in all_rows(SMALL))
 
 
@@ -247,6 +243,11 @@ def test_another_table_is_refused(tmp_path: Path, content: bytes, message: str) 
     with pytest.raises(RecordError, match=message):
         list(read_rows(path, SMALL))
     path.write_bytes(as_csv([columns(SMALL)]) + b"x" * 9 + b"," * (len(columns(SMALL)) - 1) + b"\n")
+    with pytest.raises(RecordError, match="not a study's table"):
+        list(read_rows(path, SMALL))
+    row = list(values_of(run_row(SMALL, 0)))
+    row[columns(SMALL).index("cell")] = 99
+    path.write_bytes(as_csv([columns(SMALL), row]))
     with pytest.raises(RecordError, match="not a study's table"):
         list(read_rows(path, SMALL))
 

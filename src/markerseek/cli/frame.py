@@ -241,11 +241,5 @@ def _draw(
         title = f"{title}, over B-mode: {'source circled' if arrivals else 'no source'}"
         save_png(overlay_figure(under, picture, marks_m=marks_m, title=title), path)
         return
-    figure = frame_figure(
-        picture.envelope,
-        lateral_m=picture.lateral_m,
-        depth_m=picture.depth_m,
-        marks_m=marks_m,
-        title=f"{title}: {'arrivals numbered' if arrivals else 'no source'}",
-    )
-    save_png(figure, path)
+    title = f"{title}: {'arrivals numbered' if arrivals else 'no source'}"
+    save_png(frame_figure(picture, marks_m=marks_m, title=title), path)

@@ -129,16 +129,15 @@ def _made(section: Section, files: list[Path], duration: Duration) -> Made:
     from markerseek.studies.paper import comparison_table
 
     table = comparison_table(section)
-    limitations = [each.paper.limitation for each in section.comparisons]
     own = _errors_of_own_bank(section)
     return Made(
         name=section.name,
         title=section.title,
-        numbers=[dict(zip(own.columns, row, strict=True)) for row in own.rows]
+        numbers=list(own.rows)
         if own is not None
         else [
-            {**dict(zip(table.columns, row, strict=True)), "limitation": limitation}
-            for row, limitation in zip(table.rows, limitations, strict=True)
+            {**row, "limitation": each.paper.limitation}
+            for row, each in zip(table.rows, section.comparisons, strict=True)
         ],
         remarks=list(section.remarks),
         files=[str(path) for path in files],
@@ -167,12 +166,8 @@ def _errors_of_own_bank(section: Section) -> Table | None:
         return None
     errors = section.tables[0]
     # One search of each kind: no spread and no interval.
-    filled = [place for place in range(len(errors.columns)) if any(row[place] is not None for row in errors.rows)]
-    return replace(
-        errors,
-        columns=tuple(errors.columns[place] for place in filled),
-        rows=tuple(tuple(row[place] for place in filled) for row in errors.rows),
-    )
+    filled = [name for name in errors.columns if any(row[name] is not None for row in errors.rows)]
+    return replace(errors, rows=tuple({name: row[name] for name in filled} for row in errors.rows))
 
 
 def _print(section: Section, duration: Duration) -> None:
@@ -201,11 +196,11 @@ def _print(section: Section, duration: Duration) -> None:
     own = _errors_of_own_bank(section)
     if own is not None:
         table = Printed(box=None, padding=(0, 2, 0, 0))
-        places = [place for place, name in enumerate(own.columns) if name in _SHOWN]
-        for place in places:
-            table.add_column(escape(_SHOWN[own.columns[place]]), justify="right" if place > places[0] else "left")
+        names = [name for name in own.columns if name in _SHOWN]
+        for name in names:
+            table.add_column(escape(_SHOWN[name]), justify="right" if name != names[0] else "left")
         for row in own.rows:
-            table.add_row(*(escape(shown(row[place])) for place in places))
+            table.add_row(*(escape(shown(row[name])) for name in names))
         stdout.print(table)
     for remark in section.remarks:
         stdout.print(f"  {escape(remark)}")

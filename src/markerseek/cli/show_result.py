@@ -232,6 +232,7 @@ def _draw(
     save_png(draw(title=title), png)
     write_page(
         page,
+        "search.html.jinja",
         title=title,
         note=_note(result),
         facts=facts(result),

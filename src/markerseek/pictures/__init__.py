@@ -1,17 +1,13 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
-from markerseek.pictures.comparison_picture import ComparedSearch, comparison_figure
-from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg
-from markerseek.pictures.frame_picture import frame_figure
-from markerseek.pictures.machine_picture import b_mode_figure, rf_figure
-from markerseek.pictures.overlay_picture import overlay_figure
-from markerseek.pictures.page import write_from_template, write_page
+from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg, write_page, written
+from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
-from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, put_heading, shared_legend
+from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from markerseek.pictures.tip_picture import TipImage, tip_figure
-from markerseek.pictures.track_picture import track_figure
+from markerseek.pictures.tracks import ComparedSearch, comparison_figure, track_figure
 
 __all__ = [
     "ERROR_BARS",
@@ -26,7 +22,6 @@ __all__ = [
     "overlay_figure",
     "panel_grid",
     "png_data_uri",
-    "put_heading",
     "registration_figure",
     "require_room_for_pictures",
     "rf_figure",
@@ -36,6 +31,6 @@ __all__ = [
     "shared_legend",
     "tip_figure",
     "track_figure",
-    "write_from_template",
     "write_page",
+    "written",
 ]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from markerseek.core import PaImage
-from markerseek.pictures.image_panel import draw_image
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
+from markerseek.pictures.images import draw_image
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,8 +43,7 @@ def bank_figure(
     image
         Image at the maximum; None where there are no frames.
     """
-    figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=5.2)
-    put_heading(figure, title, fontsize=11.0)
+    figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=5.2, heading=title, fontsize=11.0)
     grid = figure.add_gridspec(1, 2 if image is not None else 1, width_ratios=(3, 2) if image is not None else None)
     axes = figure.add_subplot(grid[0, 0])
     axes.plot(angles_deg, intensities, color=SIGNAL, marker="o", markersize=2.5, linewidth=1, label="acquisitions")
@@ -68,7 +67,7 @@ def bank_figure(
     axes.set_xlim(angles_deg[0], angles_deg[-1])
     if image is not None:
         panel = figure.add_subplot(grid[0, 1])
-        draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+        draw_image(panel, image)
         panel.set_title(f"photoacoustic image at {max_deg:.2f}°", fontsize=9)
     shared_legend(figure, columns=4)
     return figure

@@ -1,19 +1,22 @@
-"""Saves figures as PNG, SVG, or PNG embedded in a page."""
+"""Writes figures as PNG, SVG, or PNG embedded in a page, and self-contained HTML pages from Jinja2 templates."""
 
 from __future__ import annotations
 
 import base64
 import io
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, MissingExtraError
 from markerseek.files import replace_file
-from markerseek.pictures.page import templates
 from markerseek.pictures.style import new_figure
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure
 
 
@@ -28,7 +31,7 @@ def require_room_for_pictures(folder: Path) -> None:
         If Matplotlib or Jinja2 is not installed.
     """
     new_figure(width_in=1.0, height_in=1.0)
-    templates()
+    _templates()
     if folder.is_file():
         raise ConfigError(f"{folder}: no picture can be written there: it is a file, not a folder; name another --out")
     try:
@@ -42,8 +45,16 @@ def require_room_for_pictures(folder: Path) -> None:
         ) from problem
 
 
-def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; its folder is made if missing.
+@contextmanager
+def written(path: Path, *, what: str) -> Iterator[Path]:
+    """A temporary path beside `path`, renamed when the block succeeds; the folder is made if missing.
+
+    Parameters
+    ----------
+    path
+        File to write; an existing one is replaced.
+    what
+        What it holds, for the message: "picture".
 
     Raises
     ------
@@ -52,19 +63,21 @@ def save_png(figure: Figure, path: Path) -> None:
     RecordError
         If its name is that of a symbolic link, a pipe or a device.
     """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replace_file(path) as part:
+            yield part
+    except OSError as problem:
+        raise ConfigError(f"{path}: the {what} cannot be written: {problem.strerror}; name another --out") from problem
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG; errors as of `written`."""
     _save(figure, path, format="png", dpi=120)
 
 
 def save_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG; the folder is made if need be. The same figure gives the same file.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be written.
-    RecordError
-        If its name is that of a symbolic link, a pipe or a device.
-    """
+    """Write a figure as SVG; the same figure gives the same file. Errors as of `written`."""
     import matplotlib as mpl
 
     # Without a salt and a date of our own, Matplotlib writes random identifiers and the time.
@@ -73,12 +86,8 @@ def save_svg(figure: Figure, path: Path) -> None:
 
 
 def _save(figure: Figure, path: Path, **how: Any) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(path) as part:
-            figure.savefig(part, **how)
-    except OSError as problem:
-        raise ConfigError(f"{path}: the picture cannot be written: {problem.strerror}; name another --out") from problem
+    with written(path, what="picture") as part:
+        figure.savefig(part, **how)
 
 
 def png_data_uri(figure: Figure) -> str:
@@ -86,3 +95,42 @@ def png_data_uri(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=120, format="png")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+@cache
+def _templates() -> Environment:
+    """Jinja2 environment of the templates; an undefined name in a template is an error."""
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+    except ImportError as problem:
+        raise MissingExtraError(package="jinja2", extra="plot", purpose="a page") from problem
+    return Environment(
+        loader=PackageLoader("markerseek.pictures"),
+        # Descriptions and paths come from files of other people and could contain markup.
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def write_page(path: Path, template: str, **values: object) -> None:
+    """Write one page, in which every value is escaped.
+
+    Parameters
+    ----------
+    path
+        HTML file to write.
+    template
+        Name of the template, whose first line names its values.
+    **values
+        Values of the names in the template.
+
+    Raises
+    ------
+    MissingExtraError
+        If Jinja2 is not installed; other errors as of `written`.
+    """
+    text = _templates().get_template(template).render(values)
+    with written(path, what="page") as part:
+        part.write_text(text, encoding="utf-8")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading, shared_legend
+from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,8 +40,7 @@ def registration_figure(
     title
         What was registered, and how well.
     """
-    figure = new_figure(width_in=10.5, height_in=5.2)
-    put_heading(figure, title)
+    figure = new_figure(width_in=10.5, height_in=5.2, heading=title)
     for axes, (view, across, up) in zip(figure.subplots(1, 2), _VIEWS, strict=True):
         x, y = 1e3 * trus_m[:, across], 1e3 * trus_m[:, up]
         far = 1e3 * (trus_m + EXAGGERATION * (transformed_m - trus_m))

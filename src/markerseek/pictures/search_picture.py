@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import BModeImage, Float64, Found, Interval, PaImage, Sample
-from markerseek.pictures.image_panel import draw_image, draw_overlay
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, put_heading, shared_legend
+from markerseek.pictures.images import draw_image, draw_overlay
+from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,9 +73,7 @@ def search_figure(
     recorded
         Angles in degrees, and the intensities recorded there, of the scan that a replay searches.
     """
-    figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6)
-    if title is not None:
-        put_heading(figure, title)
+    figure = new_figure(width_in=11.0, height_in=7.6 if density is None else 8.6, heading=title)
     # Without an image the right column is narrow, not absent: the left panels are the same in both.
     rows = (3, 2) if density is None else (3, 1, 2)
     columns = figure.add_gridspec(len(rows), 2, height_ratios=rows, width_ratios=(3, 2 if image is not None else 0.001))
@@ -96,7 +94,7 @@ def search_figure(
     if image is not None:
         panel = figure.add_subplot(columns[:, 1])
         if b_mode is None:
-            draw_image(panel, image.envelope, lateral_m=image.lateral_m, depth_m=image.depth_m)
+            draw_image(panel, image)
         else:
             draw_overlay(panel, b_mode, image)
         last = confirmation or samples[-1]

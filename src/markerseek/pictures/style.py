@@ -24,13 +24,15 @@ ERROR_BARS: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2, "elinewidth":
 """Sizes of a line with marks and error bars, for `matplotlib.axes.Axes.errorbar`."""
 
 
-def new_figure(*, width_in: float, height_in: float) -> Figure:
-    """Empty figure that needs no display.
+def new_figure(*, width_in: float, height_in: float, heading: str | None = None, fontsize: float = 12.0) -> Figure:
+    """Empty figure that needs no display, with a heading over the whole of it.
 
     Parameters
     ----------
     width_in, height_in
         Size in inches.
+    heading, fontsize
+        The heading, which is wrapped to the width, and its size in points; None: no heading.
 
     Raises
     ------
@@ -42,18 +44,17 @@ def new_figure(*, width_in: float, height_in: float) -> Figure:
     except ImportError as problem:
         raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
     # Not pyplot, which selects a display and keeps every figure in memory.
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    if heading is not None:
+        lines = _wrapped(heading, width_in=width_in, fontsize=fontsize)
+        # A "$" in the name of a file is no mathematics.
+        figure.suptitle(lines, fontsize=fontsize, x=0.01, ha="left", parse_math=False)
+    return figure
 
 
-def put_heading(figure: Figure, text: str, *, fontsize: float = 12.0) -> None:
-    """Write a heading over the whole figure, wrapped to its width; "$" in a file's name is no mathematics."""
-    lines = _wrapped(text, width_in=figure.get_figwidth(), fontsize=fontsize)
-    figure.suptitle(lines, fontsize=fontsize, x=0.01, ha="left", parse_math=False)
-
-
-def put_title(axes: Axes, text: str, *, width_in: float, fontsize: float = 9.0) -> None:
+def put_title(axes: Axes, text: str, *, width_in: float) -> None:
     """Write the title of one panel, wrapped to a width in inches."""
-    axes.set_title(_wrapped(text, width_in=width_in, fontsize=fontsize), fontsize=fontsize, parse_math=False)
+    axes.set_title(_wrapped(text, width_in=width_in, fontsize=9.0), fontsize=9.0, parse_math=False)
 
 
 def _wrapped(text: str, *, width_in: float, fontsize: float) -> str:
@@ -90,8 +91,7 @@ def panel_grid(
     """
     columns = min(columns, len(titles))
     rows = -(-len(titles) // columns)
-    figure = new_figure(width_in=panel_in[0] * columns, height_in=panel_in[1] * rows + 0.8)
-    put_heading(figure, heading)
+    figure = new_figure(width_in=panel_in[0] * columns, height_in=panel_in[1] * rows + 0.8, heading=heading)
     grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
     for empty in grid[len(titles) :]:
         empty.set_axis_off()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import UInt8
-from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, put_heading, shared_legend
+from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,8 +56,7 @@ def tip_figure(
         Ends of the sensitive range in degrees; None where there is none.
     """
     shown = list(images[:: -(-len(images) // MOST_SHOWN)])
-    figure = new_figure(width_in=max(7.0, 1.7 * len(shown)), height_in=5.6)
-    put_heading(figure, title, fontsize=10)
+    figure = new_figure(width_in=max(7.0, 1.7 * len(shown)), height_in=5.6, heading=title, fontsize=10)
     grid = figure.add_gridspec(2, len(shown), height_ratios=(1.0, 1.5))
     for place, each in enumerate(shown):
         axes = figure.add_subplot(grid[0, place])

@@ -7,9 +7,8 @@ from .settings import Axis, CurveSettings, World
 from .statistics import Mean, Share
 from .study import Cell, Study, cells
 from .study_file import read_study
-from .summary import Difference, Summary, summarise
+from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
 from .table import columns, read_rows, values_of
-from .tally import FAILURE_DEG, PolicySummary, TwoSources
 from .tracking import Track, track
 from .trial import Row, run_row, run_trial
 from .workers import default_workers

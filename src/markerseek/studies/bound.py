@@ -18,7 +18,7 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Estimate, Policy, Sample
+from markerseek.core import ConfigError, Estimate, Interval, Policy, Sample
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
@@ -28,12 +28,11 @@ from markerseek.search.bounds import (
     best_angles,
     sample_information,
 )
-from markerseek.sim import SimulatedSettings
 from markerseek.studies.policies import build_policy
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns
-from markerseek.studies.window import noise_free
-from markerseek.studies.worlds import draw_trial, marker_window, study_rig
+from markerseek.studies.window import noise_free, window_of
+from markerseek.studies.worlds import draw_trial, study_rig
 
 _OFF_DEG = np.concatenate(
     [np.arange(0, 6, 0.25), np.arange(6, 14, 0.5), np.arange(14, 30, 1.0), np.arange(30, 70.1, 5.0)]
@@ -99,25 +98,23 @@ class _Recorded:
 
 
 @lru_cache(maxsize=1024)
-def marker_curve(unknowns: Unknowns, settings: SimulatedSettings) -> SampledCurve:
+def marker_curve(unknowns: Unknowns, travel: Interval) -> SampledCurve:
     """Noise-free curve of a drawn marker.
 
     Parameters
     ----------
     unknowns
         The rig and the marker.
-    settings
-        The settings that are not drawn.
+    travel
+        Angles that the probe can have.
     """
-    window = marker_window(unknowns, settings)
+    window = window_of(unknowns, travel)
     heights = [noise_free(window, off_deg=off_deg) for off_deg in _OFF_DEG.tolist()]
     # Behind the plane of the face there is no signal, and the bound takes the logarithm of the curve.
     return SampledCurve(_OFF_DEG, np.maximum(heights, 1e-6))
 
 
-def compare_with_bound(
-    study: Study, cell: Cell, *, policy: int, markers: int, acquisitions: int | None = None
-) -> BoundComparison:
+def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
     """Repeat the searches for the first markers of a study, and compare the errors with the bound of each.
 
     Parameters
@@ -128,8 +125,6 @@ def compare_with_bound(
         Number of the policy.
     markers
         Number of trials.
-    acquisitions
-        Angles of the bound; None: as many as the policy makes at most.
 
     Raises
     ------
@@ -137,7 +132,6 @@ def compare_with_bound(
         If the study does not draw everything, so that its markers have no curve of their own.
     """
     settings, limits = study.policies[policy], cell.world.rig.limits.search
-    count = settings.most if acquisitions is None else acquisitions
     errors, best, taken, times = [], [], [], []
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
@@ -150,7 +144,7 @@ def compare_with_bound(
         errors.append(recorded.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.
         ideal = best_angles(
-            curve, marker_deg=marker_deg, noise=noise, acquisitions=count, limits=limits, prior=TABLE_PRIOR
+            curve, marker_deg=marker_deg, noise=noise, acquisitions=settings.most, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
         angles_deg = np.array(recorded.angles_deg)
@@ -164,7 +158,7 @@ def compare_with_bound(
         policy=policy,
         label=str(settings),
         markers=markers,
-        acquisitions=count,
+        acquisitions=settings.most,
         rmse_deg=rmse_deg,
         median_error_deg=float(np.median(magnitude)),
         best_deg=best_deg,
@@ -214,7 +208,7 @@ def _marker(study: Study, cell: Cell, trial: int) -> tuple[Unknowns, IntensityNo
         snr=10 ** (rig.noise.peak_snr_db / 20),
         jitter=rig.laser.energy_jitter / math.sqrt(unknowns.pulses),
     )
-    return unknowns, noise, marker_curve(unknowns, rig)
+    return unknowns, noise, marker_curve(unknowns, rig.limits.travel)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:

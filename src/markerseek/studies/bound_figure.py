@@ -9,8 +9,7 @@ from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
 from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Study
-from markerseek.studies.summary import Summary
-from markerseek.studies.tally import PolicySummary
+from markerseek.studies.summary import PolicySummary, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,23 +1,22 @@
-"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own."""
+"""The policies of a study: those of `markerseek.search`, the optimisers of `markerseek.adapters`, and a user's own.
+
+A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
+``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
+that it must be installed or lie in a folder of PYTHONPATH.
+"""
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import MOST_ACQUISITIONS, PAPER_RANGE, ConfigError, Interval, Policy
-from markerseek.search import METHODS, Method, build, method_named
-from markerseek.studies.own_policy import build_own, is_own
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerseekError, Policy
+from markerseek.search import METHODS, Method, build, check_acquisitions, method_named
 
 
-def method_of(name: str) -> Method:
-    """Return the method of that name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none; the message lists the names.
-    """
+def _method_of(name: str) -> Method:
+    """The method of that name; a `ConfigError` that lists the names if there is none."""
     for method in ADAPTERS:
         if method.name == name:
             return method
@@ -35,7 +34,7 @@ class PolicySettings:
     Attributes
     ----------
     method
-        Name of the method, or ``module:name`` of a user's own policy (`markerseek.studies.own_policy`).
+        Name of the method, or ``module:name`` of a user's own policy.
     acquisitions
         Most acquisitions; None: the method's own. Required for a user's own policy.
     as_published
@@ -59,13 +58,9 @@ class PolicySettings:
         if is_own(self.method):
             self._require_own()
             return
-        least = method_of(self.method).least
-        if self.acquisitions is not None and not self.acquisitions >= least:
-            raise ConfigError(f"{self.method}: acquisitions is {self.acquisitions}, at least {least} are needed")
-        if self.acquisitions is not None and self.acquisitions > MOST_ACQUISITIONS:
-            raise ConfigError(
-                f"{self.method}: acquisitions is {self.acquisitions}, at most {MOST_ACQUISITIONS} can be made"
-            )
+        least = _method_of(self.method).least
+        if self.acquisitions is not None:
+            check_acquisitions(self.acquisitions, least=least, method=self.method)
         if self.single and self.method != "posterior":
             raise ConfigError(
                 f"{self.method}: single is set, but only the posterior looks for other sources; leave it out"
@@ -75,22 +70,21 @@ class PolicySettings:
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
-        number = self.acquisitions
-        if number is None or not 1 <= number <= MOST_ACQUISITIONS:
+        if self.acquisitions is None:
             raise ConfigError(
-                f"{self.method}: acquisitions is {number}, a policy of your own needs the number of its acquisitions, "
-                f"from 1 to {MOST_ACQUISITIONS}"
+                f"{self.method}: acquisitions is None, a policy of your own needs the number of them; give it"
             )
+        number = check_acquisitions(self.acquisitions, least=1, method=self.method)
         for name, value, usual in (("early_end", self.early_end, True), ("cues", self.cues, None)):
             if value != usual:
                 raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
         # A module that cannot be imported is an error when the study is read, not in a worker process.
-        build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
+        _build_own(self.method, limits=PAPER_RANGE, acquisitions=number)
 
     @property
     def most(self) -> int:
         """Most acquisitions that it makes."""
-        return self.acquisitions or method_of(self.method).acquisitions
+        return self.acquisitions or _method_of(self.method).acquisitions
 
     def __str__(self) -> str:
         form = " as published" if self.as_published else ""
@@ -119,7 +113,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         If the settings do not fit together, or (MissingExtraError) an optional package is missing.
     """
     if is_own(settings.method):
-        return build_own(settings.method, limits=limits, acquisitions=settings.most)
+        return _build_own(settings.method, limits=limits, acquisitions=settings.most)
     # The adapters are not in `build`, so that a search does not import them.
     if settings.method not in {method.name for method in METHODS}:
         return build_adapter(
@@ -146,3 +140,40 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         cues=settings.cues,
         single=settings.single,
     )
+
+
+def is_own(method: str) -> bool:
+    """Whether a method is named as a user's own, ``module:name``."""
+    return ":" in method
+
+
+def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
+    """A user's own policy; a `ConfigError` if the module cannot be imported, has no such name, or makes no policy."""
+    module, _, name = method.partition(":")
+    try:
+        maker = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as problem:
+        raise ConfigError(
+            f"{method}: {problem}; install it, or name its folder: PYTHONPATH=FOLDER markerseek study STUDY.toml"
+        ) from problem
+    except AttributeError as problem:
+        raise ConfigError(f"{method}: {problem}; name a class or a function of that module") from problem
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except Exception as problem:
+        raise ConfigError(f"{method}: importing it failed: {described(problem)}") from problem
+    try:
+        policy = maker(limits=limits, acquisitions=acquisitions)
+    except MarkerseekError:
+        raise
+    except Exception as problem:
+        raise ConfigError(
+            f"{method}: calling it with limits and acquisitions failed: {described(problem)}"
+        ) from problem
+    if not isinstance(policy, Policy):
+        raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
+    return policy
+
+
+def described(problem: Exception) -> str:
+    """An error as its class and message in one line."""
+    return f"{type(problem).__name__}: {' '.join(str(problem).split())}"

@@ -15,24 +15,25 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import MIB, read_input
-from markerseek.studies.chunks import Chunk, chunk, chunk_count, chunk_rows, run_chunk
-from markerseek.studies.cluster import on_cluster
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary, summarise
-from markerseek.studies.table import as_csv, columns, read_rows, write_whole
-from markerseek.studies.workers import default_workers, on_processes
+from markerseek.studies.table import as_csv, chunks, columns, read_rows, run_chunk, write_whole
+from markerseek.studies.workers import default_workers, on_cluster, on_processes
 
 ROWS, SUMMARY, STUDY, PARTS = "rows.csv", "summary.json", "study.json", "parts"
 """Names in a study's folder."""
 
 _MOST_BYTES = 256 * MIB
 """Largest file beside the table that is read."""
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,14 +100,16 @@ def run_study(
             write_whole(folder / SUMMARY, _json(summary))
         # Last: however a run ends before this line, parts or table are there to continue from.
         shutil.rmtree(folder / PARTS)
-        return Finish(rows=folder / ROWS, summary=_summary(folder / SUMMARY))
+        summary = _read(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
+        return Finish(rows=folder / ROWS, summary=summary)
 
 
-def _summary(path: Path) -> Summary:
+def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
+    """Content of a JSON file."""
     try:
-        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=Summary, strict=True)
+        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=kind)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem}; delete it, and it is computed again") from problem
+        raise RecordError(f"{path}: it cannot be read: {problem}{cure}") from problem
 
 
 def _claim(folder: Path, study: Study) -> None:
@@ -114,10 +117,7 @@ def _claim(folder: Path, study: Study) -> None:
     claim = {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)}
     path = folder / STUDY
     if path.exists():
-        try:
-            found = msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=dict)
-        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-            raise RecordError(f"{path}: it cannot be read: {problem}") from problem
+        found = _read(path, dict)
         if found.get("hash") != study.digest:
             made_by = found.get("version")
             cause = f"was begun by version {made_by}" if made_by != __version__ else "holds another study"
@@ -144,39 +144,34 @@ def _run_chunks(
     progress: Callable[[int], None] | None,
 ) -> None:
     """Compute the chunks whose parts are missing, and write each as it is ready."""
-    left = [index for index in range(chunk_count(study)) if not _part(parts, chunk(study, index)).exists()]
-    missing = (chunk(study, index) for index in left)
-    done = study.rows - sum(chunk_rows(study, chunk(study, index)) for index in left)
+    left = [trials for trials in chunks(study) if not _part(parts, trials).exists()]
+    done = study.rows - sum(map(len, left)) * len(study.policies)
     if scheduler is not None:
-        computed: Iterator[tuple[int, bytes]] = on_cluster(study, missing, address=scheduler)
+        computed: Iterator[tuple[int, bytes]] = on_cluster(run_chunk, study, left, address=scheduler)
     else:
         count = default_workers() if workers is None else workers
-        computed = on_processes(partial(run_chunk, study), missing, workers=count)
+        computed = on_processes(partial(run_chunk, study), left, workers=count)
     # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
     with closing(computed):  # type: ignore[type-var]
         for number, lines in computed:
             # The hash of a study contains the version of the package that computed it.
             if not lines.startswith(study.digest.encode()):
                 raise ConfigError("a worker has another version of markerseek than this process; install the same one")
-            piece = chunk(study, left[number])
-            write_whole(_part(parts, piece), [lines])
-            done += chunk_rows(study, piece)
+            write_whole(_part(parts, left[number]), [lines])
+            done += len(left[number]) * len(study.policies)
             if progress is not None:
                 progress(done)
 
 
 def _join(study: Study, folder: Path) -> None:
     """Write the table from its parts."""
-    parts = (
-        read_input(_part(folder / PARTS, chunk(study, index)), most_bytes=_MOST_BYTES)
-        for index in range(chunk_count(study))
-    )
+    parts = (read_input(_part(folder / PARTS, trials), most_bytes=_MOST_BYTES) for trials in chunks(study))
     write_whole(folder / ROWS, chain([as_csv([columns(study)])], parts))
 
 
-def _part(parts: Path, piece: Chunk) -> Path:
+def _part(parts: Path, trials: range) -> Path:
     """Path of a part. Its name holds its trials, so that a part of chunks of another size is not mistaken for it."""
-    return parts / f"{piece.first:09d}-{piece.last - 1:09d}.csv"
+    return parts / f"{trials.start:09d}-{trials.stop - 1:09d}.csv"
 
 
 @contextmanager

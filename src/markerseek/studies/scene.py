@@ -44,10 +44,8 @@ class SecondSource:
     least_lateral_m: float = 0.0
 
     def __post_init__(self) -> None:
-        require_range("scene.second: least_apart_deg", self.least_apart_deg, low=0.0, high=90.0, unit="deg")
-        _require_after("scene.second: most_apart_deg", self.most_apart_deg, self.least_apart_deg, high=90.0, unit="deg")
-        require_range("scene.second: least_relative", self.least_relative, low=0.0, high=1.0, open_low=True)
-        _require_after("scene.second: most_relative", self.most_relative, self.least_relative, high=1.0)
+        _require_span(self, "scene.second", "apart_deg", low=0.0, high=90.0, unit="deg")
+        _require_span(self, "scene.second", "relative", low=0.0, high=1.0, open_low=True)
         require_range("scene.second: least_lateral_m", self.least_lateral_m, low=0.0, high=LATERAL_M, unit="m")
         if self.same_place and self.least_lateral_m > 0:
             raise ConfigError("scene.second: same_place is true, and least_lateral_m is above 0; leave one out")
@@ -72,8 +70,7 @@ class ClutterAround:
     def __post_init__(self) -> None:
         if not is_whole(self.count) or not 1 <= self.count <= 1000:
             raise ConfigError(f"scene.clutter: count is {self.count}, it must be a whole number from 1 to 1000")
-        require_range("scene.clutter: least_db", self.least_db, low=-60.0, high=0.0, unit="dB")
-        _require_after("scene.clutter: most_db", self.most_db, self.least_db, high=0.0, unit="dB")
+        _require_span(self, "scene.clutter", "db", low=-60.0, high=0.0, unit="dB")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,10 +94,8 @@ class Repeats:
     most_repeats: int = 3
 
     def __post_init__(self) -> None:
-        require_range("scene.repeats: least_delay_s", self.least_delay_s, low=0.0, high=1e-3, unit="s", open_low=True)
-        _require_after("scene.repeats: most_delay_s", self.most_delay_s, self.least_delay_s, high=1e-3, unit="s")
-        require_range("scene.repeats: least_gain", self.least_gain, low=0.0, high=1.0)
-        _require_after("scene.repeats: most_gain", self.most_gain, self.least_gain, high=1.0)
+        _require_span(self, "scene.repeats", "delay_s", low=0.0, high=1e-3, unit="s", open_low=True)
+        _require_span(self, "scene.repeats", "gain", low=0.0, high=1.0)
         if not is_whole(self.most_repeats) or not 1 <= self.most_repeats <= 10:
             raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
 
@@ -201,5 +196,10 @@ def _repeats(settings: Repeats, rng: np.random.Generator) -> Reverberation:
     )
 
 
-def _require_after(name: str, value: float, least: float, *, high: float, unit: str = "") -> None:
-    require_range(name, value, low=least, high=high, unit=unit, cure="the range must not descend")
+def _require_span(
+    settings: object, name: str, quantity: str, *, low: float, high: float, unit: str = "", open_low: bool = False
+) -> None:
+    """Refuse a range, from ``least_`` to ``most_``, that leaves its limits or descends."""
+    least, most = getattr(settings, f"least_{quantity}"), getattr(settings, f"most_{quantity}")
+    require_range(f"{name}: least_{quantity}", least, low=low, high=high, unit=unit, open_low=open_low)
+    require_range(f"{name}: most_{quantity}", most, low=least, high=high, unit=unit, cure="the range must not descend")

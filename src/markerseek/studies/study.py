@@ -18,6 +18,7 @@ import typing
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import attrgetter
 from typing import Literal
 
 import msgspec
@@ -239,19 +240,19 @@ def _require_size(study: Study) -> None:
 
 def _require_default(rig: SimulatedSettings, *, tissues: bool) -> None:
     """Refuse settings that would have no effect because they are drawn; frames have ``tissues``, readings a point."""
-    usual = SimulatedSettings()
-    given = {
-        "rig.tissue": (usual.tissue if tissues else rig.tissue, usual.tissue),
-        "rig.probe": (rig.probe, usual.probe),
-        "rig.laser.pulse_s": (rig.laser.pulse_s, usual.laser.pulse_s),
-        "rig.laser.pulses": (rig.laser.pulses, usual.laser.pulses),
-        "rig.marker.radius_m": (rig.marker.radius_m, usual.marker.radius_m),
-        "rig.marker.source_radius_m": (rig.marker.source_radius_m, usual.marker.source_radius_m),
-        "rig.receiver.trigger_offset_s": (rig.receiver.trigger_offset_s, usual.receiver.trigger_offset_s),
-    }
-    for key, (value, default) in given.items():
-        if value != default:
-            raise ConfigError(f'{key} is drawn in each trial because drawn = "everything"; leave it out')
+    drawn = (
+        "tissue",
+        "probe",
+        "laser.pulse_s",
+        "laser.pulses",
+        "marker.radius_m",
+        "marker.source_radius_m",
+        "receiver.trigger_offset_s",
+    )
+    for key in drawn[1:] if tissues else drawn:
+        setting = attrgetter(key)
+        if setting(rig) != setting(SimulatedSettings()):
+            raise ConfigError(f'rig.{key} is drawn in each trial because drawn = "everything"; leave it out')
 
 
 T = typing.TypeVar("T")

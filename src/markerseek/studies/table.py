@@ -1,4 +1,4 @@
-"""The table of a study on disk: rows as CSV.
+"""The table of a study: its rows as CSV, computed in chunks, and read again.
 
 Numbers have all digits, so that reading gives the same numbers and equal rows are equal bytes. An empty field is a
 missing value.
@@ -17,13 +17,17 @@ from markerseek.core import RecordError
 from markerseek.files import open_input, replace_file
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Study, cells
-from markerseek.studies.trial import Row
+from markerseek.studies.trial import Row, run_trial
 
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 """Columns of every table; the varied settings of the study follow, by their keys."""
 
 _MOST_BYTES = 1 << 40
 """Largest table that is read; it is read line by line."""
+
+_CHUNK_ROWS = {"curves": 250, "readings": 64, "frames": 16}
+"""Rows of a chunk, about: at most a second of work, so that little is lost when a study is interrupted, and no worker
+waits long for the last one."""
 
 
 def columns(study: Study) -> tuple[str, ...]:
@@ -42,6 +46,31 @@ def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
 def values_of(row: Row) -> tuple[object, ...]:
     """Values of a row in the order of `columns`."""
     return tuple(getattr(row, name) for name in COLUMNS) + tuple(value for _, value in row.settings)
+
+
+def chunks(study: Study) -> Iterator[range]:
+    """Trials of each chunk, counted through all cells; a continued study has the same chunks.
+
+    Parameters
+    ----------
+    study
+        The study.
+    """
+    trials = range(len(cells(study)) * study.trials)
+    # Whole trials: the policies of a trial share its window and its curve, which are cached.
+    size = max(1, _CHUNK_ROWS[study.level] // len(study.policies))
+    return (trials[first : first + size] for first in trials[::size])
+
+
+def run_chunk(study: Study, trials: range) -> bytes:
+    """Lines of the rows of some trials in the table, the same in any process."""
+    everything = cells(study)
+    rows = (
+        run_trial(study, everything[place // study.trials], place % study.trials, policy)
+        for place in trials
+        for policy in range(len(study.policies))
+    )
+    return as_csv(values_of(row) for row in rows)
 
 
 def read_rows(path: Path, study: Study) -> Iterator[Row]:
@@ -72,7 +101,7 @@ def read_rows(path: Path, study: Study) -> Iterator[Row]:
                 yield _row(line, by_cell)
     except (OSError, UnicodeDecodeError) as problem:
         raise RecordError(f"{path}: the table cannot be read: {problem}") from problem
-    except (ValueError, msgspec.ValidationError) as problem:
+    except (ValueError, IndexError, msgspec.ValidationError) as problem:
         raise RecordError(f"{path}: it is not a study's table: {problem}") from problem
 
 
@@ -108,10 +137,9 @@ def _field(value: object) -> object:
 
 
 def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
-    named: dict[str, object] = {
-        name: None if text == "" else text for name, text in zip(COLUMNS, line[: len(COLUMNS)], strict=True)
-    }
-    marks = line[COLUMNS.index("marks_deg")]
-    named["marks_deg"] = [float(part) for part in marks.split()]
-    # Column 2 is the cell. Its settings are taken from the study: read as text, a value would lose its type.
-    return msgspec.convert({**named, "settings": by_cell[int(line[2])]}, Row, strict=False)
+    named = dict(zip(COLUMNS, line[: len(COLUMNS)], strict=True))
+    values = {name: text or None for name, text in named.items()}
+    marks_deg = [float(part) for part in named["marks_deg"].split()]
+    # The settings of the cell are taken from the study: read as text, a value would lose its type.
+    settings = by_cell[int(named["cell"])]
+    return msgspec.convert({**values, "marks_deg": marks_deg, "settings": settings}, Row, strict=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -24,8 +23,7 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.scan import run
-from markerseek.studies.own_policy import described, is_own
-from markerseek.studies.policies import PolicySettings, build_policy
+from markerseek.studies.policies import PolicySettings, build_policy, described, is_own
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
 from markerseek.studies.worlds import draw_trial, study_rig
@@ -98,8 +96,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
-    course = _search(study, settings, rig)
-    finished = course.finished
+    finished, refused, marks_deg = _search(study, settings, rig)
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
@@ -124,9 +121,9 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         sigma_deg=float(estimate.sigma_deg) if isinstance(estimate, Found | Unsure) else None,
         low_deg=float(interval.low_deg) if interval is not None else None,
         high_deg=float(interval.high_deg) if interval is not None else None,
-        marks_deg=tuple(course.marks_deg),
+        marks_deg=marks_deg,
         acquisitions=None if finished is None else finished.acquisitions,
-        refused=course.refused,
+        refused=refused,
         travel_deg=None if finished is None else finished.travel_deg,
         elapsed_s=None if finished is None else finished.elapsed_s,
         surveyed=None if estimate is None else estimate.surveyed,
@@ -181,36 +178,29 @@ def run_row(study: Study, row: int) -> Row:
     return run_trial(study, cells(study)[cell], trial, policy)
 
 
-@dataclass(slots=True, kw_only=True)
-class _Course:
-    """Course of a search: its end (None after a fault of a device), refused frames, and answers at the marks."""
-
-    finished: Finished | None = None
-    refused: int = 0
-    marks_deg: list[float] = field(default_factory=list)
-
-
-def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> _Course:
+def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> tuple[Finished | None, int, tuple[float, ...]]:
+    """End of a search (None after a fault of a device), number of refused frames, and answers at the marks."""
     policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
-    course = _Course()
+    finished, refused = None, 0
+    marks_deg: list[float] = []
     dark_frames = 0 if settings.as_published else rig.dark_frames
     try:
         for event in run(policy, rig.scanner, dark_frames=dark_frames, stay=study.stay):
             if isinstance(event, Refused):
-                course.refused += 1
+                refused += 1
             # When acquisition n is asked for, the estimate holds n − 1 samples.
             elif isinstance(event, Asked) and event.role == "search" and event.index - 1 in study.marks:
-                course.marks_deg.append(float(policy.estimate().mean_deg))
+                marks_deg.append(float(policy.estimate().mean_deg))
             elif isinstance(event, Finished):
-                course.finished = event
+                finished = event
                 # A search that ended before a mark has its final answer there.
-                missing = len(study.marks) - len(course.marks_deg)
-                course.marks_deg += [float(event.estimate.mean_deg)] * missing
+                missing = len(study.marks) - len(marks_deg)
+                marks_deg += [float(event.estimate.mean_deg)] * missing
     # Simulated faults are part of a study. Other errors are errors of its settings, and end it.
     except DeviceError:
-        return _Course(refused=course.refused)
+        return None, refused, ()
     except Exception as problem:
         if isinstance(problem, MarkerseekError) or not is_own(settings.method):
             raise
         raise SearchError(f"{settings.method}: the policy failed: {described(problem)}") from problem
-    return course
+    return finished, refused, tuple(marks_deg)

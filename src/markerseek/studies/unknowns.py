@@ -22,6 +22,7 @@ from markerseek.acoustics import (
     Probe,
     RectanglePulse,
 )
+from markerseek.sim import ReceiverSettings
 
 ELEMENT_HEIGHT_M = (3e-3, 6e-3)
 """Element height in metres."""
@@ -80,7 +81,7 @@ class Unknowns:
 
 
 def draw_unknowns(
-    rng: np.random.Generator, *, marker_deg: float, lateral_m: float, sampling_hz: float, samples: int
+    rng: np.random.Generator, *, marker_deg: float, lateral_m: float, receiver: ReceiverSettings
 ) -> Unknowns:
     """Draw a rig and a marker.
 
@@ -90,8 +91,8 @@ def draw_unknowns(
         Source of randomness.
     marker_deg, lateral_m
         Place of the marker, in degrees and metres.
-    sampling_hz, samples
-        Of the receiver.
+    receiver
+        Settings of the receiver: sampling frequency and samples.
     """
     # The order of the draws is part of the study: another order would give other markers.
     focus_m = None if rng.random() < NO_LENS else float(rng.uniform(*FOCUS_M))
@@ -112,8 +113,8 @@ def draw_unknowns(
         medium=medium,
         laser=laser,
         band=Band(centre_hz=centre_hz, low_hz=centre_hz - 1.5e6, high_hz=centre_hz + 2.5e6),
-        sampling_hz=sampling_hz,
-        samples=samples,
+        sampling_hz=receiver.sampling_hz,
+        samples=receiver.samples,
         trigger_offset_s=float(rng.uniform(*TRIGGER_OFFSET_S)),
     )
     marker = Absorber(

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel
 from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, Interval, LocalMaxima
+from markerseek.rigs import image_reader
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
 
@@ -63,15 +65,15 @@ class Window:
     blocks: LocalMaxima
 
 
-def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> Window:
-    """Prepare a rig and its marker.
+# The policies of a trial follow one another in one process: few windows are in use at a time.
+@lru_cache(maxsize=4)
+def window_of(unknowns: Unknowns, travel: Interval) -> Window:
+    """Prepare a rig and its marker, which is the same for all policies of a trial.
 
     Parameters
     ----------
     unknowns
         The rig and the marker.
-    imaging
-        Reads whole frames of this probe.
     travel
         Angles that the probe can have.
 
@@ -80,7 +82,9 @@ def window_of(unknowns: Unknowns, *, imaging: ImageReader, travel: Interval) -> 
     ConfigError
         If there is no signal with the probe on the marker.
     """
-    model, marker, preset = unknowns.model, unknowns.marker, imaging.preset
+    model, marker = unknowns.model, unknowns.marker
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    preset = imaging.preset
     on_marker = model.channel_data([marker], angle_deg=marker.angle_deg)
     strongest = float(np.abs(on_marker).max())
     if not strongest > 0:

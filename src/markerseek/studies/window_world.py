@@ -22,7 +22,7 @@ import numpy as np
 from markerseek.acoustics import Noise
 from markerseek.core import Arrival, ConfigError, Float32, Frame, FrameHeader, LocalMaxima, Reading, ReadingFrame
 from markerseek.signals import FALSE_FOUND, LEAST_CHANNELS, beamformed_sigma, found_level
-from markerseek.sim import Flash, flash_of, largest_noise
+from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise
 from markerseek.studies.window import Window, frame_of
 
 FLOOR_SCATTER = 0.01
@@ -43,20 +43,14 @@ _SPREAD_S, _WIDE_SPREAD_S, _WIDE = 0.083e-6, 0.7e-6, 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PrecomputedFrame(ReadingFrame):
-    """A frame that holds its reading instead of channel data.
-
-    Attributes
-    ----------
-    reading
-        The reading.
-    """
+class _PrecomputedFrame(ReadingFrame):
+    """A frame that holds its reading instead of channel data."""
 
     reading: Reading
 
 
 class PrecomputedReader:
-    """Returns the readings of `PrecomputedFrame`."""
+    """Returns the readings of `_PrecomputedFrame`."""
 
     def read(self, frame: Frame) -> Reading:
         """Reading of the frame.
@@ -66,7 +60,7 @@ class PrecomputedReader:
         ConfigError
             If it holds none.
         """
-        if not isinstance(frame, PrecomputedFrame):
+        if not isinstance(frame, _PrecomputedFrame):
             raise ConfigError(f"a {type(frame).__name__} holds no reading")
         return frame.reading
 
@@ -78,35 +72,20 @@ class WindowWorld:
     ----------
     window
         The window of the marker.
-    present
-        Whether there is a marker.
-    peak_snr_db
-        Peak SNR of the physics notes, in dB.
-    energy_jitter
-        Standard deviation of a pulse's energy over its mean.
-    start_deg
-        Where the probe points at first, in degrees.
+    settings
+        Noise, laser, start, and whether there is a marker; the rest is in the window.
     rng
         Source of randomness.
     """
 
-    def __init__(
-        self,
-        window: Window,
-        *,
-        present: bool,
-        peak_snr_db: float,
-        energy_jitter: float,
-        start_deg: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.angle_deg = start_deg
+    def __init__(self, window: Window, settings: SimulatedSettings, *, rng: np.random.Generator) -> None:
+        self.angle_deg = settings.start_deg
         self.flashes: list[Flash] = []
         self._window = window
-        self._present = present
-        self._energy_jitter = energy_jitter
+        self._present = settings.marker.present
+        self._energy_jitter = settings.laser.energy_jitter
         self._rng = rng
-        sigma = window.peak / 10 ** (peak_snr_db / 20)
+        sigma = window.peak / 10 ** (settings.noise.peak_snr_db / 20)
         # Peak SNR is defined in the image; the noise is added to the channels.
         white_sigma = sigma / beamformed_sigma(1.0, preset=window.reader.preset)
         # Noise and marker alike, so that the SNR stays: strong noise would not fit into 16 bits.
@@ -119,10 +98,10 @@ class WindowWorld:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
-    def frame(self, flash: Flash | None, *, header: FrameHeader) -> PrecomputedFrame:
+    def frame(self, flash: Flash | None, *, header: FrameHeader) -> _PrecomputedFrame:
         """Frame with the reading after a flash; after none, that of noise alone."""
         reading = self._reading(flash)
-        return PrecomputedFrame(
+        return _PrecomputedFrame(
             header=header,
             intensity=reading.intensity,
             noise_sigma=reading.noise_sigma,

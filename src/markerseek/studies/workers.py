@@ -1,27 +1,33 @@
-"""Jobs on processes of this machine: chunks of a study, parts of a reproduction.
+"""Jobs on processes of this machine or on a Dask cluster: chunks of a study, parts of a reproduction.
 
-At most a few jobs for each process are under way, so that memory does not grow with their number.
+At most a few jobs for each worker are under way, so that memory does not grow with their number. Dask is an extra, and
+imported here only.
 """
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from itertools import islice
 from typing import TypeVar
 
-from markerseek.core import ConfigError, MarkerseekError
+from markerseek.core import ConfigError, MarkerseekError, MissingExtraError
 
-_AHEAD = 2
-"""Jobs under way for each worker: one at work, one waiting."""
+_AHEAD, _AHEAD_ON_CLUSTER = 2, 3
+"""Jobs under way for each worker, and for each thread of a cluster: one at work, the others waiting."""
+
+_TIMEOUT_S = 20
+"""Longest time in which a cluster answers, in seconds."""
 
 Job = TypeVar("Job")
+Shared = TypeVar("Shared")
 Done = TypeVar("Done")
 
 
@@ -54,12 +60,13 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         yield from enumerate(map(function, jobs))
         return
     # The command that starts a worker would import from the current folder, before it takes over our own path.
+    before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     try:
-        yield from as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
+        yield from _as_ready(partial(_submit, pool, function), jobs, ahead=_AHEAD * workers)
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
@@ -67,6 +74,11 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
         ) from problem
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        # Programs that this process starts later may need the current folder.
+        if before is None:
+            os.environ.pop("PYTHONSAFEPATH", None)
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
@@ -81,18 +93,8 @@ def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
-    """Index and result of each submitted job, as it is ready.
-
-    Parameters
-    ----------
-    submit
-        Starts a job.
-    jobs
-        The jobs, one after another.
-    ahead
-        Most jobs under way, so that memory does not grow with their number.
-    """
+def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
+    """Index and result of each submitted job, as it is ready; at most `ahead` are under way, to bound the memory."""
     waiting = enumerate(jobs)
     under_way = {submit(job): number for number, job in islice(waiting, ahead)}
     while under_way:
@@ -102,6 +104,48 @@ def as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahea
             # Submitted before the result is used: no worker waits for the caller.
             under_way.update((submit(job), number) for number, job in islice(waiting, 1))
             yield done, future.result()
+
+
+def on_cluster(
+    function: Callable[[Shared, Job], Done], shared: Shared, jobs: Iterable[Job], *, address: str
+) -> Iterator[tuple[int, Done]]:
+    """Index and result of each job, as it is ready; closing the iterator cancels the rest.
+
+    Parameters
+    ----------
+    function
+        A function of a module; the workers need the same version of this package.
+    shared, jobs
+        Its first argument, which is the same for all, and its second ones, one after another.
+    address
+        Of the scheduler, as in ``tcp://10.0.0.5:8786``.
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    ConfigError
+        If no scheduler answers there.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError as problem:
+        raise MissingExtraError(package="distributed", extra="cluster", purpose="a study on a cluster") from problem
+    try:
+        # Not the default client: the caller may have one of its own.
+        client = distributed.Client(address, timeout=_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
+    with client:
+        # The shared argument is sent to each worker once, not with every job.
+        everywhere = client.scatter(shared, broadcast=True, hash=False)
+        # Not pure: Dask would hash all arguments to find equal calls, and there are none.
+        submit = partial(client.get_executor(pure=False).submit, function, everywhere)
+        threads = sum(client.nthreads().values()) or 1
+        try:
+            yield from _as_ready(submit, jobs, ahead=_AHEAD_ON_CLUSTER * threads)
+        except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
+            raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 
 
 def _begin() -> None:

@@ -32,7 +32,7 @@ from markerseek.studies.scene import DrawnScene, draw_scene
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import Unknowns, draw_unknowns
-from markerseek.studies.window import Window, window_of
+from markerseek.studies.window import window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
 _LARGEST_COUNTS = 2000.0
@@ -89,13 +89,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
     unknowns = None
     if study.drawn == "everything":
-        unknowns = draw_unknowns(
-            rng,
-            marker_deg=marker_deg,
-            lateral_m=lateral_m,
-            sampling_hz=receiver.sampling_hz,
-            samples=receiver.samples,
-        )
+        unknowns = draw_unknowns(rng, marker_deg=marker_deg, lateral_m=lateral_m, receiver=receiver)
     # Only its angle and lateral position are known where nothing else is drawn, and nothing else is needed.
     beside = Absorber(radius_m=marker.radius_m, angle_deg=marker_deg, lateral_m=lateral_m)
     scene = draw_scene(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
@@ -157,14 +151,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
         )
     else:
         reader = PrecomputedReader()
-        world = WindowWorld(
-            marker_window(unknowns, settings),
-            present=settings.marker.present,
-            peak_snr_db=settings.noise.peak_snr_db,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-        )
+        world = WindowWorld(window_of(unknowns, settings.limits.travel), settings, rng=rng)
     return in_world(
         world,
         settings,
@@ -206,23 +193,6 @@ def _as_loud(source: Absorber, model: AcousticModel, *, marker_peak: float) -> A
     """The source with the strength that makes its peak in the image the drawn share of the marker's."""
     peak = image_peak([replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
     return replace(source, strength=source.strength * marker_peak / peak)
-
-
-# The policies of a trial follow one another in one process: few windows are in use at a time.
-@lru_cache(maxsize=4)
-def marker_window(unknowns: Unknowns, settings: SimulatedSettings) -> Window:
-    """What of a drawn rig and its marker is the same for all policies of a trial.
-
-    Parameters
-    ----------
-    unknowns
-        The rig and the marker.
-    settings
-        The settings that are not drawn.
-    """
-    model = unknowns.model
-    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
-    return window_of(unknowns, imaging=imaging, travel=settings.limits.travel)
 
 
 def intensity_curve(

@@ -20,7 +20,6 @@ from markerseek.studies.paper.failure_runs import (
     METHODS,
     MOVED_AFTER,
     FaultRun,
-    Outcome,
     draw_runs,
     outcomes_of,
 )
@@ -51,9 +50,9 @@ def _head(count: int, seed: int) -> str:
     )
 
 
-def row(words: str, observable: bool | None, method: AnyMethod, outcomes: Sequence[Outcome]) -> str:
+def row(words: str, observable: bool | None, method: AnyMethod, errors_deg: Sequence[float | None]) -> str:
     """Line of the table for one method under one fault."""
-    off, none = share_off(outcomes, limit_deg=CLOSE_DEG), sum(each.error_deg is None for each in outcomes)
+    off, none = share_off(errors_deg, limit_deg=CLOSE_DEG), sum(each is None for each in errors_deg)
     reported, most = {None: "", True: "yes", False: "no"}[observable], upper95(off.hits, off.count)
     return f"| {words} | {reported} | {method} | {off.count:,} | {off.hits} | {most:.2g} | {none / off.count:.1%} |\n"
 
@@ -61,7 +60,7 @@ def row(words: str, observable: bool | None, method: AnyMethod, outcomes: Sequen
 def runs_of_ours(name: str, methods: tuple[AnyMethod, ...], *, count: int, seed: int) -> list[FaultRun]:
     """Runs of some methods with our rules; each case has a seed of its own, so that any of them can be made alone."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 10, list(CASES).index(name)])))
-    return draw_runs(name, count, rng, rules=("ours",), methods=methods)
+    return draw_runs(name, count, rng, searches=tuple(("ours", method) for method in methods))
 
 
 def main() -> None:
@@ -90,7 +89,7 @@ def main() -> None:
             )
             outcomes = outcomes_of(runs_of_ours(name, methods, count=words.count, seed=words.seed), options)
             for method in methods:
-                page += row(case.words, case.observable, method, [o for o in outcomes if o.method == method])
+                page += row(case.words, case.observable, method, outcomes[name, "ours", method])
             words.out.write_text(page)
 
 

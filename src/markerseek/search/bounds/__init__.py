@@ -1,13 +1,14 @@
 """Lower bounds on the error of the marker's angle: Cramér and Rao's, with and without a prior (Van Trees). Pure."""
 
 from markerseek.search.bounds.best_angles import BestAngles, best_angles
-from markerseek.search.bounds.curves import SampledCurve, SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     TABLE_PRIOR,
     IntensityNoise,
     Nuisance,
     Prior,
+    SampledCurve,
+    SlopedCurve,
     angle_bound_deg,
     sample_information,
 )

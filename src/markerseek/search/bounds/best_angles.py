@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import PAPER_RANGE, ConfigError, Float64, Int64, Interval
-from markerseek.search.bounds.curves import SlopedCurve
 from markerseek.search.bounds.information import (
     NUISANCES,
     IntensityNoise,
     Nuisance,
     Prior,
+    SlopedCurve,
     angle_bound_deg,
     sample_information,
 )

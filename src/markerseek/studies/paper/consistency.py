@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.pictures import new_figure, put_heading
+from markerseek.pictures import new_figure
 from markerseek.studies.paper.banks import grid
-from markerseek.studies.paper.curve_runs import Condition, MarkerErrors, errors_of_trials, fwhm_deg, study_of
+from markerseek.studies.paper.curve_runs import Condition, MarkerAnswers, answers_of_trial, fwhm_deg, study_of
 from markerseek.studies.paper.fig5 import FITTED
 from markerseek.studies.paper.methods import ONLINE_STEPS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import MATERIALS, paper_number
-from markerseek.studies.paper.section import Picture, Section, Table
+from markerseek.studies.paper.section import Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,57 +109,48 @@ class Combination:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Radius:
-    """Part of the sweep: one width under every noise."""
-
-    source_radius_m: float
-    levels_db: tuple[float, ...]
-    trials: int
-    repeats: int
-    seed: int
-
-
 def _sweep(options: RunOptions) -> list[Combination]:
     """All combinations, width by width."""
     whole = options.share > 0.2
+    combinations = partial(
+        _combinations,
+        levels_db=LEVELS_DB if whole else LEVELS_DB[::2],
+        trials=max(10, round(60 * options.share)),
+        repeats=max(1, round(3 * options.share)),
+        seed=options.seed,
+    )
     # A job for each width, whose curve is computed once and cached in the process for all noises.
-    jobs = [
-        _Radius(
-            source_radius_m=radius_m,
-            levels_db=LEVELS_DB if whole else LEVELS_DB[::2],
-            trials=max(10, round(60 * options.share)),
-            repeats=max(1, round(3 * options.share)),
-            seed=options.seed,
-        )
-        for radius_m in (RADII_M if whole else RADII_M[::3])
-    ]
-    return [
-        combination for part in options.each(_combinations, jobs, stage="consistency, curves") for combination in part
-    ]
+    parts = options.each(combinations, RADII_M if whole else RADII_M[::3], stage="consistency, curves")
+    return [combination for part in parts for combination in part]
 
 
-def _combinations(job: _Radius) -> list[Combination]:
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([job.seed, 8])))
+def _combinations(
+    source_radius_m: float, *, levels_db: Sequence[float], trials: int, repeats: int, seed: int
+) -> list[Combination]:
+    """One width under every noise."""
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 8])))
     # The same positions under every noise, so that only the noise differs.
-    positions_deg = [marker.angle_deg for _ in range(job.repeats) for marker in grid(rng)]
+    positions_deg = [marker.angle_deg for _ in range(repeats) for marker in grid(rng)]
     combinations = []
-    for level_db in job.levels_db:
-        condition = Condition(source_radius_m=job.source_radius_m, peak_snr_db=level_db)
-        study = study_of(condition, seed=job.seed, trials=job.trials, sweeps=SWEEPS)
-        random = errors_of_trials((study, range(job.trials)))
-        at_positions: list[MarkerErrors] = []
+    for level_db in levels_db:
+        condition = Condition(source_radius_m=source_radius_m, peak_snr_db=level_db)
+        study = study_of(condition, seed=seed, trials=trials, sweeps=SWEEPS)
+        random = [answers_of_trial((study, trial)) for trial in range(trials)]
+        at_positions: list[MarkerAnswers] = []
         for marker_deg in positions_deg:
             study = study_of(
-                condition, seed=job.seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), marker_deg=marker_deg, early=True
+                condition, seed=seed, trials=1, sweeps=(TABLE_ACQUISITIONS,), marker_deg=marker_deg, early=True
             )
-            at_positions += errors_of_trials((study, range(1)))
+            at_positions.append(answers_of_trial((study, 0)))
         combinations.append(_combination(condition, random, at_positions, rng))
     return combinations
 
 
 def _combination(
-    condition: Condition, random: Sequence[MarkerErrors], at_positions: Sequence[MarkerErrors], rng: np.random.Generator
+    condition: Condition,
+    random: Sequence[MarkerAnswers],
+    at_positions: Sequence[MarkerAnswers],
+    rng: np.random.Generator,
 ) -> Combination:
     ours: dict[str, float] = {}
     consistent: dict[str, bool] = {}
@@ -167,7 +158,8 @@ def _combination(
         # The simulation has random markers; offline and online have the nine positions.
         found = random if check.family == "simulation" else at_positions
         # The number of WA in Fig. 5 is a mean over N; all others have one N.
-        errors = np.array([np.mean([each[check.method, count] for count in check.acquisitions]) for each in found])
+        keys = [(check.method, count) for count in check.acquisitions]
+        errors = np.array([np.mean([each[key].error_deg for key in keys]) for each in found])
         ours[check.key] = float(errors.mean())
         consistent[check.key] = is_consistent(paper_number(check.key).value, errors, searches=check.searches, rng=rng)
     return Combination(condition=condition, ours=ours, consistent=consistent)
@@ -199,13 +191,7 @@ def is_consistent(
 
 
 def consistency(options: RunOptions) -> Section:
-    """Map of the combinations of width and noise that are consistent with the paper's numbers.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Map of the combinations of width and noise that are consistent with the paper's numbers."""
     combinations = _sweep(options)
     widths = len({each.condition.source_radius_m for each in combinations})
     return Section(
@@ -222,13 +208,8 @@ def consistency(options: RunOptions) -> Section:
             "Not included: the two numbers after 2 acquisitions, which no curve gives, and those of single searches.",
         ),
         tables=(_map_table(combinations), _number_table(combinations)),
-        pictures=(
-            Picture(
-                name="consistency",
-                alt="Maps over curve width and peak SNR of how many numbers of the paper are consistent",
-                draw=partial(_draw, combinations),
-            ),
-        ),
+        draw=partial(_draw, combinations),
+        alt="Maps over curve width and peak SNR of how many numbers of the paper are consistent",
         remarks=_remarks(combinations),
     )
 
@@ -237,15 +218,14 @@ def _map_table(combinations: Sequence[Combination]) -> Table:
     return Table(
         name="consistency",
         caption="Numbers that are consistent, by family",
-        columns=("source_radius_mm", "fwhm_deg", "peak_snr_db", *FAMILIES, "all", "misfit_of_fig5"),
         rows=tuple(
-            (
-                1e3 * each.condition.source_radius_m,
-                fwhm_deg(each.condition.source_radius_m),
-                each.condition.peak_snr_db,
-                *("{} of {}".format(*each.share(family)) for family in (*FAMILIES, None)),
-                each.misfit,
-            )
+            {
+                "source_radius_mm": 1e3 * each.condition.source_radius_m,
+                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
+                "peak_snr_db": each.condition.peak_snr_db,
+                **{family or "all": "{} of {}".format(*each.share(family)) for family in (*FAMILIES, None)},
+                "misfit_of_fig5": each.misfit,
+            }
             for each in combinations
         ),
         shown=False,
@@ -256,16 +236,15 @@ def _number_table(combinations: Sequence[Combination]) -> Table:
     return Table(
         name="consistency_numbers",
         caption="Every number in every combination",
-        columns=("fwhm_deg", "peak_snr_db", "number", "paper_deg", "ours_deg", "consistent"),
         rows=tuple(
-            (
-                fwhm_deg(each.condition.source_radius_m),
-                each.condition.peak_snr_db,
-                key,
-                paper_number(key).value,
-                ours,
-                "yes" if each.consistent[key] else "no",
-            )
+            {
+                "fwhm_deg": fwhm_deg(each.condition.source_radius_m),
+                "peak_snr_db": each.condition.peak_snr_db,
+                "number": key,
+                "paper_deg": paper_number(key).value,
+                "ours_deg": ours,
+                "consistent": "yes" if each.consistent[key] else "no",
+            }
             for each in combinations
             for key, ours in each.ours.items()
         ),
@@ -309,8 +288,11 @@ def _draw(combinations: Sequence[Combination]) -> Figure:
     levels = list(dict.fromkeys(each.condition.peak_snr_db for each in combinations))
     cells = {(each.condition.source_radius_m, each.condition.peak_snr_db): each for each in combinations}
     wide_in, high_in = 0.62 * len(radii) + 1.2, 0.42 * len(levels) + 1.0
-    figure = new_figure(width_in=2 * wide_in, height_in=2 * high_in + 0.5)
-    put_heading(figure, "Numbers of the paper that a curve width and a noise are consistent with")
+    figure = new_figure(
+        width_in=2 * wide_in,
+        height_in=2 * high_in + 0.5,
+        heading="Numbers of the paper that a curve width and a noise are consistent with",
+    )
     for axes, family in zip(figure.subplots(2, 2).flat, (*FAMILIES, None), strict=True):
         counts = np.array([[cells[radius, level].share(family)[0] for radius in radii] for level in levels])
         every = combinations[0].share(family)[1]

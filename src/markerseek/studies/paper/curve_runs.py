@@ -7,10 +7,11 @@ shorter ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, TypeAlias, TypeVar
+from itertools import islice
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,9 +24,7 @@ from markerseek.studies.paper.methods import (
     BRACKETS,
     BUILT,
     ONLINE_STEPS,
-    PAPER_METHODS,
-    PaperMethod,
-    posterior,
+    AnyMethod,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
@@ -96,11 +95,10 @@ def study_of(
     seed: int,
     trials: int,
     sweeps: tuple[int, ...],
-    level: Literal["curves", "frames"] = "curves",
     marker_deg: float | None = None,
     early: bool = False,
 ) -> Study:
-    """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, under one condition.
+    """Study of TS and GSS at 28 acquisitions and of full scans of WA, all as published, on the curves of one condition.
 
     Parameters
     ----------
@@ -110,8 +108,6 @@ def study_of(
         Seed and number of markers.
     sweeps
         Acquisitions of the full scans of WA.
-    level
-        From curves, or from frames of channel data.
     marker_deg
         Angle of the marker in degrees; None draws it for each trial.
     early
@@ -131,36 +127,25 @@ def study_of(
         ),
         seed=seed,
         trials=trials,
-        level=level,
         stay=True,
         rig=replace(settings, marker=replace(settings.marker, angle_deg=marker_deg)),
     )
 
 
-TrialsOf: TypeAlias = tuple[Study, range]
-"""Some trials of the first cell of a study."""
+TrialOf: TypeAlias = tuple[Study, int]
+"""A trial of the first cell of a study."""
 
-MarkerErrors: TypeAlias = dict[tuple[PaperMethod, int], float]
-"""Absolute errors of one marker in degrees, by method and number of acquisitions."""
-
-
-Done = TypeVar("Done")
+MarkerAnswers: TypeAlias = dict[tuple[AnyMethod, int], Answer]
+"""Answers for one marker, by method and number of acquisitions."""
 
 
 def over_trials(
-    function: Callable[[TrialsOf], list[Done]],
-    studies: Sequence[Study],
-    options: RunOptions,
-    *,
-    stage: str,
-    part: int = 20,
-) -> list[list[Done]]:
-    """Results of a function for each trial of each study.
+    studies: Sequence[Study], options: RunOptions, *, stage: str, part: int = 20
+) -> list[list[MarkerAnswers]]:
+    """Answers for the marker of each trial of each study.
 
     Parameters
     ----------
-    function
-        `errors_of_trials` or `posterior_of_trials`.
     studies
         Of `study_of`.
     options
@@ -168,78 +153,46 @@ def over_trials(
     stage
         What is done, in words.
     part
-        Trials of one job.
+        Trials that a process is given at once.
     """
-    parts = [
-        [(study, range(study.trials)[first : first + part]) for first in range(0, study.trials, part)]
-        for study in studies
-    ]
-    results = iter(options.each(function, [trials for of_study in parts for trials in of_study], stage=stage))
-    return [[of_trial for _ in of_study for of_trial in next(results)] for of_study in parts]
+    trials = [(study, trial) for study in studies for trial in range(study.trials)]
+    results = iter(options.each(answers_of_trial, trials, stage=stage, part=part))
+    return [list(islice(results, study.trials)) for study in studies]
 
 
-def errors_of_trials(part: TrialsOf) -> list[MarkerErrors]:
-    """Errors of each of these trials, with all methods of the study.
-
-    Parameters
-    ----------
-    part
-        The study and the numbers of the trials.
-    """
-    study, trials = part
-    return [_errors(study, trial) for trial in trials]
-
-
-def posterior_of_trials(part: TrialsOf) -> list[dict[int, Answer]]:
-    """Answers of the posterior for each of these trials, by number of acquisitions.
-
-    Parameters
-    ----------
-    part
-        The study, of which only markers and rigs are used, and the numbers of the trials.
-    """
-    study, trials = part
-    cell = cells(study)[0]
-    answers = []
-    for trial in trials:
-        draw = draw_trial(study, cell, trial)
-        rig = study_rig(study, cell, draw)
-        policy = posterior(
-            limits=rig.limits.search, acquisitions=max(BRACKET_ACQUISITIONS), start_deg=rig.stage.angle_deg
-        )
-        found = searched(policy, rig.scanner, dark_frames=rig.dark_frames, counts=BRACKET_ACQUISITIONS)
-        answers.append({n: Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()})
-    return answers
-
-
-def _errors(study: Study, trial: int) -> MarkerErrors:
+def answers_of_trial(trial_of: TrialOf) -> MarkerAnswers:
+    """Answers for the marker of a trial, of all policies of the study."""
+    study, trial = trial_of
     cell = cells(study)[0]
     draw = draw_trial(study, cell, trial)
-    names = {BUILT[name]: name for name in PAPER_METHODS}
+    names = {built: name for name, built in BUILT.items()}
     # From frames every search runs in the loop: it is what the curves are compared with.
     at_once = [settings for settings in study.policies if _is_full_scan(settings) and study.level == "curves"]
-    errors = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
+    answers = _full_scans(study, cell, draw, [settings.most for settings in at_once]) if at_once else {}
     for settings in study.policies:
         if settings in at_once:
             continue
         name = names[settings.method]
         rig = study_rig(study, cell, draw)
-        policy = build_policy(settings, limits=rig.limits.search, start_deg=None)
-        if name == "WA":
-            # It may end early, and stands under the number that it was given.
-            answers = {settings.most: searched(policy, rig.scanner).finished.estimate}
-        else:
-            answers = searched(policy, rig.scanner, counts=BRACKET_ACQUISITIONS).answers
-        errors |= {(name, n): abs(each.mean_deg - draw.marker_deg) for n, each in answers.items()}
-    return errors
+        policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+        found = searched(
+            policy,
+            rig.scanner,
+            dark_frames=0 if settings.as_published else rig.dark_frames,
+            counts=() if name == "WA" else BRACKET_ACQUISITIONS,
+        )
+        # WA may end early, and stands under the number that it was given.
+        by_count = found.answers or {settings.most: found.finished.estimate}
+        answers |= {(name, n): Answer.of(each, truth_deg=draw.marker_deg) for n, each in by_count.items()}
+    return answers
 
 
 def _is_full_scan(settings: PolicySettings) -> bool:
     return settings.method == BUILT["WA"] and not settings.early_end
 
 
-def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerErrors:
-    """Errors of full scans of WA without the search loop; equal to those of the loop to rounding."""
+def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> MarkerAnswers:
+    """Answers of full scans of WA without the search loop; equal to those of the loop to rounding."""
     # The angles of a full scan do not depend on its samples, so that all intensities are drawn at once: 21 scans of
     # each marker would otherwise take most of the time.
     settings = cell.world.rig
@@ -255,8 +208,8 @@ def _full_scans(study: Study, cell: Cell, draw: Draw, counts: Sequence[int]) -> 
     # The probe only moves upwards, so that there is no play, and is at the encoder count.
     reached = [np.round(equal_steps(limits, acquisitions=count) * counts_per_deg) / counts_per_deg for count in counts]
     scans = world.scans([np.maximum(at, settings.start_deg) for at in reached], pulses=settings.laser.pulses)
-    errors: MarkerErrors = {}
+    answers: MarkerAnswers = {}
     for count, at, intensities in zip(counts, reached, scans, strict=True):
         angle_deg = float(np.clip(weighted_average(at, intensities), limits.low_deg, limits.high_deg))
-        errors["WA", count] = abs(angle_deg - draw.marker_deg)
-    return errors
+        answers["WA", count] = Answer(error_deg=abs(angle_deg - draw.marker_deg))
+    return answers

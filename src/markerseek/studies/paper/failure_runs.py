@@ -18,9 +18,17 @@ from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
 from markerseek.studies.paper.curve_runs import Condition
-from markerseek.studies.paper.methods import ALL_METHODS, BUILT, PAPER_METHODS, AnyMethod, PaperMethod, searched
+from markerseek.studies.paper.methods import (
+    ALL_METHODS,
+    BUILT,
+    PAPER_METHODS,
+    AnyMethod,
+    PaperMethod,
+    searched,
+    unguarded_acquisition,
+    unguarded_answer,
+)
 from markerseek.studies.paper.options import RunOptions
-from markerseek.studies.paper.unguarded_rules import unguarded_acquisition, unguarded_answer
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.worlds import intensity_curve
 
@@ -46,6 +54,14 @@ Rules: TypeAlias = Literal["the paper's", "ours"]
 
 METHODS: dict[Rules, tuple[AnyMethod, ...]] = {"the paper's": PAPER_METHODS, "ours": ALL_METHODS}
 """Methods by rules."""
+
+Search: TypeAlias = tuple[Rules, AnyMethod]
+"""A method by some rules."""
+
+Outcomes: TypeAlias = dict[tuple[str, Rules, AnyMethod], list[float | None]]
+"""Angle of each answer minus the marker's in degrees, by case, rules and method; None where no angle was claimed."""
+
+SEARCHES: tuple[Search, ...] = tuple((rules, method) for rules, methods in METHODS.items() for method in methods)
 
 _PART = 3
 """Runs of one job: a run from frames takes seconds, and no process should wait long for another at the end."""
@@ -159,41 +175,17 @@ class ChangingCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultRun:
-    """One marker, searched for under one fault with the methods of some rules."""
+    """One marker, searched for under one fault."""
 
     case: str
-    rules: tuple[Rules, ...]
-    methods: tuple[AnyMethod, ...] | None
+    searches: tuple[Search, ...]
     marker_deg: float
     number: int
     seed: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """How one search under a fault ended.
-
-    Attributes
-    ----------
-    case, rules, method
-        Case of `CASES`, rules and method.
-    error_deg
-        Angle of the answer minus the marker's, in degrees; None where no angle was claimed.
-    """
-
-    case: str
-    rules: Rules
-    method: AnyMethod
-    error_deg: float | None
-
-
 def draw_runs(
-    case: str,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    rules: tuple[Rules, ...] = ("the paper's", "ours"),
-    methods: tuple[AnyMethod, ...] | None = None,
+    case: str, count: int, rng: np.random.Generator, *, searches: tuple[Search, ...] = SEARCHES
 ) -> list[FaultRun]:
     """Draw the runs of a case.
 
@@ -205,15 +197,14 @@ def draw_runs(
         Number of markers.
     rng
         Source of markers and seeds.
-    rules, methods
-        Rules, and their methods; None: all of `METHODS`.
+    searches
+        Searches for each marker.
     """
     markers_deg = rng.uniform(-MARKERS_DEG, MARKERS_DEG, count)
     return [
         FaultRun(
             case=case,
-            rules=rules,
-            methods=methods,
+            searches=searches,
             marker_deg=float(marker_deg),
             number=number,
             seed=int(rng.integers(2**31)),
@@ -222,7 +213,7 @@ def draw_runs(
     ]
 
 
-def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
+def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> Outcomes:
     """Outcomes of all searches of the runs, in their order.
 
     Parameters
@@ -232,24 +223,21 @@ def outcomes_of(runs: Sequence[FaultRun], options: RunOptions) -> list[Outcome]:
     options
         What may be used.
     """
-    parts = [tuple(runs[first : first + _PART]) for first in range(0, len(runs), _PART)]
-    return [outcome for part in options.each(_outcomes, parts, stage="failures") for outcome in part]
-
-
-def _outcomes(runs: tuple[FaultRun, ...]) -> list[Outcome]:
-    outcomes = []
-    for run in runs:
-        # The last place of the marker: a search is used after it has ended.
-        truth_deg = run.marker_deg + CASES[run.case].shift_deg
-        for rules in run.rules:
-            for method in run.methods or METHODS[rules]:
-                if rules == "ours" or method == "posterior":
-                    angle_deg = _guarded(run, method)
-                else:
-                    angle_deg = _unguarded(run, method)
-                error_deg = None if angle_deg is None else angle_deg - truth_deg
-                outcomes.append(Outcome(case=run.case, rules=rules, method=method, error_deg=error_deg))
+    outcomes: Outcomes = {}
+    for run, errors_deg in zip(runs, options.each(_errors_deg, runs, stage="failures", part=_PART), strict=True):
+        for (rules, method), error_deg in zip(run.searches, errors_deg, strict=True):
+            outcomes.setdefault((run.case, rules, method), []).append(error_deg)
     return outcomes
+
+
+def _errors_deg(run: FaultRun) -> list[float | None]:
+    # The last place of the marker: a search is used after it has ended.
+    truth_deg = run.marker_deg + CASES[run.case].shift_deg
+    angles_deg = (
+        _guarded(run, method) if rules == "ours" or method == "posterior" else _unguarded(run, method)
+        for rules, method in run.searches
+    )
+    return [None if angle_deg is None else angle_deg - truth_deg for angle_deg in angles_deg]
 
 
 def _unguarded(run: FaultRun, method: PaperMethod) -> float | None:
@@ -274,8 +262,7 @@ def _guarded(run: FaultRun, method: AnyMethod) -> float | None:
         pulses=settings.laser.pulses,
         arms_itself=True,
     )
-    built = "posterior" if method == "posterior" else BUILT[method]
-    policy = build(built, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    policy = build(BUILT[method], limits=rig.limits.search, start_deg=rig.stage.angle_deg)
     try:
         estimate = searched(policy, scanner, dark_frames=rig.dark_frames).finished.estimate
     # A refusal of the guard, of the policy or of a device: none of them claims an angle.

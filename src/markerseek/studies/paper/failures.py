@@ -12,7 +12,7 @@ from markerseek.studies.paper.failure_runs import (
     METHODS,
     NARROW,
     WIDE,
-    Outcome,
+    Outcomes,
     draw_runs,
     outcomes_of,
 )
@@ -29,13 +29,7 @@ RUNS, FRAMED_RUNS = 120, 30
 
 
 def failures(options: RunOptions) -> Section:
-    """Table of failures: share of runs with an error above 4.33°, and share that claim no angle.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Table of failures: share of runs with an error above 4.33°, and share that claim no angle."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 9])))
     runs = []
     for name, case in CASES.items():
@@ -66,68 +60,56 @@ def failures(options: RunOptions) -> Section:
     )
 
 
-def _table(outcomes: Sequence[Outcome]) -> Table:
-    rows: list[tuple[Cell, ...]] = []
-    for case, rules, method in dict.fromkeys((each.case, each.rules, each.method) for each in outcomes):
-        here = [o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, method)]
-        errors = [o.error_deg for o in here if o.error_deg is not None]
-        off, close = share_off(here), share_off(here, limit_deg=CLOSE_DEG)
+def _table(outcomes: Outcomes) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for (case, rules, method), errors_deg in outcomes.items():
+        claimed_deg = [error_deg for error_deg in errors_deg if error_deg is not None]
+        off, close = share_off(errors_deg), share_off(errors_deg, limit_deg=CLOSE_DEG)
+        low, high = off.interval95 or (None, None)
         rows.append(
-            (
-                CASES[case].words,
-                method,
-                rules,
-                len(here),
-                off.share,
-                *(off.interval95 or (None, None)),
-                close.share,
-                (close.interval95 or (None, None))[1],
-                1 - len(errors) / len(here),
-                float(np.mean(errors)) if errors else None,
-            )
+            {
+                "fault": CASES[case].words,
+                "method": method,
+                "rules": rules,
+                "runs": len(errors_deg),
+                "off": off.share,
+                "low95": low,
+                "high95": high,
+                "off_by_1_deg": close.share,
+                "off_by_1_deg_high95": (close.interval95 or (None, None))[1],
+                "no_angle": 1 - len(claimed_deg) / len(errors_deg),
+                "mean_signed_error_deg": float(np.mean(claimed_deg)) if claimed_deg else None,
+            }
         )
     return Table(
         name="failures",
         caption="Share of runs off by more than 4.33° with its 95 % interval (Clopper-Pearson), share off by "
         "more than 1° with its upper limit, share that claim no angle, and mean of the signed error",
-        columns=(
-            "fault",
-            "method",
-            "rules",
-            "runs",
-            "off",
-            "low95",
-            "high95",
-            "off_by_1_deg",
-            "off_by_1_deg_high95",
-            "no_angle",
-            "mean_signed_error_deg",
-        ),
         rows=tuple(rows),
     )
 
 
-def share_off(outcomes: Sequence[Outcome], *, limit_deg: float = SENSITIVE_DEG) -> Share:
+def share_off(errors_deg: Sequence[float | None], *, limit_deg: float = SENSITIVE_DEG) -> Share:
     """Return the share of runs that claim an angle with an error above the limit.
 
     Parameters
     ----------
-    outcomes
-        How the runs ended.
+    errors_deg
+        Error of each run in degrees; None where no angle was claimed.
     limit_deg
         Largest error that does not count, in degrees.
     """
-    errors = [each.error_deg for each in outcomes]
-    return Share.of(sum(error is not None and abs(error) > limit_deg for error in errors), len(errors))
+    off = sum(error_deg is not None and abs(error_deg) > limit_deg for error_deg in errors_deg)
+    return Share.of(off, len(errors_deg))
 
 
-def _remarks(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+def _remarks(outcomes: Outcomes) -> tuple[str, ...]:
     remarks = []
     for rules, methods in METHODS.items():
         # Of the worst method: a mean over the methods would hide one that fails.
         worst = {
             case: max(
-                (share_off([o for o in outcomes if (o.case, o.rules, o.method) == (case, rules, m)]) for m in methods),
+                (share_off(outcomes[case, rules, method]) for method in methods),
                 key=lambda off: off.share or 0.0,
             )
             for case in CASES

@@ -6,17 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from markerseek.core import PAPER_RANGE, Float64
 from markerseek.studies.paper.curve_runs import (
     Condition,
-    MarkerErrors,
-    errors_of_trials,
+    MarkerAnswers,
     over_trials,
-    posterior_of_trials,
     study_of,
 )
 from markerseek.studies.paper.methods import (
@@ -30,19 +28,17 @@ from markerseek.studies.paper.methods import (
 from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
 from markerseek.studies.paper.section import (
-    Answer,
     Cell,
     Comparison,
     Errors,
-    Picture,
     Section,
     Table,
     compared,
     errors_of,
-    errors_table,
     summary_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
+from markerseek.studies.policies import PolicySettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,6 +67,7 @@ POSTERIOR_SHARE = 0.2
 
 POSTERIOR_COUNTS = (8, 16, 28)
 """N of the posterior that stand beside the paper's numbers."""
+_ALL_OF_THE_POSTERIOR = PolicySettings(method="posterior", acquisitions=28, early_end=False, single=True)
 
 _METHOD = (
     "Markers spread evenly over ±35°, the published searches, full scans of WA, threshold 0.2. The intensity curve is "
@@ -92,29 +89,22 @@ _NoiseFree: TypeAlias = Mapping[PaperMethod, Mapping[int, Errors]]
 
 
 def fig5(options: RunOptions) -> Section:
-    """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition."""
     conditions = (FITTED, USUAL)
     studies = [
         study_of(condition, seed=options.seed, trials=options.markers, sweeps=AVERAGE_ACQUISITIONS)
         for condition in conditions
     ]
-    by_marker = over_trials(errors_of_trials, studies, options, stage="Fig. 5 from curves")
+    by_marker = over_trials(studies, options, stage="Fig. 5 from curves")
     fewer = max(4, round(POSTERIOR_SHARE * options.markers))
     by_posterior = over_trials(
-        posterior_of_trials,
-        [replace(study, trials=fewer) for study in studies],
+        [replace(study, trials=fewer, policies=(_ALL_OF_THE_POSTERIOR,)) for study in studies],
         options,
         stage=f"Fig. 5, posterior, {fewer} markers",
         part=5,
     )
     errors = {
-        condition: {**_summary(found), **_posterior_summary(ours)}
+        condition: {**_summary(found), **_summary(ours)}
         for condition, found, ours in zip(conditions, by_marker, by_posterior, strict=True)
     }
     rng = np.random.Generator(np.random.PCG64(options.seed))
@@ -133,37 +123,33 @@ def fig5(options: RunOptions) -> Section:
         ),
         comparisons=_comparisons(errors),
         tables=(
-            errors_table(
-                {
-                    (1e3 * condition.source_radius_m, condition.peak_snr_db, *group): each
-                    for condition, by_group in errors.items()
-                    for group, each in by_group.items()
-                },
+            Table(
                 name="fig5",
                 caption="Errors over the number of acquisitions",
-                columns=("source_radius_mm", "peak_snr_db", "method", "acquisitions"),
+                rows=tuple(
+                    {
+                        "source_radius_mm": 1e3 * condition.source_radius_m,
+                        "peak_snr_db": condition.peak_snr_db,
+                        "method": name,
+                        "acquisitions": count,
+                        **each.cells,
+                    }
+                    for condition, by_group in errors.items()
+                    for (name, count), each in by_group.items()
+                ),
+                shown=False,
             ),
             _noise_free_table(noise_free),
             _frames_and_curves(options),
         ),
-        pictures=(
-            Picture(
-                name="fig5",
-                alt="Mean error of TS, GSS, WA and the posterior over the number of acquisitions, one panel for each "
-                "condition",
-                draw=partial(_draw, errors),
-            ),
-        ),
+        draw=partial(_draw, errors),
+        alt="Mean error of TS, GSS, WA and the posterior over the number of acquisitions, one panel for each condition",
         remarks=_remarks(noise_free),
     )
 
 
-def _summary(by_marker: Sequence[MarkerErrors]) -> _Summary:
-    return {key: errors_of(errors[key] for errors in by_marker) for key in by_marker[0]}
-
-
-def _posterior_summary(by_marker: Sequence[Mapping[int, Answer]]) -> _Summary:
-    return {("posterior", count): summary_of(each[count] for each in by_marker) for count in BRACKET_ACQUISITIONS}
+def _summary(by_marker: Sequence[MarkerAnswers]) -> _Summary:
+    return {key: summary_of(answers[key] for answers in by_marker) for key in by_marker[0]}
 
 
 def _comparisons(by_condition: Mapping[Condition, _Summary]) -> tuple[Comparison, ...]:
@@ -212,10 +198,15 @@ def _noise_free_table(noise_free: _NoiseFree) -> Table:
     return Table(
         name="fig5_without_noise",
         caption="Without noise, on any symmetric unimodal curve",
-        columns=("method", "acquisitions", "mean_error_deg", "spread_deg", "quarter_of_the_last_bracket_deg"),
         rows=tuple(
-            # The middle of a bracket of width w is on average w/4 from a marker that is uniform in it.
-            (name, count, errors.mean_deg, errors.sd_deg, 70 * ratios[name] ** (count // 2) / 4)
+            {
+                "method": name,
+                "acquisitions": count,
+                "mean_error_deg": errors.mean_deg,
+                "spread_deg": errors.sd_deg,
+                # The middle of a bracket of width w is on average w/4 from a marker that is uniform in it.
+                "quarter_of_the_last_bracket_deg": 70 * ratios[name] ** (count // 2) / 4,
+            }
             for name, by_count in noise_free.items()
             for count, errors in by_count.items()
         ),
@@ -226,40 +217,39 @@ def _frames_and_curves(options: RunOptions) -> Table:
     """Errors of the same markers from curves and from frames: paired differences; whether their interval covers 0."""
     condition = Condition(source_radius_m=FITTED.source_radius_m, peak_snr_db=FRAME_SNR_DB)
     markers = max(4, round(FRAME_SHARE * min(options.markers, PAPER_MARKERS)))
-    levels: tuple[Literal["frames", "curves"], ...] = ("frames", "curves")
-    studies = [
-        study_of(condition, seed=options.seed, trials=markers, sweeps=FRAME_SWEEPS, level=level) for level in levels
-    ]
+    by_curves = study_of(condition, seed=options.seed, trials=markers, sweeps=FRAME_SWEEPS)
+    studies = [replace(by_curves, level="frames"), by_curves]
     # A trial from frames takes about a second.
     stage = f"Fig. 5 from frames, {markers} markers"
-    frames, curves = over_trials(errors_of_trials, studies, options, stage=stage, part=2)
-    rows: list[tuple[Cell, ...]] = []
+    frames, curves = over_trials(studies, options, stage=stage, part=2)
+    rows: list[dict[str, Cell]] = []
     keys: list[tuple[PaperMethod, int]] = [(name, count) for name in BRACKETS for count in FRAME_BRACKETS]
     keys += [("WA", count) for count in FRAME_SWEEPS]
-    for key in keys:
-        by_curve = np.array([errors[key] for errors in curves])
-        by_frame = np.array([errors[key] for errors in frames])
+    for method, count in keys:
+        by_curve = np.array([answers[method, count].error_deg for answers in curves])
+        by_frame = np.array([answers[method, count].error_deg for answers in frames])
         paired = by_frame - by_curve
         # Paired, because markers and noise seeds are the same: most of the scatter cancels.
         half = 1.96 * float(np.std(paired, ddof=1)) / math.sqrt(paired.size)
         mean = float(paired.mean())
         # 1e-3 deg for rounding: bracket searches that compare alike have equal errors, and an interval of no width.
         agree = "yes" if abs(mean) <= half + 1e-3 else "no"
-        rows.append((*key, paired.size, float(by_curve.mean()), float(by_frame.mean()), mean, half, agree))
+        rows.append(
+            {
+                "method": method,
+                "acquisitions": count,
+                "markers": paired.size,
+                "from_curves_deg": float(by_curve.mean()),
+                "from_frames_deg": float(by_frame.mean()),
+                "difference_deg": mean,
+                "half_interval95_deg": half,
+                "agree": agree,
+            }
+        )
     return Table(
         name="fig5_frames",
         caption=f"The same markers from curves and from frames of channel data ({condition.words}); of these lines "
         "one in twenty may disagree by chance",
-        columns=(
-            "method",
-            "acquisitions",
-            "markers",
-            "from_curves_deg",
-            "from_frames_deg",
-            "difference_deg",
-            "half_interval95_deg",
-            "agree",
-        ),
         rows=tuple(rows),
     )
 

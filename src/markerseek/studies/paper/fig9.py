@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from markerseek.pictures import TipImage, tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Comparison, Picture, Section, Table
+from markerseek.studies.paper.section import Comparison, Section, Table
 from markerseek.studies.statistics import Moments
 from markerseek.vision import SensitiveRange, sensitive_range
 
@@ -38,46 +38,34 @@ LEVELS_DB = (20.0, 30.0, 40.0)
 SIZES_M = (3e-3, 5e-3, 8e-3)
 """Diameter of the tip: a needle driver's jaw, the tip of a larger tool, and the shaft of all."""
 
-_SHOWN = (BModeSettings().tip_m, BModeSettings().tip_db)
+Tip: TypeAlias = tuple[float, float]
+"""Diameter of a tip in metres, and its echo over the mean of the tissue in dB."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
-    """One position of one tip."""
-
-    place: int
-    tip_m: float
-    tip_db: float
-    seed: int
+_SHOWN: Tip = (BModeSettings().tip_m, BModeSettings().tip_db)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Series:
-    """Images of one position, and what was found in them."""
+    """Images of one tip at one position, and what was found in them."""
 
-    job: _Job
+    tip: Tip
+    place: int
     images: list[np.ndarray]
     found: SensitiveRange
 
 
 def fig9(options: RunOptions) -> Section:
-    """Fig. 9: sensitive range of the tip at three positions.
-
-    Parameters
-    ----------
-    options
-        What may be used.
-    """
+    """Fig. 9: sensitive range of the tip at three positions."""
     # A reduced report has the size assumed beforehand only.
     sizes_m = SIZES_M if options.share > 0.2 else _SHOWN[:1]
-    jobs = [
-        _Job(place=place, tip_m=tip_m, tip_db=tip_db, seed=options.seed)
-        for tip_m in sizes_m
-        for tip_db in LEVELS_DB
-        for place in range(len(PLACES_M))
-    ]
-    series = options.each(_series, jobs, stage="fig9, B-mode images")
-    shown = [each for each in series if (each.job.tip_m, each.job.tip_db) == _SHOWN]
+    jobs = [((tip_m, tip_db), place) for tip_m in sizes_m for tip_db in LEVELS_DB for place in range(len(PLACES_M))]
+    series = options.each(partial(_series, seed=options.seed), jobs, stage="fig9, B-mode images")
+    shown = [each for each in series if each.tip == _SHOWN]
+    halves: dict[Tip, list[float]] = {}
+    for each in series:
+        # 0 where the tip was not seen at all.
+        halves.setdefault(each.tip, []).append(each.found.half_deg or 0.0)
+    moments = {tip: Moments.of(halves_deg) for tip, halves_deg in halves.items()}
     return Section(
         name="fig9",
         title="Fig. 9: sensitive range of the tool tip",
@@ -94,25 +82,29 @@ def fig9(options: RunOptions) -> Section:
                 "the paper does not say when its tip had disappeared."
             ),
         ),
-        comparisons=tuple(_comparison(series, tip_m, tip_db) for tip_m in sizes_m for tip_db in LEVELS_DB),
-        tables=(_range_table(series), _curve_table(shown)),
-        pictures=(
-            Picture(
-                name="fig9",
-                alt="Strip of simulated B-mode images with the tip circled, and its grey value over the angle",
-                draw=partial(_draw, shown[len(PLACES_M) // 2]),
-            ),
+        comparisons=tuple(
+            Comparison(
+                paper=paper_number("sensitive"),
+                ours=of_tip.mean,
+                sd=of_tip.sd,
+                condition=f"tip of {1e3 * tip_m:g} mm, {tip_db:g} dB over the tissue",
+            )
+            for (tip_m, tip_db), of_tip in moments.items()
         ),
-        remarks=_remarks(series),
+        tables=(_range_table(series), _curve_table(shown)),
+        draw=partial(_draw, shown[len(PLACES_M) // 2]),
+        alt="Strip of simulated B-mode images with the tip circled, and its grey value over the angle",
+        remarks=_remarks({tip: of_tip.mean for tip, of_tip in moments.items()}),
     )
 
 
-def _series(job: _Job) -> _Series:
-    x_m = PLACES_M[job.place]
+def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
+    tip, place = job
+    x_m = PLACES_M[place]
     reference_deg = math.degrees(math.atan2(x_m, HEIGHT_M))
     # One seed for each position: the tissue is the same for all tips.
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([job.seed, 9, job.place])))
-    settings = BModeSettings(tip_m=job.tip_m, tip_db=job.tip_db)
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 9, place])))
+    settings = BModeSettings(tip_m=tip[0], tip_db=tip[1])
     world = BModeWorld(
         settings=settings,
         probe=Probe(),
@@ -131,38 +123,22 @@ def _series(job: _Job) -> _Series:
     found = sensitive_range(
         [float(step) for step in range(STEPS)], images, pixel_m=(settings.pixel_m, settings.pixel_m)
     )
-    return _Series(job=job, images=images, found=found)
-
-
-def _halves(series: Sequence[_Series], tip_m: float, tip_db: float) -> list[float]:
-    """Half ranges of the three positions in degrees; 0 where the tip was not seen at all."""
-    return [each.found.half_deg or 0.0 for each in series if (each.job.tip_m, each.job.tip_db) == (tip_m, tip_db)]
-
-
-def _comparison(series: Sequence[_Series], tip_m: float, tip_db: float) -> Comparison:
-    moments = Moments.of(_halves(series, tip_m, tip_db))
-    return Comparison(
-        paper=paper_number("sensitive"),
-        ours=moments.mean,
-        sd=moments.sd,
-        condition=f"tip of {1e3 * tip_m:g} mm, {tip_db:g} dB over the tissue",
-    )
+    return _Series(tip=tip, place=place, images=images, found=found)
 
 
 def _range_table(series: Sequence[_Series]) -> Table:
     return Table(
         name="fig9_ranges",
         caption="Half of the sensitive range at each position",
-        columns=("tip_mm", "tip_over_tissue_db", "x_mm", "half_range_deg", "full_range_deg", "at_least"),
         rows=tuple(
-            (
-                1e3 * each.job.tip_m,
-                each.job.tip_db,
-                1e3 * PLACES_M[each.job.place],
-                each.found.half_deg,
-                each.found.full_deg,
-                "yes" if each.found.open_above else "no",
-            )
+            {
+                "tip_mm": 1e3 * each.tip[0],
+                "tip_over_tissue_db": each.tip[1],
+                "x_mm": 1e3 * PLACES_M[each.place],
+                "half_range_deg": each.found.half_deg,
+                "full_range_deg": each.found.full_deg,
+                "at_least": "yes" if each.found.open_above else "no",
+            }
             for each in series
         ),
     )
@@ -172,16 +148,15 @@ def _curve_table(shown: Sequence[_Series]) -> Table:
     return Table(
         name="fig9",
         caption="Grey value of the tip over the angle from the reference",
-        columns=("x_mm", "angle_deg", "grey_value", "must_exceed", "region_px", "seen"),
         rows=tuple(
-            (
-                1e3 * PLACES_M[each.job.place],
-                frame.angle_deg,
-                frame.tip.intensity,
-                frame.tip.level,
-                frame.tip.area_px,
-                "yes" if frame.tip.visible else "no",
-            )
+            {
+                "x_mm": 1e3 * PLACES_M[each.place],
+                "angle_deg": frame.angle_deg,
+                "grey_value": frame.tip.intensity,
+                "must_exceed": frame.tip.level,
+                "region_px": frame.tip.area_px,
+                "seen": "yes" if frame.tip.visible else "no",
+            }
             for each in shown
             for frame in each.found.frames
             if frame.tip is not None
@@ -190,10 +165,8 @@ def _curve_table(shown: Sequence[_Series]) -> Table:
     )
 
 
-def _remarks(series: Sequence[_Series]) -> tuple[str, ...]:
+def _remarks(means: Mapping[Tip, float]) -> tuple[str, ...]:
     paper = paper_number("sensitive")
-    tips = dict.fromkeys((each.job.tip_m, each.job.tip_db) for each in series)
-    means = {tip: float(np.mean(_halves(series, *tip))) for tip in tips}
     nearest = min(means, key=lambda key: abs(means[key] - paper.value))
     tip_m, tip_db = _SHOWN
     return (

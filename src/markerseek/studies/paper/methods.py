@@ -1,9 +1,16 @@
-"""The paper's three methods in their published form, the posterior beside them, and how they are run."""
+"""The paper's three methods, the posterior beside them, and how they are run: as published, and without checks.
+
+The policies of this package refuse invalid samples. In a program without checks they enter the rules as they are: a
+comparison with NaN is false, so that the right part is kept; a weighted average with one NaN is NaN.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Callable, Collection
 from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -11,14 +18,21 @@ from markerseek.core import (
     Estimate,
     Finished,
     Interval,
+    Laser,
     Measured,
+    Permit,
     Policy,
+    Reader,
     Reading,
+    ReadingError,
+    Receiver,
     Sample,
     SearchError,
+    Stage,
 )
+from markerseek.guard import FiringLimits, Permits
 from markerseek.scan import Scanner, run
-from markerseek.search import build
+from markerseek.search import GOLDEN, TERNARY, THRESHOLD, build, equal_steps
 from markerseek.sim import StageMotion
 
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
@@ -44,27 +58,48 @@ TABLE_ACQUISITIONS = 16
 ONLINE_STEPS = 15
 """Acquisitions of WA over the whole range in 5° steps (section 3.3)."""
 
-BUILT: dict[PaperMethod, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
+BUILT: dict[AnyMethod, str] = {
+    "TS": "ternary",
+    "GSS": "golden-section",
+    "WA": "weighted-average",
+    "posterior": "posterior",
+}
 """Names in `markerseek.search`."""
 
 
-def published(
-    name: PaperMethod, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False
+def policy_of(
+    name: AnyMethod,
+    *,
+    acquisitions: int,
+    limits: Interval = PAPER_RANGE,
+    start_deg: float | None = None,
+    early_end: bool = False,
 ) -> Policy:
-    """Policy of a method in its published form, which always answers.
+    """Policy of a method: published ones always answer, the posterior knows that there is one source, as they assume.
 
     Parameters
     ----------
     name
-        Its name in the paper.
+        The method.
     acquisitions
-        Number N of acquisitions.
+        Number N of acquisitions, all of them made unless it may end early.
     limits
         Range to search.
+    start_deg
+        Angle of the probe in degrees, for the posterior.
     early_end
-        Whether WA ends once the peak is recorded and passed, as it does online.
+        Whether WA ends once the peak is recorded and passed, as it does online, or the posterior once the angle is
+        known well enough.
     """
-    return build(BUILT[name], limits=limits, acquisitions=acquisitions, as_published=True, early_end=early_end)
+    return build(
+        BUILT[name],
+        limits=limits,
+        acquisitions=acquisitions,
+        as_published=name != "posterior",
+        start_deg=start_deg,
+        early_end=early_end,
+        single=name == "posterior",
+    )
 
 
 class OnEncoderCounts:
@@ -101,27 +136,6 @@ class OnEncoderCounts:
     def estimate(self) -> Estimate:
         """Answer of the policy."""
         return self._policy.estimate()
-
-
-def posterior(
-    *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None, early_end: bool = False
-) -> Policy:
-    """Policy of the posterior with a number of acquisitions, for one source, as the paper assumes.
-
-    Parameters
-    ----------
-    limits
-        Range to search.
-    acquisitions
-        Number N of acquisitions, all of them made unless it may end early.
-    start_deg
-        Angle of the probe in degrees.
-    early_end
-        Whether it ends once the angle is known well enough.
-    """
-    return build(
-        "posterior", limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end, single=True
-    )
 
 
 class Searched(NamedTuple):
@@ -194,7 +208,7 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
     acquisitions
         Number N of acquisitions.
     """
-    policy = published(name, acquisitions=acquisitions)
+    policy = policy_of(name, acquisitions=acquisitions)
     track: list[float] = []
     while (angle_deg := policy.ask()) is not None:
         track.append(angle_deg)
@@ -202,3 +216,77 @@ def noise_free_track(name: PaperMethod, marker_deg: float, *, acquisitions: int)
         reading = Reading(intensity=1.0 / (1.0 + (angle_deg - marker_deg) ** 2))
         policy.tell(Sample(angle_deg=angle_deg, reading=reading))
     return track, policy.estimate().mean_deg
+
+
+def unguarded_acquisition(
+    stage: Stage, laser: Laser, receiver: Receiver, reader: Reader, *, pulses: int
+) -> Callable[[float], float]:
+    """Function that returns the intensity at an angle as a program without a guard does: move, fire, read.
+
+    Parameters
+    ----------
+    stage, laser, receiver, reader
+        Parts of the rig.
+    pulses
+        Pulses of one acquisition.
+    """
+    permits = Permits(FiringLimits())
+
+    def acquire(angle_deg: float) -> float:
+        stage.move_to(angle_deg)
+        issued = permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=0.0)
+        # A permit without an end: the simulated laser has a clock, and this program does not look at it.
+        permit = Permit(token=issued.token, angle_deg=angle_deg, pulses=pulses, expires_s=math.inf)
+        receiver.arm(permit)
+        laser.fire(permit)
+        try:
+            return reader.read(receiver.acquire(permit)).intensity
+        except ReadingError:
+            # Only ours refuses what is no number; a program without checks goes on with it.
+            return math.nan
+
+    return acquire
+
+
+def unguarded_answer(name: PaperMethod, acquire: Callable[[float], float]) -> float:
+    """Angle that the rule answers, in degrees; NaN where it has none.
+
+    TS and GSS make 28 acquisitions, WA the 5° steps and the early end of the online analysis.
+
+    Parameters
+    ----------
+    name
+        The method.
+    acquire
+        Intensity at an angle in degrees.
+    """
+    if name == "WA":
+        return _average(acquire)
+    ratio = TERNARY if name == "TS" else GOLDEN
+    low_deg, high_deg = PAPER_RANGE.low_deg, PAPER_RANGE.high_deg
+    for _ in range(max(BRACKET_ACQUISITIONS) // 2):
+        # Two new acquisitions in each iteration, as section 2.3 prints it.
+        left_deg = ratio * low_deg + (1 - ratio) * high_deg
+        right_deg = (1 - ratio) * low_deg + ratio * high_deg
+        at_left, at_right = acquire(left_deg), acquire(right_deg)
+        # False with NaN on either side: the right part is kept.
+        if at_left >= at_right:
+            high_deg = right_deg
+        else:
+            low_deg = left_deg
+    return (low_deg + high_deg) / 2
+
+
+def _average(acquire: Callable[[float], float]) -> float:
+    measured: list[float] = []
+    angles = equal_steps(PAPER_RANGE, acquisitions=ONLINE_STEPS)
+    for angle_deg in angles:
+        measured.append(acquire(float(angle_deg)))
+        # The early end of the online analysis: two samples in a row are below the threshold.
+        if len(measured) > 2 and max(measured[-2:]) < THRESHOLD * max(measured):
+            break
+    intensity = np.array(measured)
+    weight = np.where(intensity < THRESHOLD * np.max(intensity), 0.0, intensity)
+    # NaN is not equal to 0, and makes the average NaN: no angle.
+    total = float(weight.sum())
+    return float(weight @ angles[: len(measured)]) / total if total != 0 else math.nan

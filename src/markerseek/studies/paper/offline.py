@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek import rigs
-from markerseek.core import Found, Policy
+from markerseek.core import Estimate
 from markerseek.records.banks import read_bank
 from markerseek.studies.paper.banks import OfflineBank
 from markerseek.studies.paper.methods import (
@@ -20,26 +20,21 @@ from markerseek.studies.paper.methods import (
     TABLE_ACQUISITIONS,
     AnyMethod,
     OnEncoderCounts,
-    posterior,
-    published,
+    policy_of,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import MATERIALS, OwnNumber, paper_number
 from markerseek.studies.paper.section import (
-    ERROR_COLUMNS,
     Answer,
     Cell,
     Comparison,
     Errors,
-    Picture,
     Section,
     Table,
     compared,
     errors_of,
-    errors_table,
     summary_of,
-    table_of,
 )
 from markerseek.studies.paper.style import Panel, errors_figure
 
@@ -69,7 +64,6 @@ _SEARCHES = (
         "of all its answers; those without a claim are not found, at bound, ambiguous or unsure."
     ),
 )
-_COLUMNS = ("material", "peak_snr_db", "method", "acquisitions")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +76,8 @@ class OfflineSearch:
         The bank.
     method, acquisitions
         The method, and the number of its acquisitions.
-    angle_deg, claimed
-        Its answer in degrees, and whether it claims that angle.
+    estimate
+        Its answer.
     reference_deg, maximum_deg
         Angle that counts as true, and that of the bank's largest intensity, in degrees.
     """
@@ -91,20 +85,14 @@ class OfflineSearch:
     bank: OfflineBank
     method: AnyMethod
     acquisitions: int
-    angle_deg: float
-    claimed: bool
+    estimate: Estimate
     reference_deg: float
     maximum_deg: float
 
     @property
-    def error_deg(self) -> float:
-        """Absolute difference from the reference, in degrees."""
-        return abs(self.angle_deg - self.reference_deg)
-
-    @property
     def answer(self) -> Answer:
         """Its error from the reference, and whether it claims its angle."""
-        return Answer(error_deg=self.error_deg, claimed=self.claimed)
+        return Answer.of(self.estimate, truth_deg=self.reference_deg)
 
 
 def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[OfflineSearch]:
@@ -130,42 +118,40 @@ def _searches(bank: OfflineBank) -> list[OfflineSearch]:
     limits = rig.limits.search
     recorded = [rig.scanner.measure(angle_deg) for angle_deg in read_bank(bank.path).angles_deg]
     maximum_deg = max(recorded, key=lambda sample: sample.reading.intensity).angle_deg
-    most = max(BRACKET_ACQUISITIONS)
     # The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
-    policies: list[tuple[AnyMethod, Policy, tuple[int, ...]]] = [
-        *((name, published(name, acquisitions=most, limits=limits), BRACKET_ACQUISITIONS) for name in BRACKETS),
-        *(("WA", published("WA", acquisitions=count, limits=limits), (count,)) for count in AVERAGE_ACQUISITIONS),
-        ("posterior", posterior(acquisitions=most, limits=limits, start_deg=limits.low_deg), BRACKET_ACQUISITIONS),
+    runs: list[tuple[AnyMethod, tuple[int, ...]]] = [
+        *((name, BRACKET_ACQUISITIONS) for name in BRACKETS),
+        *(("WA", (count,)) for count in AVERAGE_ACQUISITIONS),
+        ("posterior", BRACKET_ACQUISITIONS),
     ]
-    return [
-        OfflineSearch(
-            bank=bank,
-            method=name,
-            acquisitions=count,
-            angle_deg=answer.mean_deg,
-            claimed=isinstance(answer, Found),
-            reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
-            maximum_deg=maximum_deg,
-        )
-        for name, policy, counts in policies
-        for count, answer in searched(
-            OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts
-        ).answers.items()
-    ]
+    searches = []
+    for name, counts in runs:
+        policy = policy_of(name, acquisitions=max(counts), limits=limits, start_deg=limits.low_deg)
+        found = searched(OnEncoderCounts(policy, limits=limits), rig.scanner, counts=counts)
+        searches += [
+            OfflineSearch(
+                bank=bank,
+                method=name,
+                acquisitions=count,
+                estimate=answer,
+                reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
+                maximum_deg=maximum_deg,
+            )
+            for count, answer in found.answers.items()
+        ]
+    return searches
 
 
 _Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
 """Material, peak SNR, method, number of acquisitions."""
 
 
-def fig6(searches: Sequence[OfflineSearch]) -> Section:
-    """Fig. 6: mean error over the number of acquisitions, one panel for each material.
+def _named(group: _Group) -> dict[str, Cell]:
+    return dict(zip(("material", "peak_snr_db", "method", "acquisitions"), group, strict=True))
 
-    Parameters
-    ----------
-    searches
-        Of `offline_searches`.
-    """
+
+def fig6(searches: Sequence[OfflineSearch]) -> Section:
+    """Fig. 6: mean error over the number of acquisitions, one panel for each material."""
     errors = {group: summary_of(each.answer for each in found) for group, found in _groups(searches).items()}
     return Section(
         name="fig6",
@@ -173,34 +159,52 @@ def fig6(searches: Sequence[OfflineSearch]) -> Section:
         method=_method(searches),
         comparisons=_worst_after_28(errors) if _is_simulated(searches) else (),
         tables=(
-            errors_table(errors, name="fig6", caption="Errors of the offline searches", columns=_COLUMNS),
-            table_of(searches, _SEARCH_CELLS, name="fig6_searches", caption="Every offline search", shown=False),
-        ),
-        pictures=(
-            Picture(
+            Table(
                 name="fig6",
-                alt="Mean error over the number of acquisitions for TS, GSS, WA and the posterior, one panel for each "
-                "material",
-                draw=partial(_draw, errors),
+                caption="Errors of the offline searches",
+                rows=tuple({**_named(group), **each.cells} for group, each in errors.items()),
+                shown=False,
+            ),
+            Table(
+                name="fig6_searches",
+                caption="Every offline search",
+                rows=tuple(
+                    {
+                        "bank": each.bank.path.name,
+                        "position": each.bank.position,
+                        "method": each.method,
+                        "acquisitions": each.acquisitions,
+                        "angle_deg": each.estimate.mean_deg,
+                        "reference_deg": each.reference_deg,
+                        "bank_maximum_deg": each.maximum_deg,
+                        "error_deg": each.answer.error_deg,
+                        "claimed": "yes" if each.answer.claimed else "no",
+                    }
+                    for each in searches
+                ),
+                shown=False,
             ),
         ),
+        draw=partial(_draw, errors),
+        alt="Mean error over the number of acquisitions for TS, GSS, WA and the posterior, one panel for each material",
     )
 
 
 def table1(searches: Sequence[OfflineSearch]) -> Section:
-    """Table 1: errors after 16 acquisitions.
-
-    Parameters
-    ----------
-    searches
-        Of `offline_searches`.
-    """
+    """Table 1: errors after 16 acquisitions."""
     groups = {group: found for group, found in _groups(searches).items() if group[3] == TABLE_ACQUISITIONS}
     errors = {group: summary_of(each.answer for each in found) for group, found in groups.items()}
     rows = []
     for group, found in groups.items():
-        from_maximum = errors_of(abs(each.angle_deg - each.maximum_deg) for each in found)
-        rows.append((*group, *errors[group].cells, from_maximum.mean_deg, from_maximum.sd_deg))
+        from_maximum = errors_of(abs(each.estimate.mean_deg - each.maximum_deg) for each in found)
+        rows.append(
+            {
+                **_named(group),
+                **errors[group].cells,
+                "mean_from_maximum_deg": from_maximum.mean_deg,
+                "spread_from_maximum_deg": from_maximum.sd_deg,
+            }
+        )
     # A user's own bank is of another material, to which none of the paper's numbers belongs.
     comparisons = [
         compared(_number(name, material), errors[material, level_db, name, 16], condition=f"{level_db:g} dB")
@@ -218,7 +222,6 @@ def table1(searches: Sequence[OfflineSearch]) -> Section:
             Table(
                 name="table1",
                 caption="Errors from the reference, and from the largest intensity of the bank itself",
-                columns=(*_COLUMNS, *ERROR_COLUMNS, "mean_from_maximum_deg", "spread_from_maximum_deg"),
                 rows=tuple(rows),
             ),
         ),
@@ -252,21 +255,8 @@ def _groups(searches: Sequence[OfflineSearch]) -> dict[_Group, list[OfflineSearc
     return groups
 
 
-def _levels(groups: Sequence[_Group] | dict[_Group, list[OfflineSearch]] | dict[_Group, Errors]) -> list[float | None]:
+def _levels(groups: Iterable[_Group]) -> list[float | None]:
     return list(dict.fromkeys(level_db for _, level_db, _, _ in groups))
-
-
-_SEARCH_CELLS: dict[str, Callable[[OfflineSearch], Cell]] = {
-    "bank": lambda each: each.bank.path.name,
-    "position": lambda each: each.bank.position,
-    "method": lambda each: each.method,
-    "acquisitions": lambda each: each.acquisitions,
-    "angle_deg": lambda each: each.angle_deg,
-    "reference_deg": lambda each: each.reference_deg,
-    "bank_maximum_deg": lambda each: each.maximum_deg,
-    "error_deg": lambda each: each.error_deg,
-    "claimed": lambda each: "yes" if each.claimed else "no",
-}
 
 
 def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:

@@ -6,14 +6,14 @@ data. The probe begins at −35°, and a search ends with a move to the angle fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import PAPER_RANGE, Found, Policy, SearchError
+from markerseek.core import PAPER_RANGE, Estimate, Policy, SearchError
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.banks import LEVELS_DB, PEAK_COUNTS, grid
@@ -24,24 +24,12 @@ from markerseek.studies.paper.methods import (
     PAPER_METHODS,
     TABLE_ACQUISITIONS,
     PaperMethod,
-    posterior,
-    published,
+    policy_of,
     searched,
 )
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import OwnNumber, paper_number
-from markerseek.studies.paper.section import (
-    ERROR_COLUMNS,
-    Answer,
-    Cell,
-    Comparison,
-    Section,
-    Table,
-    compared,
-    errors_of,
-    summary_of,
-    table_of,
-)
+from markerseek.studies.paper.section import Answer, Cell, Comparison, Section, Table, compared, errors_of, summary_of
 
 REPEATS = 4
 """Times that the nine positions are visited, each time with another grid, other spots and other noise."""
@@ -90,10 +78,8 @@ class OnlineSearch:
         Angle of the marker in degrees.
     track_deg
         Angles reached, one for each acquisition, in degrees.
-    answers_deg
-        Answers by number of acquisitions, in degrees; of WA and ours the last only.
-    claimed
-        Whether the last answer claims its angle.
+    estimates
+        Answers by number of acquisitions; of WA and ours the last only.
     travel_deg
         Rotation from −35° to the angle found, in degrees.
     elapsed_s, acquiring_s
@@ -106,8 +92,7 @@ class OnlineSearch:
     position: int
     truth_deg: float
     track_deg: tuple[float, ...]
-    answers_deg: dict[int, float]
-    claimed: bool
+    estimates: dict[int, Estimate]
     travel_deg: float
     elapsed_s: float
     acquiring_s: float
@@ -117,14 +102,14 @@ class OnlineSearch:
         """Acquisitions of Table 2: 16 of a bracket search, all of the others."""
         return TABLE_ACQUISITIONS if self.method in BRACKETS else len(self.track_deg)
 
-    def error_deg(self, acquisitions: int) -> float:
-        """Absolute error of the answer after this number of acquisitions, in degrees."""
-        return abs(self.answers_deg[acquisitions] - self.truth_deg)
+    def answer(self, acquisitions: int) -> Answer:
+        """Answer after this number of acquisitions."""
+        return Answer.of(self.estimates[acquisitions], truth_deg=self.truth_deg)
 
     @property
     def table_answer(self) -> Answer:
         """Answer of Table 2."""
-        return Answer(error_deg=self.error_deg(self.table_acquisitions), claimed=self.claimed)
+        return self.answer(self.table_acquisitions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,8 +174,7 @@ def _search(job: _Job) -> OnlineSearch:
         position=job.position,
         truth_deg=rig.facts.truth_deg,
         track_deg=tuple(sample.angle_deg for sample in samples),
-        answers_deg={n: each.mean_deg for n, each in (found.answers or {len(samples): finished.estimate}).items()},
-        claimed=isinstance(finished.estimate, Found),
+        estimates=found.answers or {len(samples): finished.estimate},
         travel_deg=finished.travel_deg,
         elapsed_s=finished.elapsed_s,
         # The confirmation at the end is one more acquisition.
@@ -203,12 +187,12 @@ def _policy(method: OnlineMethod) -> Policy:
     match method:
         case "TS" | "GSS":
             # With the largest N only: it contains the shorter searches.
-            return published(method, acquisitions=max(BRACKET_ACQUISITIONS))
+            return policy_of(method, acquisitions=max(BRACKET_ACQUISITIONS))
         case "WA":
-            return published(method, acquisitions=ONLINE_STEPS, early_end=True)
+            return policy_of(method, acquisitions=ONLINE_STEPS, early_end=True)
         case "posterior, survey":
             return build("posterior", start_deg=start_deg)
-    return posterior(acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
+    return policy_of("posterior", acquisitions=TABLE_ACQUISITIONS, start_deg=start_deg, early_end=method == "posterior")
 
 
 def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
@@ -217,21 +201,15 @@ def levels_of(searches: Sequence[OnlineSearch]) -> list[float]:
 
 
 def table2(searches: Sequence[OnlineSearch]) -> Section:
-    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions.
-
-    Parameters
-    ----------
-    searches
-        Of `online_searches`.
-    """
+    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     for level_db in levels_of(searches):
         for name in _ORDER:
             found = [search for search in searches if (search.method, search.peak_snr_db) == (name, level_db)]
             errors = summary_of(search.table_answer for search in found)
             counts = errors_of(float(search.table_acquisitions) for search in found)
-            rows.append((name, level_db, counts.mean_deg, *errors.cells))
+            rows.append({"method": name, "peak_snr_db": level_db, "acquisitions": counts.mean_deg, **errors.cells})
             condition = f"{level_db:g} dB"
             is_ours = name in get_args(Ours)
             number = OwnNumber(quantity=f"{name} (ours) online, mean error") if is_ours else f"table2/{name}"
@@ -256,28 +234,28 @@ def table2(searches: Sequence[OnlineSearch]) -> Section:
         method=(*METHOD, _FORMS),
         comparisons=tuple(comparisons),
         tables=(
+            Table(name="table2", caption="Errors of the online searches", rows=tuple(rows)),
             Table(
-                name="table2",
-                caption="Errors of the online searches",
-                columns=("method", "peak_snr_db", "acquisitions", *ERROR_COLUMNS),
-                rows=tuple(rows),
+                name="table2_searches",
+                caption="Every online search",
+                rows=tuple(
+                    {
+                        "method": each.method,
+                        "peak_snr_db": each.peak_snr_db,
+                        "repeat": each.repeat,
+                        "position": each.position,
+                        "truth_deg": each.truth_deg,
+                        "acquisitions": each.table_acquisitions,
+                        "answer_deg": each.estimates[each.table_acquisitions].mean_deg,
+                        "error_deg": each.table_answer.error_deg,
+                        "travel_of_whole_run_deg": each.travel_deg,
+                        "elapsed_s": each.elapsed_s,
+                        "acquiring_s": each.acquiring_s,
+                        "claimed": "yes" if each.table_answer.claimed else "no",
+                    }
+                    for each in searches
+                ),
+                shown=False,
             ),
-            table_of(searches, _SEARCH_CELLS, name="table2_searches", caption="Every online search", shown=False),
         ),
     )
-
-
-_SEARCH_CELLS: dict[str, Callable[[OnlineSearch], Cell]] = {
-    "method": lambda each: each.method,
-    "peak_snr_db": lambda each: each.peak_snr_db,
-    "repeat": lambda each: each.repeat,
-    "position": lambda each: each.position,
-    "truth_deg": lambda each: each.truth_deg,
-    "acquisitions": lambda each: each.table_acquisitions,
-    "answer_deg": lambda each: each.answers_deg[each.table_acquisitions],
-    "error_deg": lambda each: each.error_deg(each.table_acquisitions),
-    "travel_of_whole_run_deg": lambda each: each.travel_deg,
-    "elapsed_s": lambda each: each.elapsed_s,
-    "acquiring_s": lambda each: each.acquiring_s,
-    "claimed": lambda each: "yes" if each.claimed else "no",
-}

@@ -10,7 +10,7 @@ from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.paper.methods import BRACKET_ACQUISITIONS, BRACKETS, TABLE_ACQUISITIONS, PaperMethod
 from markerseek.studies.paper.online import METHOD, OnlineSearch, levels_of
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Errors, Picture, Section, Table, compared, errors_of, errors_table
+from markerseek.studies.paper.section import Errors, Section, Table, compared, summary_of
 from markerseek.studies.paper.style import COLOURS, MARKS, Panel, errors_figure
 
 if TYPE_CHECKING:
@@ -21,16 +21,10 @@ _ByGroup: TypeAlias = dict[tuple[float, PaperMethod, int], Errors]
 
 
 def fig7(searches: Sequence[OnlineSearch]) -> Section:
-    """Fig. 7: mean error of TS and GSS over the number of acquisitions.
-
-    Parameters
-    ----------
-    searches
-        Of `online_searches`.
-    """
+    """Fig. 7: mean error of TS and GSS over the number of acquisitions."""
     errors: _ByGroup = {
-        (level_db, name, count): errors_of(
-            each.error_deg(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
+        (level_db, name, count): summary_of(
+            each.answer(count) for each in searches if (each.method, each.peak_snr_db) == (name, level_db)
         )
         for level_db in levels_of(searches)
         for name in BRACKETS
@@ -47,20 +41,18 @@ def fig7(searches: Sequence[OnlineSearch]) -> Section:
             for level_db in levels_of(searches)
         ),
         tables=(
-            errors_table(
-                errors,
+            Table(
                 name="fig7",
                 caption="Errors of TS and GSS online",
-                columns=("peak_snr_db", "method", "acquisitions"),
+                rows=tuple(
+                    {"peak_snr_db": level_db, "method": name, "acquisitions": count, **each.cells}
+                    for (level_db, name, count), each in errors.items()
+                ),
+                shown=False,
             ),
         ),
-        pictures=(
-            Picture(
-                name="fig7",
-                alt="Mean error of TS and GSS online over the number of acquisitions, one panel for each noise",
-                draw=partial(_draw_errors, errors),
-            ),
-        ),
+        draw=partial(_draw_errors, errors),
+        alt="Mean error of TS and GSS online over the number of acquisitions, one panel for each noise",
     )
 
 
@@ -86,13 +78,7 @@ def _draw_errors(errors: _ByGroup) -> Figure:
 
 
 def fig8(searches: Sequence[OnlineSearch]) -> Section:
-    """Fig. 8: angle of the probe at each acquisition of TS and GSS, one panel for each position.
-
-    Parameters
-    ----------
-    searches
-        Of `online_searches`.
-    """
+    """Fig. 8: angle of the probe at each acquisition of TS and GSS, one panel for each position."""
     # The lowest noise: the tracks then show the rule of the method, not chance.
     level_db = max(levels_of(searches))
     first = [each for each in searches if each.repeat == 0 and each.method in BRACKETS and each.peak_snr_db == level_db]
@@ -104,22 +90,22 @@ def fig8(searches: Sequence[OnlineSearch]) -> Section:
             Table(
                 name="fig8",
                 caption="Angles reached",
-                columns=("position", "method", "acquisition", "angle_deg", "truth_deg"),
                 rows=tuple(
-                    (search.position, search.method, number, angle_deg, search.truth_deg)
+                    {
+                        "position": search.position,
+                        "method": search.method,
+                        "acquisition": number,
+                        "angle_deg": angle_deg,
+                        "truth_deg": search.truth_deg,
+                    }
                     for search in first
                     for number, angle_deg in enumerate(search.track_deg, start=1)
                 ),
                 shown=False,
             ),
         ),
-        pictures=(
-            Picture(
-                name="fig8",
-                alt="Probe angle over the acquisitions of TS and GSS beside the marker's angle, nine panels",
-                draw=partial(_draw_tracks, first),
-            ),
-        ),
+        draw=partial(_draw_tracks, first),
+        alt="Probe angle over the acquisitions of TS and GSS beside the marker's angle, nine panels",
         remarks=(
             (
                 "The paper prints this figure without numbers. It does not say how it counts the positions of the "

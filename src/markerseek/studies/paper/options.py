@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from markerseek.core import ConfigError
@@ -55,7 +56,7 @@ class RunOptions:
         """Markers over the paper's number of them, at most 1."""
         return min(1.0, self.markers / PAPER_MARKERS)
 
-    def each(self, function: Callable[[Job], Done], jobs: Sequence[Job], *, stage: str) -> list[Done]:
+    def each(self, function: Callable[[Job], Done], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[Done]:
         """Results of a function on many jobs, in their order, whatever the number of processes.
 
         Parameters
@@ -66,14 +67,21 @@ class RunOptions:
             Its arguments, one after another.
         stage
             What is done, in words.
+        part
+            Jobs that a process is given at once.
         """
+        parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
         # Results come as they are ready, and are sorted: tables must not depend on the number of processes.
-        results: dict[int, Done] = {}
+        results: dict[int, list[Done]] = {}
         self.progress(stage, 0, len(jobs))
-        for number, result in on_processes(function, jobs, workers=min(self.workers, max(1, len(jobs)))):
-            results[number] = result
-            self.progress(stage, len(results), len(jobs))
-        return [results[number] for number in range(len(jobs))]
+        for number, done in on_processes(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
+            results[number] = done
+            self.progress(stage, sum(map(len, results.values())), len(jobs))
+        return [result for number in range(len(parts)) for result in results[number]]
+
+
+def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
+    return [function(job) for job in jobs]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +97,7 @@ class Duration:
     """
 
     seconds: float
-    stages_s: Mapping[str, float] = field(default_factory=dict)
+    stages_s: Mapping[str, float]
 
     def __str__(self) -> str:
         stages = [f"{name}: {spent_s:.1f} s" for name, spent_s in self.stages_s.items()]
@@ -104,26 +112,23 @@ class Stopwatch:
     ----------
     progress
         Receives the progress after the watch.
-    clock
-        Time in seconds.
     """
 
-    def __init__(self, progress: Progress, *, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._clock = clock
-        self._since_s = clock()
+        self._since_s = time.perf_counter()
         self._began_s: dict[str, float] = {}
         self._stages_s: dict[str, float] = {}
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Note the progress of a stage and pass it on; see `Progress`."""
-        now_s = self._clock()
+        now_s = time.perf_counter()
         self._stages_s[stage] = now_s - self._began_s.setdefault(stage, now_s)
         self._progress(stage, done, total)
 
     def lap(self) -> Duration:
         """Time since the watch was made, or since the last lap, and that of the stages since."""
-        now_s = self._clock()
+        now_s = time.perf_counter()
         duration = Duration(seconds=now_s - self._since_s, stages_s=self._stages_s)
         self._since_s, self._began_s, self._stages_s = now_s, {}, {}
         return duration

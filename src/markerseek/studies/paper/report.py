@@ -1,26 +1,24 @@
-"""Sections as files: a CSV for each table, PNG and SVG for each picture, and one HTML page with all of them."""
+"""Sections as files: a CSV for each table, PNG and SVG of the picture, and one HTML page with all of them."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError
-from markerseek.files import replace_file
-from markerseek.pictures import png_data_uri, save_png, save_svg, write_from_template
+from markerseek.pictures import png_data_uri, save_png, save_svg, write_page, written
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
-from markerseek.studies.paper.section import Cell, Comparison, Section, Table, table_of
+from markerseek.studies.paper.section import Cell, Section, Table
 
 REPORT = "report.html"
 """Name of the page."""
 
 
 def write_section(section: Section, folder: Path) -> list[Path]:
-    """Write the tables and pictures of a section, and return their paths.
+    """Write the tables and the picture of a section, and return their paths.
 
     Raises
     ------
@@ -29,11 +27,11 @@ def write_section(section: Section, folder: Path) -> list[Path]:
     """
     for table in _tables(section):
         _write_csv(table, folder / f"{table.name}.csv")
-    for picture in section.pictures:
+    if section.draw is not None:
         # Drawn again for the page: a figure holds megabytes, and sections are kept until the end.
-        figure = picture.draw()
-        save_png(figure, folder / f"{picture.name}.png")
-        save_svg(figure, folder / f"{picture.name}.svg")
+        figure = section.draw()
+        save_png(figure, folder / f"{section.name}.png")
+        save_svg(figure, folder / f"{section.name}.svg")
     return [folder / name for name in _file_names(section)]
 
 
@@ -71,7 +69,7 @@ def write_report(
         note = "Simulated: no hardware was involved, and the materials are stand-ins."
         if options.markers < PAPER_MARKERS:
             note += f" Made with {options.markers} markers instead of {PAPER_MARKERS}, and fewer repeats and angles."
-    write_from_template(
+    write_page(
         folder / REPORT,
         "paper.html.jinja",
         title="The paper, reproduced",
@@ -89,29 +87,28 @@ def write_report(
     return folder / REPORT
 
 
-_COMPARISON_CELLS: dict[str, Callable[[Comparison], Cell]] = {
-    "number": lambda each: each.paper.quantity,
-    "place": lambda each: each.paper.place,
-    "unit": lambda each: each.paper.unit,
-    "condition": lambda each: each.condition,
-    "paper": lambda each: each.paper.value,
-    "paper_spread": lambda each: each.paper.sd,
-    "ours": lambda each: each.ours,
-    "ours_spread": lambda each: each.sd,
-    "half_interval95": lambda each: each.half,
-    "difference": lambda each: each.difference,
-    "off": lambda each: each.failed,
-    "without_claim": lambda each: each.unclaimed,
-}
-
-
 def comparison_table(section: Section) -> Table:
     """The paper's numbers and ours, as a table of the section."""
-    return table_of(
-        section.comparisons,
-        _COMPARISON_CELLS,
+    return Table(
         name=f"{section.name}_beside_the_paper",
         caption="The paper's numbers beside ours",
+        rows=tuple(
+            {
+                "number": each.paper.quantity,
+                "place": each.paper.place,
+                "unit": each.paper.unit,
+                "condition": each.condition,
+                "paper": each.paper.value,
+                "paper_spread": each.paper.sd,
+                "ours": each.ours,
+                "ours_spread": each.sd,
+                "half_interval95": each.half,
+                "difference": each.difference,
+                "off": each.failed,
+                "without_claim": each.unclaimed,
+            }
+            for each in section.comparisons
+        ),
     )
 
 
@@ -130,20 +127,16 @@ def _tables(section: Section) -> list[Table]:
 
 
 def _file_names(section: Section) -> list[str]:
-    pictures = [f"{picture.name}.{ending}" for picture in section.pictures for ending in ("png", "svg")]
+    pictures = [] if section.draw is None else [f"{section.name}.png", f"{section.name}.svg"]
     return [*(f"{table.name}.csv" for table in _tables(section)), *pictures]
 
 
 def _write_csv(table: Table, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
-            # The default of the csv module is CRLF, on every system.
-            writer = csv.writer(lines, lineterminator="\n")
-            writer.writerow(table.columns)
-            writer.writerows(table.rows)
-    except OSError as problem:
-        raise ConfigError(f"{path}: the table cannot be written: {problem.strerror}; name another --out") from problem
+    with written(path, what="table") as part, part.open("w", newline="", encoding="utf-8") as lines:
+        # The default of the csv module is CRLF, on every system.
+        writer = csv.DictWriter(lines, table.columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table.rows)
 
 
 def _reasons(section: Section) -> list[tuple[str, dict[str, list[str]]]]:

@@ -53,7 +53,10 @@ class Reproduction:
 
     @property
     def makers(self) -> dict[str, Callable[[], Section]]:
-        """Functions that make the sections, by name, in the order of the report."""
+        """Functions that make the sections, by name, in the order of the report.
+
+        Each function of a section gets what it may use (`RunOptions`), or the searches that several sections share.
+        """
         return {
             "fig5": lambda: fig5(self._options),
             "fig6": lambda: fig6(self._offline),

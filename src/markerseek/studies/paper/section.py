@@ -1,10 +1,10 @@
-"""What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, pictures."""
+"""What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, a picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -29,60 +29,32 @@ class Table:
         Stem of the CSV.
     caption
         What it holds.
-    columns
-        Names, with units.
     rows
-        As many cells each as there are columns.
+        The cells of each row by the names of their columns, which have units; the same columns in each.
     shown
         Whether the report prints it; a long one is a file only.
     """
 
     name: str
     caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[dict[str, Cell], ...]
     shown: bool = True
 
     def __post_init__(self) -> None:
         for number, row in enumerate(self.rows, start=1):
-            if len(row) != len(self.columns):
-                raise ConfigError(
-                    f"table {self.name}: row {number} has {len(row)} cells for {len(self.columns)} columns"
-                )
+            if tuple(row) != self.columns:
+                here, first = ", ".join(row), ", ".join(self.columns)
+                raise ConfigError(f"table {self.name}: row {number} has the columns {here}, row 1 has {first}")
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self.rows[0]) if self.rows else ()
 
-Item = TypeVar("Item")
-Group = TypeVar("Group", bound=tuple[Cell, ...])
-
-
-def table_of(
-    items: Iterable[Item], cells: Mapping[str, Callable[[Item], Cell]], *, name: str, caption: str, shown: bool = True
-) -> Table:
-    """Return a table with a row for each item.
-
-    Parameters
-    ----------
-    items
-        What the rows are of.
-    cells
-        By the name of each column, the function that takes its cell from an item.
-    name, caption, shown
-        As for `Table`.
-    """
-    rows = tuple(tuple(cell(item) for cell in cells.values()) for item in items)
-    return Table(name=name, caption=caption, columns=tuple(cells), rows=rows, shown=shown)
-
-
-ERROR_COLUMNS = (
-    "searches",
-    "mean_error_deg",
-    "spread_deg",
-    "half_interval95_deg",
-    "share_off_by_more_than_4.33_deg",
-    "share_without_a_claim",
-    "claimed_and_off_by_more_than_4.33_deg",
-)
-"""Columns of `Errors.cells`."""
+    @property
+    def lines(self) -> tuple[tuple[Cell, ...], ...]:
+        """The cells of each row, without their names."""
+        return tuple(tuple(row.values()) for row in self.rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,10 +99,17 @@ class Errors:
     claimed_failed: float
 
     @property
-    def cells(self) -> tuple[Cell, ...]:
-        """The summary as cells under `ERROR_COLUMNS`."""
-        shares = self.failed, self.unclaimed, self.claimed_failed
-        return self.count, self.mean_deg, self.sd_deg, self.half_deg, *shares
+    def cells(self) -> dict[str, Cell]:
+        """The summary as cells of a table."""
+        return {
+            "searches": self.count,
+            "mean_error_deg": self.mean_deg,
+            "spread_deg": self.sd_deg,
+            "half_interval95_deg": self.half_deg,
+            "share_off_by_more_than_4.33_deg": self.failed,
+            "share_without_a_claim": self.unclaimed,
+            "claimed_and_off_by_more_than_4.33_deg": self.claimed_failed,
+        }
 
 
 def errors_of(errors_deg: Iterable[float]) -> Errors:
@@ -156,12 +135,6 @@ def summary_of(answers: Iterable[Answer]) -> Errors:
         unclaimed=float(np.mean(~claimed)),
         claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
     )
-
-
-def errors_table(errors: Mapping[Group, Errors], *, name: str, caption: str, columns: Sequence[str]) -> Table:
-    """Return a table of errors, which is a file only; the columns name what they are grouped by."""
-    rows = tuple((*group, *each.cells) for group, each in errors.items())
-    return Table(name=name, caption=caption, columns=(*columns, *ERROR_COLUMNS), rows=rows, shown=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,40 +185,23 @@ def compared(number: str | OwnNumber, ours: Errors, *, condition: str = "") -> C
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Picture:
-    """A picture, drawn on demand.
-
-    Attributes
-    ----------
-    name
-        Stem of its files.
-    alt
-        What it shows, in words.
-    draw
-        Makes the figure.
-    """
-
-    name: str
-    alt: str
-    draw: Callable[[], Figure]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
     """One figure or table, reproduced.
 
     Attributes
     ----------
     name
-        Its name on the command line.
+        Its name on the command line, and the stem of the picture's files.
     title
         Its heading.
     method
         What was done, in paragraphs.
     comparisons
         The paper's numbers beside ours, and those of the posterior.
-    tables, pictures
-        See the classes.
+    tables
+        See the class.
+    draw, alt
+        Makes the picture, and what it shows, in words; None where there is no picture.
     remarks
         Sentences about the results and their limits.
     """
@@ -255,5 +211,6 @@ class Section:
     method: tuple[str, ...]
     comparisons: tuple[Comparison, ...] = ()
     tables: tuple[Table, ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    draw: Callable[[], Figure] | None = None
+    alt: str = ""
     remarks: tuple[str, ...] = ()

@@ -11,7 +11,6 @@ from markerseek.studies.paper.methods import ALL_METHODS, AnyMethod, PaperMethod
 from markerseek.studies.paper.section import Errors
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 COLOURS: dict[AnyMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f", "posterior": "#5b2a86"}
@@ -74,43 +73,37 @@ def errors_figure(
     )
     for axes, panel in zip(grid, panels, strict=True):
         for name in ALL_METHODS:
-            _draw_errors(axes, name, {count: each for (method, count), each in panel.errors.items() if method == name})
-            here = [(count, value) for (method, count), value in panel.printed_deg.items() if method == name]
-            _draw_printed(axes, name, here, label=f"{name}, {printed}")
+            ours = {count: each for (method, count), each in panel.errors.items() if method == name}
+            if ours:
+                axes.errorbar(
+                    list(ours),
+                    [errors.mean_deg for errors in ours.values()],
+                    yerr=[_drawn_half(errors) for errors in ours.values()],
+                    label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
+                    color=COLOURS[name],
+                    marker=MARKS[name],
+                    **ERROR_BARS,
+                )
+            theirs = {count: value for (method, count), value in panel.printed_deg.items() if method == name}
+            if theirs:
+                axes.plot(
+                    list(theirs),
+                    list(theirs.values()),
+                    label=f"{name}, {printed}",
+                    color=COLOURS[name],
+                    marker=MARKS[name],
+                    linestyle="none",
+                    markersize=8,
+                    markerfacecolor="none",
+                    markeredgewidth=1.6,
+                    zorder=5,
+                )
         if average_deg is not None:
             axes.axhline(
                 average_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
             )
     shared_legend(figure, columns=4)
     return figure
-
-
-def _draw_errors(axes: Axes, name: AnyMethod, by_count: Mapping[int, Errors]) -> None:
-    if by_count:
-        axes.errorbar(
-            list(by_count),
-            [errors.mean_deg for errors in by_count.values()],
-            yerr=[_drawn_half(errors) for errors in by_count.values()],
-            label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
-            color=COLOURS[name],
-            marker=MARKS[name],
-            **ERROR_BARS,
-        )
-
-
-def _draw_printed(axes: Axes, name: AnyMethod, printed: Sequence[tuple[int, float]], *, label: str) -> None:
-    if printed:
-        axes.plot(
-            *zip(*printed, strict=True),
-            label=label,
-            color=COLOURS[name],
-            marker=MARKS[name],
-            linestyle="none",
-            markersize=8,
-            markerfacecolor="none",
-            markeredgewidth=1.6,
-            zorder=5,
-        )
 
 
 def _drawn_half(errors: Errors) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,8 +17,9 @@ from markerseek.sim import LaserSettings, ReceiverSettings, StageMotion
 from markerseek.studies.paper.methods import BRACKETS, PAPER_METHODS, TABLE_ACQUISITIONS, PaperMethod, noise_free_track
 from markerseek.studies.paper.options import RunOptions
 from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Cell, Comparison, Picture, Section, Table, table_of
+from markerseek.studies.paper.section import Cell, Comparison, Section, Table
 from markerseek.studies.paper.style import COLOURS
+from markerseek.studies.statistics import Moments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,42 +81,19 @@ def rotation_s(track_deg: Sequence[float], *, motion: StageMotion) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Mean:
-    """Mean, standard deviation, and half the 95 % interval of the mean, which is normal for this many values."""
-
-    value: float
-    sd: float
-    half: float
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> _Mean:
-        sd = float(np.std(values, ddof=1))
-        return cls(value=float(np.mean(values)), sd=sd, half=1.96 * sd / float(np.sqrt(len(values))))
-
-    def compared_with(self, key: str, condition: str) -> Comparison:
-        return Comparison(paper=paper_number(key), ours=self.value, sd=self.sd, half=self.half, condition=condition)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Way:
     """One way to count: a method, an order within each pair, and a start."""
 
     name: PaperMethod
     order: str
     start: str
-    travel: _Mean
-    rotation: _Mean
-    fastest: _Mean
+    travel: Moments
+    rotation: Moments
+    fastest: Moments
 
 
 def travel(options: RunOptions) -> Section:
-    """Rotation travel and time of 16 acquisitions, for markers spread evenly over ±35°.
-
-    Parameters
-    ----------
-    options
-        What may be used: its number of markers.
-    """
+    """Rotation travel and time of 16 acquisitions, for markers spread evenly over ±35°."""
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 4])))
     markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, options.markers)
     options.progress("travel", 0, len(PAPER_METHODS))
@@ -135,17 +114,9 @@ def travel(options: RunOptions) -> Section:
             ),
         ),
         comparisons=_comparisons(ways),
-        tables=(
-            table_of(ways, _WAY_CELLS, name="travel", caption="Rotation travel and time of rotation"),
-            _time_table(ways),
-        ),
-        pictures=(
-            Picture(
-                name="travel",
-                alt="Rotation travel of each method beside the paper's numbers",
-                draw=partial(_draw, ways),
-            ),
-        ),
+        tables=(_travel_table(ways), _time_table(ways)),
+        draw=partial(_draw, ways),
+        alt="Rotation travel of each method beside the paper's numbers",
         remarks=_remarks(ways),
     )
 
@@ -165,38 +136,57 @@ def _ways(name: PaperMethod, tracks: Sequence[list[float]]) -> list[_Way]:
                     name=name,
                     order=order,
                     start=start,
-                    travel=_Mean.of([travel_deg(track) for track in whole]),
-                    rotation=_Mean.of([rotation_s(track, motion=StageMotion()) for track in whole]),
-                    fastest=_Mean.of([rotation_s(track, motion=FASTEST) for track in whole]),
+                    travel=Moments.of([travel_deg(track) for track in whole]),
+                    rotation=Moments.of([rotation_s(track, motion=StageMotion()) for track in whole]),
+                    fastest=Moments.of([rotation_s(track, motion=FASTEST) for track in whole]),
                 )
             )
     return ways
 
 
+def _half(moments: Moments) -> float:
+    """Half the 95 % interval of the mean, which is normal for this many values."""
+    return 1.96 * (moments.sd or 0.0) / math.sqrt(moments.count)
+
+
+def _compared(key: str, moments: Moments, condition: str) -> Comparison:
+    return Comparison(
+        paper=paper_number(key), ours=moments.mean, sd=moments.sd, half=_half(moments), condition=condition
+    )
+
+
 def _comparisons(ways: Sequence[_Way]) -> tuple[Comparison, ...]:
     bracket = [way for way in ways if way.name in BRACKETS]
     comparisons = [
-        way.travel.compared_with(f"travel/{way.name}", f"{way.name}, {way.order}, {way.start}") for way in bracket
+        _compared(f"travel/{way.name}", way.travel, f"{way.name}, {way.order}, {way.start}") for way in bracket
     ]
     for way in bracket:
         if (way.order, way.start) == ("as printed", "from the first angle"):
             # The shorter of the paper's two times is that of its shorter travel.
             key = "travel/high" if way.name == "TS" else "travel/low"
-            comparisons.append(way.rotation.compared_with(key, f"{way.name}, 10°/s"))
-            comparisons.append(way.fastest.compared_with(key, f"{way.name}, 25°/s"))
+            comparisons.append(_compared(key, way.rotation, f"{way.name}, 10°/s"))
+            comparisons.append(_compared(key, way.fastest, f"{way.name}, 25°/s"))
     return tuple(comparisons)
 
 
-_WAY_CELLS: dict[str, Callable[[_Way], Cell]] = {
-    "method": lambda way: way.name,
-    "order": lambda way: way.order,
-    "counted": lambda way: way.start,
-    "travel_deg": lambda way: way.travel.value,
-    "spread_deg": lambda way: way.travel.sd,
-    "half_interval95_deg": lambda way: way.travel.half,
-    "rotation_at_10_deg_s_s": lambda way: way.rotation.value,
-    "rotation_at_25_deg_s_s": lambda way: way.fastest.value,
-}
+def _travel_table(ways: Sequence[_Way]) -> Table:
+    return Table(
+        name="travel",
+        caption="Rotation travel and time of rotation",
+        rows=tuple(
+            {
+                "method": way.name,
+                "order": way.order,
+                "counted": way.start,
+                "travel_deg": way.travel.mean,
+                "spread_deg": way.travel.sd,
+                "half_interval95_deg": _half(way.travel),
+                "rotation_at_10_deg_s_s": way.rotation.mean,
+                "rotation_at_25_deg_s_s": way.fastest.mean,
+            }
+            for way in ways
+        ),
+    )
 
 
 def _time_table(ways: Sequence[_Way]) -> Table:
@@ -205,26 +195,33 @@ def _time_table(ways: Sequence[_Way]) -> Table:
     # The pulses take the same time with both kinds of reading.
     pulses_s = laser.pulses / laser.rate_hz
     readings = {"SonixDAQ files": ReceiverSettings().readout_s, "real time": 0.0}
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     for way in ways:
         if (way.order, way.start) == ("as printed", "from -35 deg"):
             for kind, readout_s in readings.items():
                 acquiring_s = TABLE_ACQUISITIONS * (readout_s + pulses_s)
-                rows.append((way.name, kind, way.rotation.value, acquiring_s, way.rotation.value + acquiring_s))
+                rows.append(
+                    {
+                        "method": way.name,
+                        "acquisition": kind,
+                        "rotation_s": way.rotation.mean,
+                        "acquiring_s": acquiring_s,
+                        "total_s": way.rotation.mean + acquiring_s,
+                    }
+                )
     for key in ("manual/low", "manual/high", "manual/registration"):
         number = paper_number(key)
-        rows.append((f"paper: {number.quantity}", None, None, None, number.value))
+        rows.append({**dict.fromkeys(rows[0]), "method": f"paper: {number.quantity}", "total_s": number.value})
     return Table(
         name="travel_time",
         caption=f"Time of a whole search of {TABLE_ACQUISITIONS} acquisitions from -35 deg at 10 deg/s, 16 pulses at "
         "100 Hz each, beside the paper's manual search",
-        columns=("method", "acquisition", "rotation_s", "acquiring_s", "total_s"),
         rows=tuple(rows),
     )
 
 
 def _remarks(ways: Sequence[_Way]) -> tuple[str, ...]:
-    shortest = {name: min(way.travel.value for way in ways if way.name == name) for name in BRACKETS}
+    shortest = {name: min(way.travel.mean for way in ways if way.name == name) for name in BRACKETS}
     ts, gss = paper_number("travel/TS").value, paper_number("travel/GSS").value
     speed = FASTEST.speed_deg_s
     return (
@@ -258,8 +255,8 @@ def _draw(ways: Sequence[_Way]) -> Figure:
         here = [way for way in ways if way.name == name]
         axes.bar(
             range(1, len(here) + 1),
-            [way.travel.value for way in here],
-            yerr=[way.travel.half for way in here],
+            [way.travel.mean for way in here],
+            yerr=[_half(way.travel) for way in here],
             label=f"{name}, ours",
             color=COLOURS[name],
             ecolor="#444444",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,19 +18,8 @@ CAMERA_M = (0.10, 0.15)
 """Distances of the camera in metres."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
-    """One line of the table.
-
-    Attributes
-    ----------
-    name
-        What differs from the first line.
-    conditions
-        Conditions at the first distance of the camera.
-    tissue
-        Material of the searches.
-    """
+class Case(NamedTuple):
+    """One line of the table: its name, conditions at the first distance of the camera, and material of the searches."""
 
     name: str
     conditions: Conditions
@@ -39,37 +29,34 @@ class Case:
 def cases() -> list[Case]:
     """All lines of the table."""
     usual = Conditions()
-    varied: list[tuple[str, Conditions]] = [
-        ("9 markers, 25 frames", usual),
-        ("one frame", replace(usual, frames=1)),
-        *((f"{count} markers", replace(usual, markers=count)) for count in (6, 4, 3)),
-        ("Horn alone, weights by size", replace(usual, refined=False)),
-        ("Horn alone, one frame", replace(usual, refined=False, frames=1)),
-        *((f"Horn alone, {count} markers", replace(usual, refined=False, markers=count)) for count in (6, 4, 3)),
-        *((f"only the error of {_and(source)}", replace(usual, sources=(source,))) for source in SOURCES),
+    return [
+        Case("9 markers, 25 frames", usual),
+        Case("one frame", replace(usual, frames=1)),
+        *(Case(f"{count} markers", replace(usual, markers=count)) for count in (6, 4, 3)),
+        Case("Horn alone, weights by size", replace(usual, refined=False)),
+        Case("Horn alone, one frame", replace(usual, refined=False, frames=1)),
+        *(Case(f"Horn alone, {count} markers", replace(usual, refined=False, markers=count)) for count in (6, 4, 3)),
+        *(Case(f"only the error of {_and(source)}", replace(usual, sources=(source,))) for source in SOURCES),
         *(
-            (f"Horn, only the error of {_and(source)}", replace(usual, refined=False, sources=(source,)))
+            Case(f"Horn, only the error of {_and(source)}", replace(usual, refined=False, sources=(source,)))
             for source in SOURCES
         ),
-        ("sound speed 1 % off", replace(usual, sound_speed_error=0.01)),
-        ("Horn, sound speed 1 % off", replace(usual, refined=False, sound_speed_error=0.01)),
-        ("focal length 0.5 % off", replace(usual, focal_error=0.005)),
-        ("Horn, focal length 0.5 % off", replace(usual, refined=False, focal_error=0.005)),
-        ("errors of the angle ten times as large", replace(usual, angle_factor=10.0)),
-        ("Horn, angle ten times as large", replace(usual, refined=False, angle_factor=10.0)),
-        ("calibration to 0.1 px", replace(usual, calibration_sigma_px=0.1)),
-        ("Horn, calibration to 0.1 px", replace(usual, refined=False, calibration_sigma_px=0.1)),
-        ("base of 10 mm", replace(usual, base_m=10e-3)),
-        ("Horn, base of 10 mm", replace(usual, refined=False, base_m=10e-3)),
-        ("100 frames", replace(usual, frames=100)),
-        ("flat tissue", replace(usual, relief_m=0.0)),
-        ("calibration off by a common shift", replace(usual, common_calibration=True)),
+        Case("sound speed 1 % off", replace(usual, sound_speed_error=0.01)),
+        Case("Horn, sound speed 1 % off", replace(usual, refined=False, sound_speed_error=0.01)),
+        Case("focal length 0.5 % off", replace(usual, focal_error=0.005)),
+        Case("Horn, focal length 0.5 % off", replace(usual, refined=False, focal_error=0.005)),
+        Case("errors of the angle ten times as large", replace(usual, angle_factor=10.0)),
+        Case("Horn, angle ten times as large", replace(usual, refined=False, angle_factor=10.0)),
+        Case("calibration to 0.1 px", replace(usual, calibration_sigma_px=0.1)),
+        Case("Horn, calibration to 0.1 px", replace(usual, refined=False, calibration_sigma_px=0.1)),
+        Case("base of 10 mm", replace(usual, base_m=10e-3)),
+        Case("Horn, base of 10 mm", replace(usual, refined=False, base_m=10e-3)),
+        Case("100 frames", replace(usual, frames=100)),
+        Case("flat tissue", replace(usual, relief_m=0.0)),
+        Case("calibration off by a common shift", replace(usual, common_calibration=True)),
+        Case("stained spots (liver)", usual, STAINED),
+        Case("Horn, stained spots (liver)", replace(usual, refined=False), STAINED),
     ]
-    stained = [
-        Case(name="stained spots (liver)", conditions=usual, tissue=STAINED),
-        Case(name="Horn, stained spots (liver)", conditions=replace(usual, refined=False), tissue=STAINED),
-    ]
-    return [Case(name=name, conditions=conditions) for name, conditions in varied] + stained
 
 
 def _and(source: str) -> str:

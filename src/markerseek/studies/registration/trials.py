@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -27,7 +27,7 @@ LEAST_SIGMA_PX = 0.01
 Source = Literal["angle", "lateral and depth", "spot", "calibration"]
 """A source of error."""
 
-SOURCES: tuple[Source, ...] = ("angle", "lateral and depth", "spot", "calibration")
+SOURCES: tuple[Source, ...] = get_args(Source)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

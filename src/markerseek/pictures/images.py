@@ -1,0 +1,186 @@
+"""Figures of images: photoacoustic frames, alone or over B-mode, B-mode images, and radio-frequency lines.
+
+A photoacoustic image is oriented like B-mode: lateral across, depth downwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from markerseek.core import BModeImage, Int16, PaImage, UInt8
+from markerseek.pictures.style import ACCENT, new_figure, put_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+DYNAMIC_RANGE_DB = 40.0
+"""From the brightest pixel to black, in dB."""
+
+OVERLAY_RANGE_DB = 20.0
+"""From the brightest pixel to a transparent one over B-mode, in dB: more would hide the B-mode image."""
+
+
+def draw_image(axes: Axes, image: PaImage) -> None:
+    """Draw a photoacoustic image relative to its largest value.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    image
+        The image.
+    """
+    # An image of zeros is drawn black instead of dividing by 0.
+    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
+    decibels = 20 * np.log10(np.maximum(image.envelope / peak, 10 ** (-DYNAMIC_RANGE_DB / 20)))
+    # The first row at the top: the depth axis runs downwards.
+    (left, right), (top, bottom) = 1e3 * image.lateral_m[[0, -1]], 1e3 * image.depth_m[[0, -1]]
+    extent = (left, right, bottom, top)
+    shown = axes.imshow(
+        decibels, extent=extent, cmap="gray", vmin=-DYNAMIC_RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
+    )
+    _finish(axes, shown, label="dB below the peak")
+
+
+def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
+    """Draw a photoacoustic image over a B-mode image, in millimetres of the array; each is placed by its geometry.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    b_mode
+        Drawn in grey; its edges are those of the picture.
+    image
+        Drawn in hot colours above -`OVERLAY_RANGE_DB` of its peak, and transparent below.
+    """
+    extent = b_mode.geometry.edges_mm(*b_mode.pixels.shape)
+    axes.imshow(b_mode.pixels, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="equal", interpolation="nearest")
+    # An image of zeros is wholly transparent instead of dividing by 0.
+    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
+    share = 20 * np.log10(np.maximum(image.envelope / peak, 1e-6)) / OVERLAY_RANGE_DB + 1
+    shown = axes.imshow(
+        np.clip(share, 0, 1),
+        cmap="hot",
+        vmin=0,
+        vmax=1,
+        alpha=np.clip(share, 0, 1),
+        extent=image.geometry.edges_mm(*image.envelope.shape),
+        aspect="equal",
+        interpolation="nearest",
+    )
+    # What lies outside of the B-mode image has nothing to be compared with.
+    axes.set_xlim(extent[0], extent[1])
+    axes.set_ylim(extent[2], extent[3])
+    bar = _finish(axes, shown, label="photoacoustic, below its peak")
+    bar.set_ticks([0, 1], labels=[f"-{OVERLAY_RANGE_DB:g} dB", "0 dB"])
+
+
+def _finish(axes: Axes, shown: AxesImage, *, label: str) -> Colorbar:
+    """Name the axes in millimetres of the array, and put a bar of the colours beside them."""
+    axes.set_xlabel("lateral [mm]")
+    axes.set_ylabel("depth from the array's face [mm]")
+    bar = axes.figure.colorbar(shown, ax=axes, shrink=0.6)
+    bar.set_label(label)
+    return bar
+
+
+def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
+    """Figure of one frame: its photoacoustic image with numbered arrivals.
+
+    Parameters
+    ----------
+    image
+        The image.
+    marks_m
+        Lateral position and depth of each arrival in metres, strongest first.
+    title
+        What was imaged.
+    """
+    figure = new_figure(width_in=5.6, height_in=6.8)
+    axes = figure.add_subplot()
+    draw_image(axes, image)
+    placed: list[tuple[float, float]] = []
+    for number, (lateral, depth) in enumerate(marks_m, start=1):
+        # Labels of neighbouring arrivals would overlap, so that each further one is shifted to the left.
+        close = sum(abs(lateral - other[0]) < 3e-3 and abs(depth - other[1]) < 4e-3 for other in placed)
+        placed.append((lateral, depth))
+        axes.plot(1e3 * lateral, 1e3 * depth, marker="o", markersize=7, markerfacecolor="none", color=ACCENT)
+        axes.annotate(
+            str(number),
+            (1e3 * lateral, 1e3 * depth),
+            xytext=(-14 - 9 * close, -3),
+            textcoords="offset points",
+            color=ACCENT,
+            fontsize=9,
+            bbox={"facecolor": "black", "alpha": 0.6, "linewidth": 0, "pad": 1},
+        )
+    put_title(axes, title, width_in=4.4)
+    return figure
+
+
+def overlay_figure(b_mode: BModeImage, image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
+    """Figure with both images in millimetres of the array.
+
+    Parameters
+    ----------
+    b_mode, image
+        The B-mode image, and the photoacoustic image over it.
+    marks_m
+        Lateral position and depth of each source in metres.
+    title
+        What it is.
+    """
+    figure = new_figure(width_in=6.2, height_in=6.4)
+    axes = figure.add_subplot()
+    draw_overlay(axes, b_mode, image)
+    for lateral_m, depth_m in marks_m:
+        axes.plot(1e3 * lateral_m, 1e3 * depth_m, marker="o", markersize=14, markerfacecolor="none", color=ACCENT)
+    put_title(axes, title, width_in=5.0)
+    return figure
+
+
+def b_mode_figure(pixels: UInt8[np.ndarray, "rows columns"], *, title: str) -> Figure:
+    """Figure of a B-mode image, in its own grey values and pixels."""
+    figure = new_figure(width_in=7.0, height_in=5.6)
+    axes = figure.add_subplot()
+    axes.imshow(pixels, cmap="gray", vmin=0, vmax=255, aspect="equal", interpolation="nearest")
+    axes.set_xlabel("column [pixel]")
+    axes.set_ylabel("row [pixel]")
+    put_title(axes, title, width_in=6.0)
+    return figure
+
+
+def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float | None, title: str) -> Figure:
+    """Figure of radio-frequency lines: line across, time downwards, over a symmetric scale of counts.
+
+    Parameters
+    ----------
+    lines
+        Samples of each line.
+    sampling_hz
+        Sampling frequency in Hz; None draws over the number of the sample.
+    title
+        What it is.
+    """
+    figure = new_figure(width_in=5.6, height_in=7.0)
+    axes = figure.add_subplot()
+    # The largest samples come from the skin: up to one in a hundred may be clipped.
+    most = max(float(np.quantile(np.abs(lines.astype(np.float32)), 0.99)), 1.0)
+    count = lines.shape[1] if sampling_hz is None else 1e6 * lines.shape[1] / sampling_hz
+    # From 0.5, so that each line is centred on its number.
+    extent = (0.5, lines.shape[0] + 0.5, count, 0.0)
+    shown = axes.imshow(
+        lines.T, cmap="RdBu", vmin=-most, vmax=most, extent=extent, aspect="auto", interpolation="nearest"
+    )
+    axes.set_xlabel("line")
+    axes.set_ylabel("sample" if sampling_hz is None else "time [µs]")
+    put_title(axes, title, width_in=4.4)
+    figure.colorbar(shown, ax=axes, shrink=0.6).set_label("counts")
+    return figure
