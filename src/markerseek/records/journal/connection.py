@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
+from platformdirs import user_data_path
+
 from markerseek.core import RecordError
 from markerseek.files import open_input, require_input
-from markerseek.records.journal.folder import journals_folder
 from markerseek.records.journal.schema import APPLICATION_ID, VERSION
 
 _MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT, _WAL_FORMAT = b"SQLite format 3\0", 100, b"\1\1", b"\2\2"
@@ -151,6 +152,11 @@ def _is_ours(header: bytes) -> bool:
 def _header(path: Path) -> bytes:
     with open_input(path, most_bytes=sys.maxsize) as file:
         return file.read(_HEADER_BYTES)
+
+
+def journals_folder() -> Path:
+    """Default folder of journals, in the user's data folder."""
+    return user_data_path("markerseek", appauthor=False) / "journals"
 
 
 def require_journal_file(path: Path) -> None:
