@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -149,16 +149,11 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
 
 def read_probed(path: Path) -> IntensityBank | IpascBank:
     """`read_ipasc` for a file that has been probed in a child before."""
-    with _as_bank_error(path):
-        file = UntrustedHdf5(path)
-        try:
-            bank = _bank_of(path, file)
-        except BaseException:
-            file.close()
-            raise
-        # A bank of intensities is in memory by now and needs no open file.
-        if not isinstance(bank, IpascBank):
-            file.close()
+    with _as_bank_error(path), ExitStack() as closing:
+        bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)))
+        # A bank of intensities is in memory by now; one of frames reads them from the open file.
+        if isinstance(bank, IpascBank):
+            closing.pop_all()
         return bank
 
 
