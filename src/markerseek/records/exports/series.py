@@ -11,7 +11,6 @@ from typing import Literal, TypeAlias
 
 from markerseek.core import ConfigError, PaImage, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
-from markerseek.records.exports.frames import spacing_m
 
 Clock: TypeAlias = Literal["unix", "rig", "none"]
 """What times were read from."""
@@ -112,12 +111,12 @@ def series_of(
 
 def grid_of(image: PaImage) -> dict[str, float]:
     """Where the pixels of an image lie: middle of the first column and row, and the distances, in metres."""
-    across, down = spacing_m(image)
+    geometry = image.geometry
     return {
-        "first_lateral_m": float(image.lateral_m[0]),
-        "first_depth_m": float(image.depth_m[0]),
-        "lateral_spacing_m": across,
-        "depth_spacing_m": down,
+        "first_lateral_m": geometry.first_lateral_m,
+        "first_depth_m": geometry.first_depth_m,
+        "lateral_spacing_m": geometry.lateral_step_m,
+        "depth_spacing_m": geometry.depth_step_m,
     }
 
 
