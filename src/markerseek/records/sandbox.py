@@ -44,8 +44,8 @@ _LONGEST_LINE = 1 << 20
 class _Request(msgspec.Struct, frozen=True, kw_only=True):
     module: str
     function: str
-    path: str
-    """Bytes of the path as hexadecimal digits: a file's name need not be Unicode."""
+    path: bytes
+    """As bytes, because a file's name need not be Unicode."""
 
 
 class _Array(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,9 +95,7 @@ class Sandbox:
         MissingExtraError
             If the reader needs a package that is not installed.
         """
-        request = _Request(
-            module=reader.__module__, function=reader.__qualname__, path=os.fsencode(path.absolute()).hex()
-        )
+        request = _Request(module=reader.__module__, function=reader.__qualname__, path=os.fsencode(path.absolute()))
         child = self._running(path)
         if child.stdin is None or child.stdout is None:
             raise RuntimeError("the child of a sandbox has no pipes")
@@ -219,7 +217,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
 
 
 def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
-    path = Path(os.fsdecode(bytes.fromhex(request.path)))
+    path = Path(os.fsdecode(request.path))
     reader: Reader = getattr(importlib.import_module(request.module), request.function)
     try:
         _limit(path.stat().st_size)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, as_read_error, open_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
@@ -64,12 +64,8 @@ def load_frame(
         If there is no frame in it; the message names the file, what was expected, what was found, and the cure.
     """
     place = Path(path)
-    try:
+    with as_read_error(place):
         samples, pulses = _load(place, sandbox, scale)
-    except OSError as error:
-        raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
-            error
-        )
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from markerseek.core import ConfigError, RecordError
+from markerseek.files import as_read_error
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
 from markerseek.records.banks.folder import read_folder
 from markerseek.records.banks.ipasc.reading import IpascBank, read_ipasc
@@ -34,7 +35,7 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
-    try:
+    with as_read_error(path):
         is_table = path.is_file() and not is_journal(path) and path.suffix.lower() not in HDF5_SUFFIXES
         if table != DEFAULT_FORMAT and path.exists() and not is_table:
             raise ConfigError(f"{path}: it is no CSV, and columns and unit are for a CSV; leave them out")
@@ -50,8 +51,6 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     return read_ipasc(path)
 
 

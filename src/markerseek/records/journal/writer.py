@@ -81,19 +81,14 @@ class Journal:
                 path.open("xb").close()
             except FileExistsError as problem:
                 raise exists_error(path) from problem
-            try:
-                connection = connect(path, mode="rw")
-                try:
-                    first = create_tables(connection, as_json)
-                    # The name of a new file is durable only when its folder has been flushed.
-                    sync_folder(path.parent)
-                except BaseException:
-                    connection.close()
-                    raise
-            except BaseException:
-                for made in (path, rollback_file(path)):
-                    made.unlink(missing_ok=True)
-                raise
+            with contextlib.ExitStack() as undo:
+                for made in (rollback_file(path), path):
+                    undo.callback(made.unlink, missing_ok=True)
+                connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
+                first = create_tables(connection, as_json)
+                # The name of a new file is durable only when its folder has been flushed.
+                sync_folder(path.parent)
+                undo.pop_all()
         held = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
         return cls(held, connection)
 

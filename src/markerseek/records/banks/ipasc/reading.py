@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import require_input
+from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.array import element_row
@@ -136,10 +136,8 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
     MissingExtraError
         If h5py is not installed.
     """
-    try:
+    with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     require_h5py()
     with Sandbox() as sandbox:
         # Refuses a file that crashes the library.
