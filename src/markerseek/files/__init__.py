@@ -1,7 +1,7 @@
 """Opening and writing of files, for the whole package.
 
-`open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of the file
-system into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is
+`open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of reading
+into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is
 complete; `create_atomically` is the step that `new_file` adds checks to.
 """
 

@@ -204,8 +204,8 @@ def _built(hint: Any, value: Any, arrays: _Arrays) -> Any:
             return None
         hint = classes[0] if len(classes) == 1 else {each.__name__: each for each in classes}[_object(value)["type"]]
     if hint is Exception:
-        error = msgspec.convert(value, _ErrorBody)
-        return RecordedError(error.error, error.message)
+        error = msgspec.convert(value, dict[str, str])
+        return RecordedError(error["error"], error["message"])
     if isinstance(hint, type) and is_dataclass(hint):
         given = _object(value)
         parts: dict[str, Any] = {}
@@ -229,11 +229,6 @@ def _object(value: object) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise TypeError(f"an object is expected, {type(value).__name__} found")
     return value
-
-
-class _ErrorBody(msgspec.Struct, frozen=True, kw_only=True):
-    error: str
-    message: str
 
 
 class _Array(msgspec.Struct, frozen=True, kw_only=True):
