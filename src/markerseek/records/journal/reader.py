@@ -185,11 +185,9 @@ def _without_frame(entry: Entry) -> Entry:
     match entry.event:
         case Measured(sample=sample):
             return replace(entry, event=replace(entry.event, sample=replace(sample, frame=None)))
-        case Refused():
-            return replace(entry, event=replace(entry.event, frame=None))
         case Finished(confirmation=Sample() as sample):
             return replace(entry, event=replace(entry.event, confirmation=replace(sample, frame=None)))
-        case Checked():
+        case Refused() | Checked():
             return replace(entry, event=replace(entry.event, frame=None))
         case _:
             return entry

@@ -13,8 +13,7 @@ from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
 from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.array import element_row
-from markerseek.records.banks.ipasc.columns import Columns, changed, read_columns, read_facts, sums_of
+from markerseek.records.banks.ipasc.columns import Columns, changed, element_row, read_columns, read_facts, sums_of
 from markerseek.records.banks.ipasc.rows import frame_sum
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
