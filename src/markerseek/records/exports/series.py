@@ -134,10 +134,9 @@ def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[
 def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
     count = len(bank.angles_deg)
     started_s = bank.started_s if isinstance(bank, FrameBank) else ()
-    if len(started_s) != count or not all(0 <= each < math.inf for each in started_s):
-        return tuple(map(float, range(count))), "none"
-    first_s = min(started_s)
-    if len({f"{each - first_s:g}" for each in started_s}) < count:
+    first_s = min(started_s, default=0.0)
+    different = len({f"{each - first_s:g}" for each in started_s}) == len(started_s) == count
+    if not different or not all(0 <= each < math.inf for each in started_s):
         return tuple(map(float, range(count))), "none"
     zero_s = bank.facts.clock_zero_unix_s
     return (started_s, "rig") if zero_s is None else (tuple(zero_s + each for each in started_s), "unix")

@@ -109,18 +109,17 @@ class Journal:
             raise RecordError(
                 f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
             )
-        with as_record_error(path, verb="written"):
-            connection = connect(path, mode="rw")
-            try:
-                # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
-                connection.execute("BEGIN EXCLUSIVE")
-                connection.execute("UPDATE run SET entries = entries")
-                connection.execute("ROLLBACK")
-                _require_unchanged(connection, held)
-                return cls(held, connection), held
-            except BaseException:
-                connection.close()
-                raise
+        with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
+            connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
+            # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
+            connection.execute("BEGIN EXCLUSIVE")
+            connection.execute("UPDATE run SET entries = entries")
+            connection.execute("ROLLBACK")
+            if counted(connection) != (len(held.entries), held.last_checksum):
+                raise RecordError(f"{path}: another markerseek wrote it meanwhile; look at it, then resume it")
+            journal = cls(held, connection)
+            undo.pop_all()
+        return journal, held
 
     def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
@@ -267,9 +266,3 @@ class Journal:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
-
-
-def _require_unchanged(connection: sqlite3.Connection, held: RecordedRun) -> None:
-    """Refuse a journal that another program changed between reading and locking."""
-    if counted(connection) != (len(held.entries), held.last_checksum):
-        raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")
