@@ -11,7 +11,7 @@ from contextlib import closing
 from pathlib import Path
 from unittest import mock
 
-from journal_runs import configuration, died_in_commit
+from journal_runs import configuration, died_in_commit, measured
 from markerseek import rigs
 from markerseek.core import Asked, Event, Interval, Measured, Reading, RecordError, Sample, Started
 from markerseek.records.journal import Journal, read_journal
@@ -73,9 +73,11 @@ def copied(place: Path) -> list[object]:
 
 
 def unreadable_after(*statements: str) -> bool:
-    """Whether a journal is refused after these changes."""
+    """Whether a journal, of which the last event has a frame, is refused after these changes."""
     with folder() as place:
-        kept(place / "a")
+        with new(place / "a") as journal:
+            for event in (*events(2), measured(3, channels=2)):
+                journal.commit(event, clock_s=0.0)
         with closing(sqlite3.connect(place / "a")) as connection:
             for sql in statements:
                 connection.execute(sql)
@@ -92,7 +94,7 @@ def a_changed_row_is_refused() -> None:
 
 
 def changed_samples_are_refused() -> None:
-    assert unreadable_after("UPDATE events SET samples = x'00' WHERE number = 3")
+    assert unreadable_after("UPDATE events SET samples = zeroblob(length(samples)) WHERE samples NOT NULL")
 
 
 def a_changed_configuration_is_refused() -> None:

@@ -79,9 +79,9 @@ JOURNAL_BUGS = {
         check=a_changed_row_is_refused,
     ),
     "samples outside the checksum": Bug(
-        where="records.journal.reader:_checked_row",
-        old="row_checksum(previous, row, samples) != row.checksum",
-        new="row_checksum(previous, row, None) != row.checksum",
+        where="records.journal.schema:row_checksum",
+        old='samples or b""',
+        new='b""',
         check=changed_samples_are_refused,
     ),
     "the configuration's checksum not looked at": Bug(

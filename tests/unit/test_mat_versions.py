@@ -24,9 +24,12 @@ COUNTS = np.random.default_rng(73).integers(-2048, 2048, (4, 8, 30)).astype(np.i
 FRAME = np.random.default_rng(74).integers(-2048, 2048, (32, 20, 4)).astype(np.int16)
 
 
+SANDBOX = Sandbox()
+"""One child for all files: starting one for each took most of the time of these tests."""
+
+
 def mat_arrays(path):
-    with Sandbox() as sandbox:
-        return arrays_in(path, sandbox, most_bytes=1 << 24)
+    return arrays_in(path, SANDBOX, most_bytes=1 << 24)
 
 
 def write_73(path, variables, *, block=512, classes=True, **options):
@@ -179,7 +182,7 @@ def test_a_cut_off_7_3_is_refused(tmp_path):
     for length in (4, 100, 512, 600, 1500, len(data) - 1000):
         (tmp_path / "a.mat").write_bytes(data[:length])
         with pytest.raises(RecordError, match="fetch or save it again"):
-            load_frame(tmp_path / "a.mat")
+            load_frame(tmp_path / "a.mat", sandbox=SANDBOX)
 
 
 def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):

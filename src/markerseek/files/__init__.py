@@ -1,11 +1,11 @@
 """Opening and writing of files, for the whole package.
 
-`open_input` opens a file that a user names, once its kind and size are checked. `new_file` and `replace_file` write a
-file under a temporary name and rename it when it is complete; `create_atomically` is the step that `new_file` adds
-checks to.
+`open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of reading
+into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is
+complete; `create_atomically` is the step that `new_file` adds checks to.
 """
 
-from markerseek.files.inputs import MIB, open_input, read_input, require_input
+from markerseek.files.inputs import MIB, as_read_error, open_input, read_input, require_input
 from markerseek.files.serial_line import SERIAL_ERRORS, Parity, open_serial
 from markerseek.files.settings import convert_settings, in_words, known_keys, read_toml, require_choice, require_key
 from markerseek.files.whole import create_atomically, new_file, replace_file, require_new, sync_folder
@@ -14,6 +14,7 @@ __all__ = [
     "MIB",
     "SERIAL_ERRORS",
     "Parity",
+    "as_read_error",
     "convert_settings",
     "create_atomically",
     "in_words",

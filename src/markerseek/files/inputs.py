@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,6 +16,17 @@ from markerseek.core import RecordError
 
 MIB = 1 << 20
 """Bytes of a mebibyte."""
+
+
+@contextmanager
+def as_read_error(path: Path) -> Iterator[None]:
+    """Turn errors of the file system into a `RecordError` that names the file and the cure."""
+    try:
+        yield
+    except OSError as problem:
+        raise RecordError(
+            f"{path}: it cannot be read: {problem.strerror or problem}; check the name and the rights"
+        ) from problem
 
 
 def open_input(path: Path, *, most_bytes: int) -> BinaryIO:

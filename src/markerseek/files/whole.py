@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -62,17 +62,8 @@ def create_atomically(path: Path) -> Iterator[Path]:
     OSError
         If the file cannot be made or named.
     """
-    with _temporary(path) as part:
+    with _written(path, _name_new) as part:
         yield part
-        sync_file(part)
-        try:
-            # link() fails where the name exists; rename() would replace a file that another process made meanwhile.
-            os.link(part, path)
-        except FileExistsError as problem:
-            raise _exists_error(path) from problem
-        except OSError:
-            _rename_without_links(part, path)
-        sync_folder(path.parent)
 
 
 @contextmanager
@@ -91,18 +82,8 @@ def replace_file(path: Path) -> Iterator[Path]:
             f"{path}: it is a symbolic link, a pipe or a device, and nothing is written through it; "
             "remove it, or name another file"
         )
-    with _temporary(path) as part:
+    with _written(path, os.replace) as part:
         yield part
-        sync_file(part)
-        part.replace(path)
-        sync_folder(path.parent)
-
-
-def sync_file(path: Path) -> None:
-    """Flush a file to the disk."""
-    with path.open("r+b") as file:
-        # Without this, a power cut after the rename can leave the new name with empty contents.
-        os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:
@@ -118,22 +99,34 @@ def sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def _temporary(path: Path) -> Iterator[Path]:
+def _written(path: Path, rename: Callable[[Path, Path], None]) -> Iterator[Path]:
+    """A temporary path beside `path`; the file written there is flushed and renamed when the block succeeds."""
     # Random, so that two processes that write the same file do not share a temporary one.
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         yield part
+        with part.open("r+b") as file:
+            # Without this, a power cut after the rename can leave the new name with empty contents.
+            os.fsync(file.fileno())
+        rename(part, path)
+        sync_folder(path.parent)
     finally:
         part.unlink(missing_ok=True)
 
 
-def _rename_without_links(part: Path, path: Path) -> None:
-    """Rename a file on a disk without hard links (FAT, some network disks), reserving the name by an empty file."""
+def _name_new(part: Path, path: Path) -> None:
     try:
-        path.open("xb").close()
+        try:
+            # link() fails where the name exists; rename() would replace a file that another process made meanwhile.
+            os.link(part, path)
+        except FileExistsError:
+            raise
+        except OSError:
+            # On a disk without hard links (FAT, some network disks) an empty file reserves the name.
+            path.open("xb").close()
+            part.replace(path)
     except FileExistsError as problem:
         raise _exists_error(path) from problem
-    part.replace(path)
 
 
 def _exists_error(path: Path) -> RecordError:

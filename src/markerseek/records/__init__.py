@@ -3,18 +3,6 @@
 Banks, journals and exports are the packages below this one.
 """
 
-from markerseek.records.images import IMAGE_SUFFIXES, ImageSeries, read_images
-from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
-from markerseek.records.result import Recorder, SearchResult, answer_name
+import lazy_loader
 
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "ImageSeries",
-    "Recorder",
-    "ReplayLaser",
-    "ReplayReceiver",
-    "ReplayStage",
-    "SearchResult",
-    "answer_name",
-    "read_images",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError, UInt8
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, as_read_error, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_images import read_dicom, read_png
@@ -97,11 +97,9 @@ def _frames(path: Path, sandbox: Sandbox) -> tuple[np.ndarray, tuple[float, floa
     module, package = ("cv2", "opencv-python-headless") if suffix == ".png" else ("pydicom", "pydicom")
     if importlib.util.find_spec(module) is None:
         raise MissingExtraError(package=package, extra="vision", purpose=f"{path}: it")
-    try:
-        # Opened here first: only regular files, and none that is too large.
-        open_input(path, most_bytes=_MOST_BYTES).close()
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    with as_read_error(path):
+        # Before the sandbox: only regular files, and none that is too large.
+        require_input(path, most_bytes=_MOST_BYTES)
     arrays = sandbox.read(read_png if suffix == ".png" else read_dicom, path)
     frames = arrays["pixels"]
     if frames.ndim != 3 or frames.dtype.kind not in "ui":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import msgspec
 
@@ -11,15 +11,14 @@ from markerseek._version import __version__
 from markerseek.core import (
     Ambiguous,
     AtBound,
+    Estimate,
     Event,
     Failed,
     Finished,
     Floor,
     Found,
-    Interval,
     IntervalKind,
     MarkerCurve,
-    MarkerPosition,
     Measured,
     NotFound,
     OtherSource,
@@ -33,6 +32,9 @@ from markerseek.core import (
     Unsure,
     marker_position,
 )
+
+AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
+"""Names of the answers in the JSON output."""
 
 
 class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,7 +78,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     found: bool
-    answer: Literal["found", "not found", "ambiguous", "at bound", "unsure"]
+    answer: AnswerName
     reason: str | None
     method: str
     as_published: bool
@@ -157,7 +159,9 @@ class Recorder:
         finished = self.finished
         estimate = finished.estimate
         known = estimate if isinstance(estimate, Found | Unsure) and not plan.as_published else None
-        marker = self._marker(estimate, facts) if isinstance(estimate, Found) else None
+        # The marker's position follows from all frames with light.
+        lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
+        marker = marker_position(estimate, lit, facts) if isinstance(estimate, Found) else None
         return SearchResult(
             found=isinstance(estimate, Found),
             answer=answer_name(estimate),
@@ -168,7 +172,7 @@ class Recorder:
             emulated=facts.emulated,
             angle_deg=estimate.mean_deg,
             sigma_deg=None if known is None else known.sigma_deg,
-            interval95_deg=None if known is None else _ends(known.interval95_deg),
+            interval95_deg=None if known is None else (known.interval95_deg.low_deg, known.interval95_deg.high_deg),
             interval_kind=None if known is None else known.interval_kind,
             marker_trus_m=None if marker is None else marker.position_m,
             marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
@@ -191,15 +195,8 @@ class Recorder:
             configuration=facts.fingerprint,
         )
 
-    def _marker(self, found: Found, facts: RigFacts) -> MarkerPosition | None:
-        """Position of the marker from all frames with light."""
-        measured = [*self.samples, *([self.confirmation] if self.confirmation else [])]
-        return marker_position(found, measured, facts)
 
-
-def answer_name(
-    estimate: Found | NotFound | Ambiguous | AtBound | Unsure,
-) -> Literal["found", "not found", "ambiguous", "at bound", "unsure"]:
+def answer_name(estimate: Estimate) -> AnswerName:
     """Name of an answer in the JSON output."""
     match estimate:
         case Found():
@@ -214,7 +211,7 @@ def answer_name(
             return "unsure"
 
 
-def _reason(estimate: Found | NotFound | Ambiguous | AtBound | Unsure) -> str | None:
+def _reason(estimate: Estimate) -> str | None:
     match estimate:
         case Found():
             return None
@@ -224,7 +221,3 @@ def _reason(estimate: Found | NotFound | Ambiguous | AtBound | Unsure) -> str | 
             return f"markers at {', '.join(f'{mode:.2f}' for mode in modes)} deg explain what was seen equally well"
         case AtBound(side=side):
             return f"the intensity still rises at the {side} end of the range; shift the range towards it"
-
-
-def _ends(interval: Interval) -> tuple[float, float]:
-    return interval.low_deg, interval.high_deg

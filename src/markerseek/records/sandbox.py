@@ -17,6 +17,7 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Self, TypeAlias
 
@@ -38,14 +39,13 @@ _ROOM_BYTES = 1 << 29
 """Memory for the libraries themselves (h5py, SciPy), which are imported with the first file."""
 
 _LONGEST_LINE = 1 << 20
-_CHUNK_BYTES = 1 << 20
 
 
 class _Request(msgspec.Struct, frozen=True, kw_only=True):
     module: str
     function: str
-    path: str
-    """Bytes of the path as hexadecimal digits: a file's name need not be Unicode."""
+    path: bytes
+    """As bytes, because a file's name need not be Unicode."""
 
 
 class _Array(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,9 +95,7 @@ class Sandbox:
         MissingExtraError
             If the reader needs a package that is not installed.
         """
-        request = _Request(
-            module=reader.__module__, function=reader.__qualname__, path=os.fsencode(path.absolute()).hex()
-        )
+        request = _Request(module=reader.__module__, function=reader.__qualname__, path=os.fsencode(path.absolute()))
         child = self._running(path)
         if child.stdin is None or child.stdout is None:
             raise RuntimeError("the child of a sandbox has no pipes")
@@ -174,11 +172,9 @@ def _end(child: subprocess.Popen[bytes], owner: int) -> None:
     for pipe in (child.stdin, child.stdout):
         # Unclosed pipes would keep descriptors until the garbage collector runs.
         if pipe is not None:
-            try:
+            # A request that the child did not take is lost with it.
+            with suppress(OSError):
                 pipe.close()
-            except OSError:
-                # A request that the child did not take is lost with it.
-                continue
     child.wait()
 
 
@@ -201,13 +197,9 @@ def _received(stream: IO[bytes], *, most_bytes: int) -> tuple[_Answer, dict[str,
     arrays = {}
     for each in answer.arrays:
         array = np.empty(each.shape, each.dtype)
-        view = array.data.cast("B") if array.size else memoryview(b"")
-        filled = 0
-        while filled < len(view):
-            count = stream.readinto(view[filled : filled + _CHUNK_BYTES])  # type: ignore[attr-defined]
-            if not count:
-                raise EOFError("the child ended within an array")
-            filled += count
+        # As flat bytes: an array without elements cannot be cast to them.
+        if stream.readinto(array.reshape(-1).view(np.uint8)) != array.nbytes:  # type: ignore[attr-defined]
+            raise EOFError("the child ended within an array")
         arrays[each.name] = array
     return answer, arrays
 
@@ -225,7 +217,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
 
 
 def _answered(request: _Request) -> tuple[_Answer, list[np.ndarray]]:
-    path = Path(os.fsdecode(bytes.fromhex(request.path)))
+    path = Path(os.fsdecode(request.path))
     reader: Reader = getattr(importlib.import_module(request.module), request.function)
     try:
         _limit(path.stat().st_size)

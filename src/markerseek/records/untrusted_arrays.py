@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,24 +90,21 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz``."""
-    try:
+    with as_record_error(path, what=".npz", cure="save it again with numpy.savez"):
         with zipfile.ZipFile(path) as archive:
             # A zip bomb declares its true sizes, or zipfile stops at the size that it declares.
             unpacked_bytes = sum(each.file_size for each in archive.infolist())
-        too_large = unpacked_bytes > MOST_PER_BYTE * path.stat().st_size
+        _require_small(path, unpacked_bytes, cure="save it with numpy.savez instead of savez_compressed")
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {} if too_large else dict(archive.items())
-    # Damaged archives raise errors of many kinds.
-    except Exception as problem:
-        raise RecordError(f"{path}: no .npz that can be read: {problem}; save it again with numpy.savez") from problem
-    if too_large:
-        raise RecordError(
-            f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with numpy.savez instead of "
-            "savez_compressed"
-        )
+            arrays = dict(archive.items())
     for array in arrays.values():
         _require_numbers(path, array)
     return arrays
+
+
+def _require_small(path: Path, unpacked_bytes: int, *, cure: str) -> None:
+    if unpacked_bytes > MOST_PER_BYTE * path.stat().st_size:
+        raise RecordError(f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; {cure}")
 
 
 def _require_numbers(path: Path, array: object) -> None:
@@ -124,10 +120,7 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
     with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
         found = [each for each in whosmat(path, appendmat=False) if each[2] in _MATLAB_TYPES]
         unpacked_bytes = sum(math.prod(shape) * _MATLAB_TYPES[kind].itemsize for _, shape, kind in found)
-        if unpacked_bytes > MOST_PER_BYTE * path.stat().st_size:
-            raise RecordError(
-                f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with -v6 (uncompressed)"
-            )
+        _require_small(path, unpacked_bytes, cure="save it with -v6 (uncompressed)")
         names = [name for name, _, _ in found]
         loaded = loadmat(path, appendmat=False, variable_names=names)
         # MATLAB stores small numbers in fewer bytes than their class has. SciPy's mat_dtype would restore the class,
@@ -145,23 +138,16 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
         as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
         UntrustedHdf5(path) as file,
     ):
-        return {name: _matlab_values(item) for name, item in _matlab_arrays(path, file)}
-
-
-def _matlab_arrays(path: Path, file: UntrustedHdf5) -> Iterator[tuple[str, h5py.Dataset]]:
-    left_bytes = MOST_PER_BYTE * path.stat().st_size
-    for name in file.datasets():
-        item = file.opened[name]
-        if not _is_numeric(item):
-            continue
-        # One budget for all arrays together, because all of them come back at once.
-        left_bytes -= math.prod(item.shape) * item.dtype.itemsize
-        if left_bytes < 0:
-            raise RecordError(
-                f"{path}: it unpacks to more than {MOST_PER_BYTE} times its size; save it with '-v7.3', "
-                "'-nocompression'"
-            )
-        yield name, file.dataset(name)
+        arrays: dict[str, np.ndarray] = {}
+        unpacked_bytes = 0
+        for name in file.datasets():
+            item = file.opened[name]
+            if _is_numeric(item):
+                # All arrays together, because all of them come back at once.
+                unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
+                _require_small(path, unpacked_bytes, cure="save it with '-v7.3', '-nocompression'")
+                arrays[name] = _matlab_values(file.dataset(name))
+        return arrays
 
 
 def _is_numeric(item: h5py.Dataset) -> bool:

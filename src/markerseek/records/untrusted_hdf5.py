@@ -88,16 +88,14 @@ class UntrustedHdf5:
         return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
 
     def has(self, name: str) -> bool:
-        """Whether the name exists, harmless or not."""
-        group, last = self._parent(name)
-        return group is not None and last in group
+        """Whether the name exists; `TypeError` where it is a link to another place."""
+        return self._item(name) is not None
 
     def names(self, name: str) -> list[str]:
         """Sorted names in a group; empty where it is missing or is not a group."""
         import h5py
 
-        group, last = self._parent(name)
-        item = _followed(group, last) if group is not None and last in group else None
+        item = self._item(name)
         return sorted(item) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
@@ -105,15 +103,14 @@ class UntrustedHdf5:
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If it is missing, is a link to another file, or needs much more memory than the file has bytes.
         """
         import h5py
 
-        group, last = self._parent(name)
-        if group is None or last not in group:
+        item = self._item(name)
+        if item is None:
             raise ValueError(f"{name} is missing")
-        item = _followed(group, last)
         if not isinstance(item, h5py.Dataset):
             raise TypeError(f"{name} is no dataset")
         # Virtual and external datasets read other files, without any link.
@@ -164,28 +161,19 @@ class UntrustedHdf5:
         text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
         return text[:_MOST_TEXT]
 
-    def _parent(self, name: str) -> tuple[h5py.Group | None, str]:
+    def _item(self, name: str) -> object:
+        """Group or dataset of that name; None where it is missing."""
         import h5py
 
-        *folders, last = name.split("/")
-        group: h5py.Group = self.opened
-        for folder in folders:
-            # Component by component, because a path given to h5py follows links in its middle.
-            if folder not in group:
-                return None, last
-            inner = _followed(group, folder)
-            if not isinstance(inner, h5py.Group):
-                return None, last
-            group = inner
-        return group, last
-
-
-def _followed(group: h5py.Group, name: str) -> object:
-    import h5py
-
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise TypeError(f"{name} is a link to another place")
-    return group[name]
+        item: object = self.opened
+        for part in name.split("/"):
+            # Part by part, because a path given to h5py follows links in its middle.
+            if not isinstance(item, h5py.Group) or part not in item:
+                return None
+            if not isinstance(item.get(part, getlink=True), h5py.HardLink):
+                raise TypeError(f"{part} is a link to another place")
+            item = item[part]
+        return item
 
 
 @contextmanager

@@ -95,7 +95,7 @@ def whole_scan() -> WholeScan:
     end = command(*_words(path), out=path, before=_prepared)
     require_well(end, 0)
     bank = _opened(path)
-    order = np.argsort(bank.rows)
+    order = np.argsort(bank.columns.rows)
     whole = WholeScan(
         angles_deg=tuple(bank.angles_deg[place] for place in order),
         frames=dict(_frames(bank)),

@@ -17,10 +17,9 @@ from markerseek.records.banks.bank import (
 from markerseek.records.banks.folder import FolderBank, read_folder
 from markerseek.records.banks.frames import MAT_PROBE, load_frame
 from markerseek.records.banks.ipasc import BankWriter, IpascBank, read_ipasc, require_new_bank, whole_bank
-from markerseek.records.banks.reading import read_bank
+from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
 from markerseek.records.banks.table import DEFAULT_FORMAT, AngleUnit, TableFormat, read_table, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
-from markerseek.records.banks.verify import frame_faults, has_checksums, require_whole
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 __all__ = [

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MOST_INTENSITY, ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.files import as_read_error
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.sandbox import Sandbox
@@ -24,11 +25,8 @@ USUAL_SAMPLING_HZ = 40e6
 """Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
 
 _LARGEST_BYTES = 1 << 33
-_NAMES = {
-    "angle_deg": ("angle_deg", "angles_deg", "trus_angle_deg"),
-    "intensity": ("intensity", "intensities"),
-    "frames": ("frames",),
-}
+_ANGLES = ("angle_deg", "angles_deg", "trus_angle_deg")
+_INTENSITIES = ("intensity", "intensities")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,14 +78,9 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
     RecordError
         If it is damaged, or does not hold the variables described above.
     """
-    try:
-        with Sandbox() as sandbox:
-            arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
-    named = {name: _picked(arrays, names) for name, names in _NAMES.items()}
-    frames, intensity = named["frames"], named["intensity"]
-    angles = named["angle_deg"]
+    with as_read_error(path), Sandbox() as sandbox:
+        arrays = _named(arrays_in(path, sandbox, most_bytes=_LARGEST_BYTES))
+    angles, intensity, frames = (_picked(arrays, names) for names in (_ANGLES, _INTENSITIES, ("frames",)))
     if first_and_step_deg is not None and frames is not None and angles is None:
         first_deg, step_deg = first_and_step_deg
         angles = first_deg + step_deg * np.arange(len(frames) if frames.ndim else 0)

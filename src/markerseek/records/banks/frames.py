@@ -6,7 +6,6 @@ Any file gives a frame or a `RecordError`; reading needs at most some tens of ti
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, as_read_error, read_input
 from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
@@ -64,12 +63,8 @@ def load_frame(
         If there is no frame in it; the message names the file, what was expected, what was found, and the cure.
     """
     place = Path(path)
-    try:
+    with as_read_error(place):
         samples, pulses = _load(place, sandbox, scale)
-    except OSError as error:
-        raise RecordError(f"{place}: cannot be read ({error.strerror or error}); check the name and the rights") from (
-            error
-        )
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
@@ -154,27 +149,18 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
 
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     files = _daq_files(folder)
-    headers = {number: _daq_header(path) for number, path in files.items()}
-    first = headers[0]
-    for number, header in headers.items():
+    first, _ = _daq_file(files[0])
+    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
+    for number, path in sorted(files.items()):
+        header, body = _daq_file(path)
         # Files of two acquisitions would give a frame whose channels belong to different shots.
         if header != first:
             raise RecordError(
-                f"{files[number]}: {header.frames} pulses of {header.samples} samples under a header of "
+                f"{path}: {header.frames} pulses of {header.samples} samples under a header of "
                 f"{header.length} bytes found, {first.frames} of {first.samples} under {first.length} expected as in "
                 f"{files[0].name}; the folder mixes acquisitions: acquire it again"
             )
-    samples = np.empty((sonixdaq.CHANNELS, first.samples), np.int16)
-    for number, path in files.items():
-        with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
-            file.seek(first.length)
-            body = file.read(first.file_bytes - first.length)
-        if len(body) != first.file_bytes - first.length:
-            raise RecordError(
-                f"{path}: {first.length + len(body)} bytes found, {first.file_bytes} bytes expected; it became shorter "
-                "while it was read: wait until the acquisition is complete"
-            )
-        pulses = sonixdaq.decode_samples(body, first)
+        pulses = sonixdaq.decode_samples(body, header)
         # The connector permutes the channels: file numbers are not element numbers.
         # In float64: the sum of many int16 pulses overflows int16.
         samples[sonixdaq.element_of_file(number)] = np.rint(pulses.mean(axis=0, dtype=np.float64))
@@ -204,11 +190,10 @@ def _daq_files(folder: Path) -> dict[int, Path]:
     return files
 
 
-def _daq_header(path: Path) -> sonixdaq.DaqHeader:
-    with open_input(path, most_bytes=_MOST_CHANNEL_BYTES) as file:
-        head, size = file.read(sonixdaq.HEADER_BYTES), os.fstat(file.fileno()).st_size
+def _daq_file(path: Path) -> tuple[sonixdaq.DaqHeader, bytes]:
+    data = read_input(path, most_bytes=_MOST_CHANNEL_BYTES)
     try:
-        header = sonixdaq.decode_header(head, size=size, name=path.name)
+        header = sonixdaq.decode_header(data[: sonixdaq.HEADER_BYTES], size=len(data), name=path.name)
     except RecordError as error:
         raise RecordError(f"{path.parent}: {error}") from error
     if header.samples > sonixdaq.MOST_SAMPLES:
@@ -216,4 +201,4 @@ def _daq_header(path: Path) -> sonixdaq.DaqHeader:
             f"{path}: it holds {header.samples} samples of each pulse, at most {sonixdaq.MOST_SAMPLES} are read; "
             "record a shorter time"
         )
-    return header
+    return header, data[header.length :]

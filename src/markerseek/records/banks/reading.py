@@ -1,13 +1,15 @@
-"""Reads a bank from a file or folder of any format, by its suffix."""
+"""Reads a bank from a file or folder of any format, by its suffix; and every frame of it once, to find damaged ones."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from markerseek.core import ConfigError, RecordError
+from markerseek.files import as_read_error
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank
 from markerseek.records.banks.folder import read_folder
-from markerseek.records.banks.ipasc.reading import read_ipasc
+from markerseek.records.banks.ipasc.reading import IpascBank, read_ipasc
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.journal import is_journal
 
@@ -33,7 +35,7 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
     MissingExtraError
         If a bank in HDF5 is given and h5py is not installed.
     """
-    try:
+    with as_read_error(path):
         is_table = path.is_file() and not is_journal(path) and path.suffix.lower() not in HDF5_SUFFIXES
         if table != DEFAULT_FORMAT and path.exists() and not is_table:
             raise ConfigError(f"{path}: it is no CSV, and columns and unit are for a CSV; leave them out")
@@ -49,6 +51,48 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
             )
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return read_table(path, table)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     return read_ipasc(path)
+
+
+def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
+    """Fault of each frame, dark ones last; None for a frame without one.
+
+    Opening a bank has already checked its numbers and read the first frame. Frames are compared with their checksums
+    where the file has any (`has_checksums`).
+
+    Yields
+    ------
+    str or None
+        The fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
+    """
+    if isinstance(bank, IntensityBank):
+        return
+    readers = ((bank.frame, len(bank.angles_deg)), (bank.dark_frame, bank.dark_frames))
+    for read, count in readers:
+        for index in range(count):
+            try:
+                read(index)
+            except RecordError as problem:
+                yield str(problem)
+            else:
+                yield None
+
+
+def has_checksums(bank: IntensityBank | FrameBank) -> bool:
+    """Whether the frames have checksums, by which a change of one is detected."""
+    return isinstance(bank, IpascBank) and bool(bank.frame_sums)
+
+
+def require_whole(bank: IntensityBank | FrameBank) -> None:
+    """Refuse a bank in IPASC HDF5 of which a frame cannot be read or has changed; other banks are read anyway.
+
+    Raises
+    ------
+    RecordError
+        For the first such frame.
+    """
+    if not isinstance(bank, IpascBank):
+        return
+    for fault in frame_faults(bank):
+        if fault is not None:
+            raise RecordError(fault)

@@ -118,7 +118,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
         ) from problem
     places = _places(path, rows, table)
     angle_name = rows.names[places[0]] if rows.names else ""
-    values = np.array([_numbers(path, rows, number, places) for number in range(len(rows.cells))]).reshape(-1, 2)
+    values = np.array([_numbers(path, rows, line, places) for line in rows.cells]).reshape(-1, 2)
     unit = _unit(path, table.unit, angle_name, values[:, 0])
     angles_deg, intensities = _averaged(path, values[:, 0] * _DEG[unit], values[:, 1])
     require_angles(path, angles_deg)
@@ -163,10 +163,9 @@ def _place(path: Path, rows: Rows, column: str) -> int:
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
 
 
-def _numbers(path: Path, rows: Rows, number: int, places: tuple[int, int]) -> tuple[float, float]:
+def _numbers(path: Path, rows: Rows, line: int, places: tuple[int, int]) -> tuple[float, float]:
     """Angle and intensity of one row."""
-    angle, intensity = (_cell(path, rows, number, place) for place in places)
-    line = rows.lines[number]
+    angle, intensity = (_cell(path, rows, line, place) for place in places)
     if intensity < 0:
         raise RecordError(f"{path}, line {line}: intensity is {intensity}, it must not be negative")
     # Larger numbers overflow when the methods square them.
@@ -177,8 +176,8 @@ def _numbers(path: Path, rows: Rows, number: int, places: tuple[int, int]) -> tu
     return angle, intensity
 
 
-def _cell(path: Path, rows: Rows, number: int, place: int) -> float:
-    row, line = rows.cells[number], rows.lines[number]
+def _cell(path: Path, rows: Rows, line: int, place: int) -> float:
+    row = rows.cells[line]
     name = rows.names[place] if rows.names else f"column {place + 1}"
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(row) != rows.width:

@@ -26,16 +26,13 @@ class Rows:
     separator
         What separates them.
     cells
-        Cells of each row of data.
-    lines
-        Line of the file on which each of these rows ends.
+        Cells of each row of data, by the line of the file on which the row ends.
     """
 
     names: tuple[str, ...]
     width: int
     separator: str
-    cells: list[list[str]] = field(repr=False)
-    lines: list[int] = field(repr=False)
+    cells: dict[int, list[str]] = field(repr=False)
 
 
 def rows_of(path: Path, data: bytes) -> Rows:
@@ -49,13 +46,10 @@ def rows_of(path: Path, data: bytes) -> Rows:
         If it is no text, or no CSV.
     """
     text = _decoded(path, data)
-    separator = ""
     first_line = next((line for line in text.splitlines() if line.strip()), "")
     # Excel writes the separator into this line.
-    if first_line.lower().startswith("sep=") and len(first_line) == len("sep=,"):
-        separator = first_line[-1]
-    else:
-        separator = _separator(first_line)
+    named = first_line.lower().startswith("sep=") and len(first_line) == len("sep=,")
+    separator = first_line[-1] if named else _separator(first_line)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True, skipinitialspace=True)
     table = [
         (reader.line_num, row)
@@ -67,14 +61,9 @@ def rows_of(path: Path, data: bytes) -> Rows:
     if table and not all(map(_is_number, table[0][1])):
         names = tuple(cell.strip() for cell in table.pop(0)[1])
         names = (names[0].removeprefix("#").strip(), *names[1:])
-    table = [(line, row) for line, row in table if not row[0].startswith("#")]
-    return Rows(
-        names=names,
-        width=len(names) or (len(table[0][1]) if table else 0),
-        separator=separator,
-        cells=[row for _, row in table],
-        lines=[line for line, _ in table],
-    )
+    cells = {line: row for line, row in table if not row[0].startswith("#")}
+    width = len(names or next(iter(cells.values()), ()))
+    return Rows(names=names, width=width, separator=separator, cells=cells)
 
 
 def _decoded(path: Path, data: bytes) -> str:

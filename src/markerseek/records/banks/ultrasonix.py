@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Int16, RecordError, UInt8
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, as_read_error, open_input
 from markerseek.wire import ultrasonix
 
 ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
@@ -61,12 +61,9 @@ class UltrasonixFile:
         header = self.header
         if not 0 <= index < header.frames:
             raise RecordError(f"{self.path}: there is no frame {index + 1}, it holds {header.frames}; count from 1")
-        try:
-            with open_input(self.path, most_bytes=_LARGEST_BYTES) as file:
-                file.seek(ultrasonix.HEADER_BYTES + index * header.stride)
-                body = file.read(header.stride)
-        except OSError as problem:
-            raise RecordError(f"{self.path}: it cannot be read: {problem.strerror or problem}") from problem
+        with as_read_error(self.path), open_input(self.path, most_bytes=_LARGEST_BYTES) as file:
+            file.seek(ultrasonix.HEADER_BYTES + index * header.stride)
+            body = file.read(header.stride)
         if len(body) != header.stride:
             raise RecordError(f"{self.path}: it became shorter while it was read; wait until it is written")
         return body
@@ -80,11 +77,8 @@ def open_ultrasonix(path: Path) -> UltrasonixFile:
     RecordError
         If it is not there, cut off, or of another kind.
     """
-    try:
-        with open_input(path, most_bytes=_LARGEST_BYTES) as file:
-            head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
+        head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
     header = ultrasonix.decode_header(head, size=size, name=str(path))
     if header.stride > _MOST_FRAME_BYTES:
         raise RecordError(

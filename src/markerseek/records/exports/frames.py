@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from markerseek.core import Float64, PaImage, ScanGeometry
+from markerseek.core import Float64, ScanGeometry
 
 TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.
@@ -29,12 +29,6 @@ other orientation, but not ImageToProbe.
 
 IMAGE_ORIENTATION = "MF"
 """Orientation of the image in PLUS's letters: columns along Transducer X (M), rows along Transducer Y (F)."""
-
-
-def spacing_m(image: PaImage) -> tuple[float, float]:
-    """Distances of the columns and of the rows of an image, in metres."""
-    across, down = (float(np.ptp(axis)) / (len(axis) - 1) for axis in (image.lateral_m, image.depth_m))
-    return across, down
 
 
 def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:

@@ -11,7 +11,6 @@ from typing import Literal, TypeAlias
 
 from markerseek.core import ConfigError, PaImage, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
-from markerseek.records.exports.frames import spacing_m
 
 Clock: TypeAlias = Literal["unix", "rig", "none"]
 """What times were read from."""
@@ -112,12 +111,12 @@ def series_of(
 
 def grid_of(image: PaImage) -> dict[str, float]:
     """Where the pixels of an image lie: middle of the first column and row, and the distances, in metres."""
-    across, down = spacing_m(image)
+    geometry = image.geometry
     return {
-        "first_lateral_m": float(image.lateral_m[0]),
-        "first_depth_m": float(image.depth_m[0]),
-        "lateral_spacing_m": across,
-        "depth_spacing_m": down,
+        "first_lateral_m": geometry.first_lateral_m,
+        "first_depth_m": geometry.first_depth_m,
+        "lateral_spacing_m": geometry.lateral_step_m,
+        "depth_spacing_m": geometry.depth_step_m,
     }
 
 
@@ -135,10 +134,9 @@ def one_for_each(path: Path, images: Iterator[PaImage], count: int) -> Iterator[
 def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
     count = len(bank.angles_deg)
     started_s = bank.started_s if isinstance(bank, FrameBank) else ()
-    if len(started_s) != count or not all(0 <= each < math.inf for each in started_s):
-        return tuple(map(float, range(count))), "none"
-    first_s = min(started_s)
-    if len({f"{each - first_s:g}" for each in started_s}) < count:
+    first_s = min(started_s, default=0.0)
+    different = len({f"{each - first_s:g}" for each in started_s}) == len(started_s) == count
+    if not different or not all(0 <= each < math.inf for each in started_s):
         return tuple(map(float, range(count))), "none"
     zero_s = bank.facts.clock_zero_unix_s
     return (started_s, "rig") if zero_s is None else (tuple(zero_s + each for each in started_s), "unix")

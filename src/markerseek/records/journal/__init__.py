@@ -5,15 +5,22 @@ run can be repeated bit for bit.
 """
 
 from markerseek.records.configuration import Configuration, versions
-from markerseek.records.journal.connection import is_journal
+from markerseek.records.journal.connection import is_journal, journals_folder
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
-from markerseek.records.journal.folder import default_journal, journals_folder, make_folder
-from markerseek.records.journal.prune import Prunable, prunable, remove_journal
-from markerseek.records.journal.reader import RecordedRun, read_journal, salvage
+from markerseek.records.journal.folder import (
+    JournalSummary,
+    Prunable,
+    default_journal,
+    journals_in,
+    make_folder,
+    prunable,
+    remove_journal,
+    size_bytes_of,
+    summary,
+)
+from markerseek.records.journal.reader import Finding, RecordedRun, read_journal, result_of, salvage, verify
 from markerseek.records.journal.sequence import RunState, run_state
-from markerseek.records.journal.summary import JournalSummary, journals_in, result_of, size_bytes_of, summary
-from markerseek.records.journal.verify import Finding, verify
 from markerseek.records.journal.writer import Journal
 
 __all__ = [

@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
+from platformdirs import user_data_path
+
 from markerseek.core import RecordError
 from markerseek.files import open_input, require_input
-from markerseek.records.journal.folder import journals_folder
 from markerseek.records.journal.schema import APPLICATION_ID, VERSION
 
 _MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT, _WAL_FORMAT = b"SQLite format 3\0", 100, b"\1\1", b"\2\2"
@@ -141,16 +142,17 @@ def is_journal(path: Path) -> bool:
     OSError
         If it cannot be read.
     """
-    return _is_ours(_header(path))
+    with open_input(path, most_bytes=sys.maxsize) as file:
+        return _is_ours(file.read(_HEADER_BYTES))
 
 
 def _is_ours(header: bytes) -> bool:
     return header.startswith(_MAGIC) and header[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")
 
 
-def _header(path: Path) -> bytes:
-    with open_input(path, most_bytes=sys.maxsize) as file:
-        return file.read(_HEADER_BYTES)
+def journals_folder() -> Path:
+    """Default folder of journals, in the user's data folder."""
+    return user_data_path("markerseek", appauthor=False) / "journals"
 
 
 def require_journal_file(path: Path) -> None:
@@ -169,16 +171,16 @@ def require_journal_file(path: Path) -> None:
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
             f"searches that named none, in {journals_folder()})"
         )
-    if require_input(path, most_bytes=_MOST_BYTES) == 0:
+    with open_input(path, most_bytes=_MOST_BYTES) as file:
+        header, names = file.read(_HEADER_BYTES), os.fstat(file.fileno()).st_nlink
+    if not header:
         raise RecordError(f"{path}: it is empty: no journal of a run (or its run was never begun); check the name")
     # SQLite names the rollback file after the path by which the journal was opened.
-    names = path.stat().st_nlink
     if names > 1:
         raise RecordError(
             f"{path}: the file has {names} names (hard links), and under another one it could be written "
             "without its rollback journal; copy it, and use the copy"
         )
-    header = _header(path)
     version = int.from_bytes(header[_VERSION], "big")
     # Journals of the development had a write-ahead log, and versions of their own.
     if _is_ours(header) and header[_FORMAT] == _WAL_FORMAT and version != VERSION:

@@ -20,20 +20,14 @@ import numpy as np
 
 from markerseek.core import (
     Asked,
-    BModeFrame,
-    BModeImage,
-    ChannelFrame,
     Estimate,
     Failed,
     Finished,
     Frame,
-    FrameHeader,
     Measured,
     RecordError,
     Refused,
-    RFFrame,
     Sample,
-    ScanGeometry,
     Started,
 )
 from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
@@ -48,6 +42,9 @@ _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 
 _STORED = {np.dtype(np.int16): "<i2", np.dtype(np.uint8): "|u1"}
 """How arrays of each type are stored."""
+
+_ARRAYS = {"samples": "<i2", "pixels": "|u1"}
+"""Fields of frames and images that are arrays, and how they are stored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +126,9 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
         raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
     try:
         # Any of these errors means that `encode` did not write the row.
-        event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), _Arrays(samples))
+        arrays = _Arrays(samples)
+        event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), arrays)
+        arrays.require_end()
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
         raise RecordError(f"an entry that cannot be read: {problem}") from problem
     return replace(event, confirmation=confirmation) if isinstance(event, Finished) else event
@@ -197,65 +196,39 @@ def require_finite(number: float, *, what: str) -> float:
 
 
 def _built(hint: Any, value: Any, arrays: _Arrays) -> Any:
-    """Value of a type from JSON; msgspec converts all but unions of dataclasses, and frames."""
+    """Value of a type from JSON; msgspec converts all but unions of dataclasses, arrays, and what holds them."""
     members = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
     classes: list[type] = [each for each in members if isinstance(each, type) and is_dataclass(each)]
     if classes:
         if value is None and NoneType in members:
             return None
         hint = classes[0] if len(classes) == 1 else {each.__name__: each for each in classes}[_object(value)["type"]]
-    if hint in (ChannelFrame, RFFrame, BModeFrame):
-        return _frame(hint, _object(value), arrays)
     if hint is Exception:
-        return msgspec.convert(_object(value), _ErrorBody).restored()
+        error = msgspec.convert(value, dict[str, str])
+        return RecordedError(error["error"], error["message"])
     if isinstance(hint, type) and is_dataclass(hint):
         given = _object(value)
-        hints = _hints(hint)
-        return hint(**{name: _built(hints[name], given[name], arrays) for name in hints if name in given})
+        parts: dict[str, Any] = {}
+        # In the order of the fields, which is that of the arrays in the blob.
+        for name, kind in _hints(hint).items():
+            if name in _ARRAYS:
+                parts[name] = arrays.next(given[name], dtype=_ARRAYS[name])
+            elif name in given:
+                parts[name] = _built(kind, given[name], arrays)
+        return hint(**parts)
     return msgspec.convert(value, hint)
-
-
-def _frame(kind: Any, given: Mapping[str, Any], arrays: _Arrays) -> Any:
-    header = msgspec.convert(given["header"], FrameHeader)
-    if kind is BModeFrame:
-        frame = BModeFrame(header=header, **_image(given, arrays))
-    else:
-        frame = kind(
-            header=header,
-            samples=arrays.next(given["samples"], dtype="<i2").astype(np.int16, copy=False),
-            sampling_hz=msgspec.convert(given["sampling_hz"], float),
-            b_mode=None if given.get("b_mode") is None else BModeImage(**_image(given["b_mode"], arrays)),
-        )
-    arrays.require_end()
-    return frame
-
-
-def _image(given: object, arrays: _Arrays) -> dict[str, Any]:
-    """Grey values and geometry of a B-mode image."""
-    values = _object(given)
-    return {
-        "pixels": arrays.next(values["pixels"], dtype="|u1"),
-        "geometry": msgspec.convert(values["geometry"], ScanGeometry),
-    }
 
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
+    # The core imports NumPy for its type checker only.
+    return get_type_hints(kind, localns={"np": np})
 
 
 def _object(value: object) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise TypeError(f"an object is expected, {type(value).__name__} found")
     return value
-
-
-class _ErrorBody(msgspec.Struct, frozen=True, kw_only=True):
-    error: str
-    message: str
-
-    def restored(self) -> RecordedError:
-        return RecordedError(self.error, self.message)
 
 
 class _Array(msgspec.Struct, frozen=True, kw_only=True):
@@ -275,10 +248,11 @@ class _Arrays:
         rows, columns = array.shape
         size = np.dtype(dtype).itemsize * rows * columns
         if array.dtype != dtype or rows < 1 or columns < 1 or len(self._left) < size:
-            held = f"{array.dtype[:20]} with {len(self._left)} bytes"
-            raise ValueError(f"a frame of {rows} rows and {columns} columns of {held}")
+            found = f"{array.dtype[:20]} with {len(self._left)} bytes"
+            raise ValueError(f"a frame of {rows} rows and {columns} columns of {found}")
         data, self._left = self._left[:size], self._left[size:]
-        return np.frombuffer(data, dtype=dtype).reshape(rows, columns)
+        held = np.frombuffer(data, dtype=dtype).reshape(rows, columns)
+        return held.astype(held.dtype.newbyteorder("="), copy=False)
 
     def require_end(self) -> None:
         """Refuse bytes that belong to no array."""

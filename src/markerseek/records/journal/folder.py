@@ -1,18 +1,32 @@
-"""Default folder and names of journals."""
+"""Journals in a folder: default names, summaries for lists, and the removal of old ones."""
 
 from __future__ import annotations
 
+from contextlib import closing
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
-from platformdirs import user_data_path
+import msgspec
 
+from markerseek.core import ConfigError, Finished, RecordError
 from markerseek.files import sync_folder
+from markerseek.records.journal.connection import (
+    as_record_error,
+    connect,
+    journals_folder,
+    require_journal_file,
+    resolve_link,
+    rollback_file,
+)
+from markerseek.records.journal.encoding import escaped
+from markerseek.records.journal.reader import salvage
+from markerseek.records.journal.sequence import run_state
+from markerseek.records.result import answer_name
 
-
-def journals_folder() -> Path:
-    """Default folder of journals, in the user's data folder."""
-    return user_data_path("markerseek", appauthor=False) / "journals"
+SUFFIX = ".journal"
+"""Suffix of the files that `journals_in` finds, and of default names."""
 
 
 def default_journal(*, method: str) -> Path:
@@ -46,3 +60,191 @@ def make_folder(folder: Path) -> None:
     for each in reversed(missing):
         each.mkdir(mode=0o700, exist_ok=True)
         sync_folder(each.parent)
+
+
+class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of a list of journals; values that cannot be read are None.
+
+    Attributes
+    ----------
+    path
+        The file; bytes of its name that are not Unicode are written as escapes.
+    size_bytes
+        Its size with that of its rollback journal.
+    begun
+        When its run began, UTC, ISO 8601.
+    method, as_published, rig, emulated
+        The policy's name and whether it is in the paper's form, the kind of the rig, and its emulated devices.
+    state
+        As in `RunState`; "damaged" if only a part can be read, "unreadable" if nothing can be read now.
+    answer, angle_deg
+        The answer of a run that is over, and the angle in degrees to which it points.
+    acquisitions
+        Acquisitions with light that the search received.
+    problem
+        What is wrong, in words.
+    """
+
+    path: str
+    size_bytes: int
+    begun: str | None = None
+    method: str | None = None
+    as_published: bool | None = None
+    rig: str | None = None
+    emulated: tuple[str, ...] = ()
+    state: Literal["finished", "fault", "open", "damaged", "unreadable"]
+    answer: str | None = None
+    angle_deg: float | None = None
+    acquisitions: int | None = None
+    problem: str | None = None
+
+
+def summary(path: Path) -> JournalSummary:
+    """Summary of a journal; damage is reported in it, not raised.
+
+    Parameters
+    ----------
+    path
+        The file.
+    """
+    size_bytes = size_bytes_of(path)
+    name = escaped(str(path))
+    try:
+        held, damage = salvage(path, frames=False)
+    except RecordError as problem:
+        # One unreadable file must not hide the others of the list.
+        return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
+    state = run_state(held.entries)
+    last = held.entries[-1].event if held.entries else None
+    over = last if isinstance(last, Finished) else None
+    return JournalSummary(
+        path=name,
+        size_bytes=size_bytes,
+        begun=held.entries[0].written if held.entries else None,
+        method=held.configuration.plan.method,
+        as_published=held.configuration.plan.as_published,
+        rig=held.configuration.facts.kind,
+        emulated=held.configuration.facts.emulated,
+        state=state.state if damage is None else "damaged",
+        answer=None if over is None else answer_name(over.estimate),
+        angle_deg=None if over is None else over.estimate.mean_deg,
+        acquisitions=state.acquisitions,
+        problem=state.fault if damage is None else _without(path, damage),
+    )
+
+
+def _without(path: Path, problem: RecordError) -> str:
+    # The list prints the path once, so that the message need not begin with it.
+    return escaped(str(problem).removeprefix(f"{resolve_link(path)}: "))
+
+
+def journals_in(folder: Path) -> list[Path]:
+    """Journals of a folder, the newest change last.
+
+    Parameters
+    ----------
+    folder
+        Where to look; not in the folders that it holds.
+
+    Raises
+    ------
+    RecordError
+        If there is no such folder, or it cannot be looked at.
+    """
+    try:
+        found = [
+            (each.stat().st_mtime_ns, each)
+            for each in folder.iterdir()
+            if each.suffix == SUFFIX and each.is_file() and not each.name.startswith(".")
+        ]
+    except OSError as problem:
+        raise RecordError(f"{folder}: no journals can be listed: {problem.strerror or problem}; check it") from problem
+    return [path for _, path in sorted(found)]
+
+
+def size_bytes_of(path: Path) -> int:
+    """Bytes of a journal and of its rollback file; a missing file counts 0."""
+    path = resolve_link(path)
+    return sum(part.stat().st_size for part in (path, rollback_file(path)) if part.is_file())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prunable:
+    """Journals that may go, and those that stay although they are old.
+
+    Attributes
+    ----------
+    old
+        Journals that may go, the oldest first.
+    kept
+        Summaries of old journals that stay: their run is not over, or they cannot be read, for example because the run
+        is going on.
+    """
+
+    old: tuple[JournalSummary, ...]
+    kept: tuple[JournalSummary, ...]
+
+
+def prunable(
+    folder: Path,
+    *,
+    now_s: float,
+    keep: int | None = None,
+    older_than_s: float | None = None,
+    unfinished: bool = False,
+) -> Prunable:
+    """Journals of a folder that are neither among the newest nor young.
+
+    Parameters
+    ----------
+    folder
+        The folder; not the folders in it. Symbolic links in it are left alone.
+    now_s
+        Present time, in seconds since 1970.
+    keep
+        Number of the newest journals that stay; None for no such rule.
+    older_than_s
+        Least time since the last change, in seconds; None for no such rule.
+    unfinished
+        Whether journals go whose run was interrupted or ended with a fault, and could be resumed.
+
+    Raises
+    ------
+    ConfigError
+        If no rule is given, or one is negative.
+    RecordError
+        If the folder cannot be looked at.
+    """
+    if keep is None and older_than_s is None:
+        raise ConfigError("prune: say which journals go: --keep NUMBER, --older-than-days DAYS, or both")
+    if not (keep is None or keep >= 0) or not (older_than_s is None or older_than_s >= 0):
+        raise ConfigError(f"prune: keep is {keep}, older_than_s is {older_than_s} s; both must be 0 or more")
+    paths = journals_in(folder)
+    paths = paths[: max(0, len(paths) - (keep or 0))]
+    if older_than_s is not None:
+        paths = [path for path in paths if now_s - path.stat().st_mtime > older_than_s]
+    over = ("finished", "fault", "open") if unfinished else ("finished",)
+    found = [summary(path) for path in paths if not path.is_symlink()]
+    return Prunable(
+        old=tuple(each for each in found if each.state in over),
+        kept=tuple(each for each in found if each.state not in over),
+    )
+
+
+def remove_journal(path: Path) -> None:
+    """Remove a journal with its rollback file.
+
+    Raises
+    ------
+    RecordError
+        If a program has it open, it is no journal, or it cannot be removed.
+    """
+    with as_record_error(path, verb="removed"):
+        if path.is_symlink():
+            raise RecordError(f"{path}: it is a symbolic link; remove it by hand")
+        require_journal_file(path)
+        with closing(connect(path, mode="rw")) as connection:
+            # Fails while a run holds its lock, and keeps a `resume` out until the file is gone.
+            connection.execute("BEGIN EXCLUSIVE")
+            path.unlink()
+            rollback_file(path).unlink(missing_ok=True)

@@ -1,4 +1,7 @@
-"""Reads a journal and checks the checksum of every row; a run that died has all rows that were committed."""
+"""Reads a journal and checks the checksum of every row; a run that died has all rows that were committed.
+
+`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning, and `verify` reports all damage.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,17 @@ from pathlib import Path
 
 import msgspec
 
-from markerseek.core import Finished, Measured, RecordError, Refused, Sample
+from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.connection import as_record_error, opened_for_reading, resolve_link
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import Checked, Entry
 from markerseek.records.journal.schema import Row, checksum, counted, require_schema, row_checksum
+from markerseek.records.journal.sequence import angle_faults, order_faults
+from markerseek.records.result import Recorder, SearchResult
+
+_MOST_COMPLAINTS = 20
+"""Most messages of SQLite's integrity check that are reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +45,21 @@ class RecordedRun:
     configuration: Configuration
     entries: tuple[Entry, ...]
     last_checksum: int
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """Result of a check.
+
+    Attributes
+    ----------
+    entries
+        Number of entries that can be read and agree with their checksums, from the first on.
+    faults
+        What is wrong, in words; empty for a whole journal.
+    """
+
+    entries: int
+    faults: list[str]
 
 
 def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
@@ -81,32 +104,65 @@ def salvage(
     """
     path = resolve_link(path)
     with opened_for_reading(path) as connection:
-        return recording(connection, path, frames=frames, on_entry=on_entry)
+        return _salvaged(connection, path, frames=frames, on_entry=on_entry)
 
 
-def recording(
-    connection: sqlite3.Connection,
-    path: Path,
-    *,
-    frames: bool = True,
-    on_entry: Callable[[Entry], object] | None = None,
-) -> tuple[RecordedRun, RecordError | None]:
-    """`salvage` for a journal that is open already.
+def verify(path: Path) -> Finding:
+    """Check a journal: pages, checksums, order of the events, and angles.
 
     Parameters
     ----------
-    connection
-        An open journal.
     path
-        Its name, for messages.
-    frames, on_entry
-        As in `salvage`.
+        The file.
 
     Raises
     ------
     RecordError
-        If not even the configuration can be read, or a newer program wrote it.
+        If it is not a journal, was written by a newer program, or is in use.
     """
+    faults: list[str] = []
+    path = resolve_link(path)
+    with opened_for_reading(path) as connection:
+        # Both checks on one connection, so that nobody writes in between.
+        held, damage = _salvaged(connection, path, frames=False)
+        try:
+            with as_record_error(path, verb="read"):
+                complaints = connection.execute(f"PRAGMA integrity_check({_MOST_COMPLAINTS})").fetchall()
+        except RecordError as problem:
+            faults.append(str(problem))
+        else:
+            faults += [f"SQLite: {line}" for (text,) in complaints if text != "ok" for line in text.splitlines()]
+    if damage is not None:
+        faults.append(str(damage))
+    wrong = [*order_faults(held.entries), *angle_faults(held.configuration, held.entries)]
+    faults += [f"entry {number}: {reason}" for number, reason in sorted(wrong)]
+    return Finding(entries=len(held.entries), faults=faults)
+
+
+def result_of(held: RecordedRun) -> tuple[Recorder, SearchResult]:
+    """Result of a run that is over, and the recorder that collected it.
+
+    Parameters
+    ----------
+    held
+        Its journal.
+
+    Raises
+    ------
+    SearchError
+        If the run is not over, or ended with a fault.
+    """
+    recorder = Recorder()
+    for entry in held.entries:
+        if isinstance(entry.event, Started | Measured | Refused | Finished | Failed):
+            recorder.add(entry.event)
+    return recorder, recorder.result(held.configuration.plan, held.configuration.facts)
+
+
+def _salvaged(
+    connection: sqlite3.Connection, path: Path, *, frames: bool, on_entry: Callable[[Entry], object] | None = None
+) -> tuple[RecordedRun, RecordError | None]:
+    """`salvage` for a journal that is open already."""
     with as_record_error(path, verb="read"):
         configuration, last = read_configuration(connection, path)
     entries: list[Entry] = []
@@ -129,11 +185,9 @@ def _without_frame(entry: Entry) -> Entry:
     match entry.event:
         case Measured(sample=sample):
             return replace(entry, event=replace(entry.event, sample=replace(sample, frame=None)))
-        case Refused():
-            return replace(entry, event=replace(entry.event, frame=None))
         case Finished(confirmation=Sample() as sample):
             return replace(entry, event=replace(entry.event, confirmation=replace(sample, frame=None)))
-        case Checked():
+        case Refused() | Checked():
             return replace(entry, event=replace(entry.event, frame=None))
         case _:
             return entry

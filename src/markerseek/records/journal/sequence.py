@@ -84,44 +84,38 @@ def order_faults(entries: Sequence[Entry]) -> list[tuple[int, str]]:
     last: JournalEvent | None = None
     for entry in entries:
         event = entry.event
-        fault = _fault_of(event, last=last, step=step, asked=asked)
+        fault = _fault_of(event, last)
+        if type(event) in _STEPS:
+            fault = fault or _fault_of_step(event, step, asked)
+            step = type(event)
         if fault is not None:
             faults.append((entry.number, fault))
         if isinstance(event, Asked):
             asked = event
-        if type(event) in _STEPS:
-            step = type(event)
         last = event
     return faults
 
 
-def _fault_of(event: JournalEvent, *, last: JournalEvent | None, step: type | None, asked: Asked | None) -> str | None:
-    """Reason why an event cannot follow the last event and the last step of the run; None if it can."""
-    if type(event) in _STEPS:
-        return _fault_of_gap(event, last) or _fault_of_step(event, step, asked)
-    named = f"{type(event).__name__} cannot follow {type(last).__name__ if last is not None else 'nothing'}"
-    if isinstance(last, Finished):
-        return named
-    match event:
-        case Checked():
-            return None if _may_be_checked(last) else named
-        case Resuming(fault_reset=fault_reset):
-            return named if isinstance(last, Failed) and not fault_reset else None
-        case Failed():
-            # A device that does not answer ends a run before its first event.
-            return named if isinstance(last, Interrupted | Failed) else None
-        case _:
-            return named if last is None or isinstance(last, Interrupted | Failed) else None
-
-
-def _fault_of_gap(event: JournalEvent, last: JournalEvent | None) -> str | None:
-    """Reason why a step of the run cannot follow the last event; None if it can."""
-    if isinstance(last, Finished | Interrupted | Failed):
-        return f"{type(event).__name__} cannot follow {type(last).__name__}"
-    if isinstance(last, Checked) and last.difference is not None:
-        return "the run went on although the check had found a difference"
-    if isinstance(last, Resuming) and last.check_deg is not None:
-        return "the run went on without the check that was announced"
+def _fault_of(event: JournalEvent, last: JournalEvent | None) -> str | None:
+    """Reason why an event cannot follow the last one; None if it can."""
+    cannot = f"{type(event).__name__} cannot follow {type(last).__name__ if last is not None else 'nothing'}"
+    match event, last:
+        case (_, Finished()) | (Resuming(fault_reset=False), Failed()) | (Checked(), Resuming(check_deg=None)):
+            return cannot
+        case Checked(), Resuming() | Checked(difference=None):
+            return None
+        # A device that does not answer ends a run before its first event; there is nothing to be interrupted then.
+        case (Checked(), _) | (Interrupted(), None) | (Interrupted() | Failed(), Interrupted() | Failed()):
+            return cannot
+        case Interrupted() | Failed() | Resuming(), _:
+            return None
+        # All others are steps of the run.
+        case _, Interrupted() | Failed():
+            return cannot
+        case _, Checked(difference=str()):
+            return "the run went on although the check had found a difference"
+        case _, Resuming(check_deg=check_deg) if check_deg is not None:
+            return "the run went on without the check that was announced"
     return None
 
 
@@ -134,13 +128,6 @@ def _fault_of_step(event: JournalEvent, step: type | None, asked: Asked | None) 
     if isinstance(event, Measured) and (asked is None or (event.role, event.index) != (asked.role, asked.index)):
         return f"acquisition {event.index} ({event.role}) was not asked for"
     return None
-
-
-def _may_be_checked(last: JournalEvent | None) -> bool:
-    """Whether the result of a check can follow the last event."""
-    if isinstance(last, Resuming):
-        return last.check_deg is not None
-    return isinstance(last, Checked) and last.difference is None
 
 
 def angle_faults(configuration: Configuration, entries: Iterable[Entry]) -> list[tuple[int, str]]:

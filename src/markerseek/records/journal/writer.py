@@ -81,19 +81,14 @@ class Journal:
                 path.open("xb").close()
             except FileExistsError as problem:
                 raise exists_error(path) from problem
-            try:
-                connection = connect(path, mode="rw")
-                try:
-                    first = create_tables(connection, as_json)
-                    # The name of a new file is durable only when its folder has been flushed.
-                    sync_folder(path.parent)
-                except BaseException:
-                    connection.close()
-                    raise
-            except BaseException:
-                for made in (path, rollback_file(path)):
-                    made.unlink(missing_ok=True)
-                raise
+            with contextlib.ExitStack() as undo:
+                for made in (rollback_file(path), path):
+                    undo.callback(made.unlink, missing_ok=True)
+                connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
+                first = create_tables(connection, as_json)
+                # The name of a new file is durable only when its folder has been flushed.
+                sync_folder(path.parent)
+                undo.pop_all()
         held = RecordedRun(path=path, configuration=configuration, entries=(), last_checksum=first)
         return cls(held, connection)
 
@@ -114,18 +109,17 @@ class Journal:
             raise RecordError(
                 f"{path}: entry {number}: {reason}; the journal is damaged or foreign, begin a new search"
             )
-        with as_record_error(path, verb="written"):
-            connection = connect(path, mode="rw")
-            try:
-                # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
-                connection.execute("BEGIN EXCLUSIVE")
-                connection.execute("UPDATE run SET entries = entries")
-                connection.execute("ROLLBACK")
-                _require_unchanged(connection, held)
-                return cls(held, connection), held
-            except BaseException:
-                connection.close()
-                raise
+        with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
+            connection = undo.enter_context(contextlib.closing(connect(path, mode="rw")))
+            # Takes the lock. SQLite opens a read-only file without an error, so that only a write detects it.
+            connection.execute("BEGIN EXCLUSIVE")
+            connection.execute("UPDATE run SET entries = entries")
+            connection.execute("ROLLBACK")
+            if counted(connection) != (len(held.entries), held.last_checksum):
+                raise RecordError(f"{path}: another markerseek wrote it meanwhile; look at it, then resume it")
+            journal = cls(held, connection)
+            undo.pop_all()
+        return journal, held
 
     def commit(self, event: JournalEvent, *, clock_s: float, checkpoint: bytes | None = None) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
@@ -272,9 +266,3 @@ class Journal:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
-
-
-def _require_unchanged(connection: sqlite3.Connection, held: RecordedRun) -> None:
-    """Refuse a journal that another program changed between reading and locking."""
-    if counted(connection) != (len(held.entries), held.last_checksum):
-        raise RecordError(f"{held.path}: another markerseek wrote it meanwhile; look at it, then resume it")

@@ -11,7 +11,7 @@ from markerseek.core import FrameHeader, Measured, RecordError, Sample
 from markerseek.records.configuration import Configuration
 from markerseek.records.journal.encoding import decode
 from markerseek.records.journal.events import JournalEvent
-from markerseek.records.stream.lines import VERSION, EndLine, EventLine, HeadLine
+from markerseek.records.stream.lines import VERSION, EventLine
 
 MOST_LINE_BYTES = 1 << 22
 """Longest line: the configuration with the angles of a recorded scan has some hundred kilobytes."""
@@ -69,8 +69,8 @@ class StreamEnd:
         As in `StreamEvent`.
     """
 
-    lost_lines: int
-    lost_frames: int
+    lost_lines: int = 0
+    lost_frames: int = 0
 
 
 StreamItem: TypeAlias = StreamHead | StreamEvent | StreamEnd
@@ -125,8 +125,7 @@ class StreamDecoder:
             if not self._begun:
                 return self._head(text)
             if text.startswith(b'{"end"'):
-                end = msgspec.json.decode(text, type=EndLine)
-                return StreamEnd(lost_lines=end.lost_lines, lost_frames=end.lost_frames)
+                return msgspec.json.decode(text, type=StreamEnd)
             self._line = msgspec.json.decode(text, type=EventLine)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             raise RecordError(f"stream: a line cannot be read: {problem}") from problem
@@ -138,9 +137,9 @@ class StreamDecoder:
         version = msgspec.json.decode(text, type=_Version).stream
         if version != VERSION:
             raise RecordError(f"stream: version {version}, this program reads version {VERSION}; update it")
-        line = msgspec.json.decode(text, type=HeadLine)
+        head = msgspec.json.decode(text, type=StreamHead)
         self._begun = True
-        return StreamHead(configuration=line.configuration, frames=line.frames)
+        return head
 
     def _with_frame(self) -> StreamEvent | None:
         """The event of the last line, once its frame has arrived."""

@@ -1,5 +1,6 @@
 """Lines of a stream of events: the head with the configuration, one line per event, and the end.
 
+The first line has ``stream``, the version of the format, ``frames``, whether frames are sent, and ``configuration``.
 A line of an event has the keys of an entry of ``markerseek journal show --json``. Where ``frame_bytes`` is given, as
 many bytes follow the line: the ADC counts of its frame, little-endian int16, channel after channel, and behind them the
 grey values of its B-mode image, row after row, where the body has a ``b_mode``. ``lost_lines`` and ``lost_frames``
@@ -10,19 +11,8 @@ from __future__ import annotations
 
 import msgspec
 
-from markerseek.records.configuration import Configuration
-from markerseek.records.journal.encoding import json_values
-
 VERSION = 1
 """Version of the format, in the head."""
-
-
-class HeadLine(msgspec.Struct, frozen=True, kw_only=True):
-    """The first line: version of the format, whether frames are sent, and the configuration of the run."""
-
-    stream: int
-    frames: bool
-    configuration: Configuration
 
 
 class EventLine(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -44,12 +34,6 @@ class EndLine(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     end: bool
     lost_lines: int = 0
     lost_frames: int = 0
-
-
-def head(configuration: Configuration, *, frames: bool) -> bytes:
-    """The first line of a stream."""
-    known = json_values(configuration, what="the configuration")
-    return encoded({"stream": VERSION, "frames": frames, "configuration": known})
 
 
 def encoded(line: EventLine | EndLine | dict[str, object]) -> bytes:

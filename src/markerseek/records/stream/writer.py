@@ -18,10 +18,10 @@ import msgspec
 
 from markerseek.core import RecordError
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.encoding import encode
+from markerseek.records.journal.encoding import encode, json_values
 from markerseek.records.journal.events import Entry, JournalEvent
 from markerseek.records.journal.schema import Row
-from markerseek.records.stream.lines import EndLine, EventLine, encoded, head
+from markerseek.records.stream.lines import VERSION, EndLine, EventLine, encoded
 
 PIPE_BYTES = 1 << 20
 """Size that is asked for a pipe: the most that Linux gives a user; a frame has about half of it."""
@@ -72,7 +72,8 @@ class EventStream:
         self._pipe_bytes = _enlarged(descriptor) if stat.S_ISFIFO(mode) else None
         # Its buffer holds what a full pipe did not take. It is C code: a signal cannot part the two.
         self._file = io.BufferedWriter(io.FileIO(descriptor, "wb"), buffer_size=4 * PIPE_BYTES)
-        self._write(head(configuration, frames=frames))
+        known = json_values(configuration, what="the configuration")
+        self._write(encoded({"stream": VERSION, "frames": frames, "configuration": known}))
 
     def fileno(self) -> int:
         """Its file descriptor, to be polled for the end of its reader."""
@@ -121,21 +122,21 @@ class EventStream:
         """
         if self._file.closed:
             return
-        if not self._emptied():
+        if not self._write():
             self._lost_lines += 1
             self._lost_frames += self._frames and samples is not None
             return
-        frame = samples if self._frames else None
-        if frame is not None and not self._has_room(len(frame) + len(row.body) + 1024):
+        frame = samples if self._frames and samples is not None else b""
+        if frame and not self._has_room(len(frame) + len(row.body) + 1024):
             self._lost_frames += 1
-            frame = None
+            frame = b""
         line = EventLine(
             number=row.number,
             kind=row.kind,
             written=row.written,
             clock_s=row.clock_s,
             body=msgspec.Raw(row.body.encode()),
-            frame_bytes=0 if frame is None else len(frame),
+            frame_bytes=len(frame),
             lost_lines=self._lost_lines,
             lost_frames=self._lost_frames,
         )
@@ -148,10 +149,10 @@ class EventStream:
             return
         poller = select.poll()
         poller.register(self._file.fileno(), select.POLLOUT)
-        if not self._emptied() and not self._file.closed:
+        if not self._write() and not self._file.closed:
             # A pipe is writable once its reader has taken a page; the buffer holds one line, which has less.
             poller.poll(_LAST_S * 1e3)
-        if self._emptied():
+        if self._write():
             self._write(encoded(EndLine(end=True, lost_lines=self._lost_lines, lost_frames=self._lost_frames)))
         self._abandon()
 
@@ -161,23 +162,13 @@ class EventStream:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _write(self, *parts: bytes | memoryview | None) -> None:
-        """Hand bytes to the pipe; the buffer is empty before, and keeps what the pipe does not take."""
-        try:
-            for part in parts:
-                if part is not None:
-                    self._file.write(part)
-            self._file.flush()
-        except BlockingIOError:
-            return
-        except OSError as problem:
-            self._fail(problem)
-
-    def _emptied(self) -> bool:
-        """Whether the pipe has taken everything so far."""
+    def _write(self, *parts: bytes | memoryview) -> bool:
+        """Hand bytes to the pipe, behind what it has not taken yet; returns whether it has taken everything."""
         if self._file.closed:
             return False
         try:
+            for part in parts:
+                self._file.write(part)
             self._file.flush()
         except BlockingIOError:
             return False

@@ -1,4 +1,7 @@
-"""Reads the columns (one number per measurement) and the metadata of a bank in IPASC HDF5."""
+"""Reads a bank in IPASC HDF5 but for its frames: columns (one number per measurement), metadata, element positions.
+
+The elements must be the straight, equally spaced row that the imaging needs.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,9 @@ from markerseek.records.banks.bank import BankFacts, require_angles
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.ipasc.rows import row_sum
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5
+
+TOLERANCE = 0.01
+"""Largest distance of an element from its place in the row, in pitches."""
 
 _MOST_ANGLES = 1_000_000
 # In digits: int() of a longer text takes time with the square of its length.
@@ -189,3 +195,73 @@ def _first(file: UntrustedHdf5, name: str) -> float | None:
         return None
     values = file.numbers(name)
     return float(values[0]) if values.size and math.isfinite(values[0]) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementRow:
+    """A straight row of equally spaced elements.
+
+    Attributes
+    ----------
+    pitch_m
+        Distance from one element to the next, in metres; None where the file does not say where they are.
+    falling
+        Whether the x1 coordinate falls from the first element in the file to the last.
+    """
+
+    pitch_m: float | None
+    falling: bool
+
+
+def element_row(path: Path, file: UntrustedHdf5, *, elements: int) -> ElementRow:
+    """Pitch and direction of the array, from the positions of all its elements.
+
+    Raises
+    ------
+    RecordError
+        If the elements are not a straight, equally spaced row along x1 within `TOLERANCE`, or are not as many as the
+        channels.
+    """
+    names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
+    present = [file.has(name) for name in names]
+    if not any(present):
+        return ElementRow(pitch_m=None, falling=False)
+    if not all(present) or len(names) != elements:
+        raise RecordError(
+            f"{path}: {fields.DETECTORS} holds positions of {sum(present)} elements for {elements} channels; "
+            "each channel must have one"
+        )
+    positions = [file.numbers(name) for name in names]
+    for name, position in zip(names, positions, strict=True):
+        if position.size != 3 or not np.isfinite(position).all():
+            raise RecordError(f"{path}: {name} is {position.tolist()}, three finite coordinates in metres are expected")
+    return _row_of(path, np.array(positions))
+
+
+def _row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> ElementRow:
+    elements = len(positions_m)
+    if elements == 1:
+        return ElementRow(pitch_m=None, falling=False)
+    along_m = positions_m[:, 0]
+    numbers = np.arange(elements)
+    # The sign of the regression slope: robust against positions that are out of order by rounding.
+    falling = bool(np.dot(numbers - numbers.mean(), along_m) < 0)
+    pitch_m = float(np.ptp(along_m)) / (elements - 1)
+    if pitch_m == 0:
+        raise RecordError(
+            f"{path}: all elements have the same coordinate along x1, {along_m[0]:g} m; "
+            "only a straight row of elements along x1 can be imaged"
+        )
+    # The median, so that one wrong element is reported itself and does not shift the row.
+    row_m = np.tile(np.median(positions_m, axis=0), (elements, 1))
+    row_m[:, 0] = along_m.max() - pitch_m * numbers if falling else along_m.min() + pitch_m * numbers
+    off_m = np.linalg.norm(positions_m - row_m, axis=1)
+    worst = int(off_m.argmax())
+    if not off_m[worst] <= TOLERANCE * pitch_m:
+        x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
+        raise RecordError(
+            f"{path}: element {worst + 1} of {elements} is at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
+            f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
+            f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
+        )
+    return ElementRow(pitch_m=pitch_m, falling=falling)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import uuid
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,31 @@ DEVICE_IDENTIFIERS = {
 """IPASC wants a random UUID for each device; these were drawn once for each preset, and must not change."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """Size of a bank's file.
+
+    Attributes
+    ----------
+    angles, dark_frames
+        Measurements with the laser and without.
+    shape
+        Channels and samples of a frame; zeros where there are intensities only.
+    sampling_hz
+        Sampling frequency of the frames in Hz; None where it is not known.
+    """
+
+    angles: int
+    dark_frames: int
+    shape: tuple[int, int]
+    sampling_hz: float | None
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of all frames."""
+        return 2 * self.shape[0] * self.shape[1] * (self.angles + self.dark_frames)
+
+
 def pacfish_package() -> Any:
     """The package pacfish, which has no types; `MissingExtraError` where it is not installed."""
     try:
@@ -66,10 +92,9 @@ def device_identifier(probe: str | None) -> str:
     return DEVICE_IDENTIFIERS.get(probe or "") or str(uuid.uuid4())
 
 
-def acquisition_fields(
-    facts: BankFacts, *, count: int, dark_frames: int, shape: tuple[int, int], sampling_hz: float | None, device: str
-) -> dict[str, object]:
+def acquisition_fields(facts: BankFacts, layout: Layout, *, device: str) -> dict[str, object]:
     """Fields of IPASC and ours by name; what is not known is left out, and what is not measured is NaN."""
+    count, has_frames = layout.angles, all(layout.shape)
     unmeasured = np.full(count, np.nan)
     known: dict[str, object | None] = {
         "meta_data/uuid": str(uuid.uuid4()),
@@ -78,8 +103,8 @@ def acquisition_fields(
         "meta_data/data_type": "short",
         "meta_data/dimensionality": "time and space",
         "meta_data/photoacoustic_imaging_device_reference": device,
-        SIZES: np.array([*shape, 1, count]),
-        SAMPLING: sampling_hz,
+        SIZES: np.array([*layout.shape, 1, count]),
+        SAMPLING: layout.sampling_hz,
         SOUND_SPEED: facts.sound_speed_m_s,
         # PATATO does not open a file without this field: NaN where it is not known.
         WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
@@ -96,8 +121,8 @@ def acquisition_fields(
         CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
         PULSES: np.zeros(count, np.int64),
         ROW_SUMS: np.zeros(count, np.uint32),
-        FRAME_SUMS: np.zeros(count, np.uint32) if all(shape) else None,
-        DARK_SUMS: np.zeros(dark_frames, np.uint32) if all(shape) else None,
+        FRAME_SUMS: np.zeros(count, np.uint32) if has_frames else None,
+        DARK_SUMS: np.zeros(layout.dark_frames, np.uint32) if has_frames else None,
         DARK_TAKEN: np.zeros((), np.int64),
         REFERENCE: facts.reference_angle_deg,
         FACE_RADIUS: facts.face_radius_m,
@@ -118,12 +143,10 @@ def acquisition_fields(
     }
 
 
-def device_fields(
-    facts: BankFacts, *, shape: tuple[int, int], sampling_hz: float | None, device: str
-) -> dict[str, object]:
+def device_fields(facts: BankFacts, layout: Layout, *, device: str) -> dict[str, object]:
     """Fields of the probe: x1 along the array from its centre, x3 into the tissue; element sizes are not known."""
     pacfish = pacfish_package()
-    elements, samples = shape
+    elements, samples = layout.shape
     creator = pacfish.DeviceMetaDataCreator()
     if facts.pitch_m is not None and elements >= 2:
         for lateral_m in LinearArray(elements=elements, pitch_m=facts.pitch_m).lateral_m:
@@ -133,8 +156,8 @@ def device_fields(
             creator.add_detection_element(element.get_dictionary())
     half_m = 0.0 if facts.pitch_m is None else facts.pitch_m * max(elements - 1, 0) / 2
     depth_m = 0.0
-    if facts.sound_speed_m_s is not None and sampling_hz is not None:
-        depth_m = samples / sampling_hz * facts.sound_speed_m_s
+    if facts.sound_speed_m_s is not None and layout.sampling_hz is not None:
+        depth_m = samples / layout.sampling_hz * facts.sound_speed_m_s
     creator.set_general_information(device, np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]))
     fields: dict[str, object] = creator.finalize_device_meta_data()
     return fields

@@ -7,81 +7,35 @@ is allocated afterwards.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from markerseek.records.banks.bank import BankFacts
-from markerseek.records.banks.ipasc.fields import (
-    ANGLES,
-    BY_MEASUREMENT,
-    DARK_FRAMES,
-    DARK_SUMS,
-    DARK_TAKEN,
-    DETECTORS,
-    FRAMES,
-    SIZES,
-    acquisition_fields,
-    device_fields,
-    device_identifier,
-    pacfish_package,
-)
+from markerseek.records.banks.ipasc import fields
 
 if TYPE_CHECKING:
     import h5py
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """Size of a bank's file.
-
-    Attributes
-    ----------
-    angles, dark_frames
-        Measurements with the laser and without.
-    shape
-        Channels and samples of a frame; zeros where there are intensities only.
-    sampling_hz
-        Sampling frequency of the frames in Hz; None where it is not known.
-    """
-
-    angles: int
-    dark_frames: int
-    shape: tuple[int, int]
-    sampling_hz: float | None
-
-    @property
-    def frame_bytes(self) -> int:
-        """Bytes of all frames."""
-        return 2 * self.shape[0] * self.shape[1] * (self.angles + self.dark_frames)
-
-
-def make_file(path: Path, layout: Layout, facts: BankFacts) -> None:
+def make_file(path: Path, layout: fields.Layout, facts: BankFacts) -> None:
     """Write an empty bank of full size, in which only numbers change afterwards."""
     import h5py
 
-    pacfish = pacfish_package()
+    pacfish = fields.pacfish_package()
+    device = fields.device_identifier(facts.probe)
     data = pacfish.PAData(np.zeros((*layout.shape, 1, 0), np.int16))
-    device = device_identifier(facts.probe)
-    data.meta_data_acquisition = acquisition_fields(
-        facts,
-        count=layout.angles,
-        dark_frames=layout.dark_frames,
-        shape=layout.shape,
-        sampling_hz=layout.sampling_hz,
-        device=device,
-    )
-    data.meta_data_device = device_fields(facts, shape=layout.shape, sampling_hz=layout.sampling_hz, device=device)
+    data.meta_data_acquisition = fields.acquisition_fields(facts, layout, device=device)
+    data.meta_data_device = fields.device_fields(facts, layout, device=device)
     pacfish.write_data(str(path), data)
     with h5py.File(path, "r+") as file:
-        _reserve(file, FRAMES, (*layout.shape, 1), layout.angles)
+        _reserve(file, fields.FRAMES, (*layout.shape, 1), layout.angles)
         if all(layout.shape):
-            _reserve(file, DARK_FRAMES, layout.shape, layout.dark_frames)
+            _reserve(file, fields.DARK_FRAMES, layout.shape, layout.dark_frames)
         else:
             # PATATO opens a file without elements, but not one without their group.
-            file.require_group(DETECTORS)
+            file.require_group(fields.DETECTORS)
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as plain:
             # Reserves the disk space now: a full disk in the middle of a scan would stop the run.
@@ -94,22 +48,22 @@ def copy_trimmed(source: Path, to: Path) -> None:
 
     with h5py.File(source, "r") as held, h5py.File(to, "w") as copy:
         # Counted in the file: the writer may have been interrupted before it counted the last one itself.
-        angles, dark_frames = int(np.isfinite(held[ANGLES][()]).sum()), int(held[DARK_TAKEN][()])
+        angles, dark_frames = int(np.isfinite(held[fields.ANGLES][()]).sum()), int(held[fields.DARK_TAKEN][()])
         names: list[str] = []
         held.visit(names.append)
         for name in names:
             item = held[name]
             if isinstance(item, h5py.Group):
                 copy.require_group(name)
-            elif name in BY_MEASUREMENT:
+            elif name in fields.BY_MEASUREMENT:
                 copy[name] = item[:angles]
-            elif name == DARK_SUMS:
+            elif name == fields.DARK_SUMS:
                 copy[name] = item[:dark_frames]
-            elif name == SIZES:
+            elif name == fields.SIZES:
                 copy[name] = np.array([*item[:3], angles])
-            elif name == FRAMES:
+            elif name == fields.FRAMES:
                 _copy_frames(item, copy, angles)
-            elif name == DARK_FRAMES:
+            elif name == fields.DARK_FRAMES:
                 _copy_frames(item, copy, dark_frames)
             else:
                 held.copy(item, copy, name=name)

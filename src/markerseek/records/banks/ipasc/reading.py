@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import require_input
+from markerseek.files import as_read_error, require_input
 from markerseek.records.banks.bank import FrameBank, IntensityBank
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.array import element_row
-from markerseek.records.banks.ipasc.columns import changed, read_columns, read_facts, sums_of
+from markerseek.records.banks.ipasc.columns import Columns, changed, element_row, read_columns, read_facts, sums_of
 from markerseek.records.banks.ipasc.rows import frame_sum
 from markerseek.records.sandbox import Sandbox
 from markerseek.records.untrusted_hdf5 import UntrustedHdf5, as_record_error, require_h5py
@@ -33,31 +32,25 @@ class IpascBank(FrameBank):
         Path of the file.
     file
         The open file.
-    rows
-        Row in the file of each angle.
-    room
-        Rows of the file, filled or not.
-    pulses
-        Laser pulses averaged in each; 1 where the file does not say.
+    columns
+        What the file says of each angle, with its row; ``pulses`` are 1 where it does not.
     falling
         Whether the elements are in reverse order in the file.
-    row_sums, frame_sums, dark_sums
-        Checksums of the numbers and the counts at each angle, and of the dark frames; empty where there are none.
+    frame_sums, dark_sums
+        Checksums of the counts at each angle, and of the dark frames; empty where there are none.
     """
 
     path: Path
     file: UntrustedHdf5 = field(repr=False, compare=False)
-    rows: tuple[int, ...] = field(repr=False)
-    room: int
+    columns: Columns = field(repr=False)
     falling: bool = False
-    row_sums: tuple[int, ...] = field(repr=False, default=())
     frame_sums: tuple[int, ...] = field(repr=False, default=())
     dark_sums: tuple[int, ...] = field(repr=False, default=())
 
     @property
     def planned(self) -> int:
         """Number of angles planned; more than there are if the process was killed during the scan."""
-        return self.room
+        return self.columns.room
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -67,20 +60,16 @@ class IpascBank(FrameBank):
         RecordError
             If they cannot be read, or are not ADC counts.
         """
-        angle_deg = self.angles_deg[index]
+        angle_deg, row = self.angles_deg[index], self.columns.rows[index]
         samples = self._samples(
             fields.FRAMES,
-            self.rows[index],
+            row,
             what=f"the frame at {angle_deg:g} deg",
             summed=self.frame_sums[index] if self.frame_sums else None,
-            after=self.row_sums[index] if self.row_sums else 0,
+            after=self.columns.row_sums[index] if self.columns.row_sums else 0,
         )
         return self._frame(
-            samples,
-            self.rows[index],
-            angle_deg=angle_deg,
-            pulses=self.pulses[index],
-            started_s=self.started_s[index],
+            samples, row, angle_deg=angle_deg, pulses=self.pulses[index], started_s=self.started_s[index]
         )
 
     def dark_frame(self, index: int) -> ChannelFrame:
@@ -136,10 +125,8 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
     MissingExtraError
         If h5py is not installed.
     """
-    try:
+    with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}") from problem
     require_h5py()
     with Sandbox() as sandbox:
         # Refuses a file that crashes the library.
@@ -149,16 +136,11 @@ def read_ipasc(path: Path) -> IntensityBank | IpascBank:
 
 def read_probed(path: Path) -> IntensityBank | IpascBank:
     """`read_ipasc` for a file that has been probed in a child before."""
-    with _as_bank_error(path):
-        file = UntrustedHdf5(path)
-        try:
-            bank = _bank_of(path, file)
-        except BaseException:
-            file.close()
-            raise
-        # A bank of intensities is in memory by now and needs no open file.
-        if not isinstance(bank, IpascBank):
-            file.close()
+    with _as_bank_error(path), ExitStack() as closing:
+        bank = _bank_of(path, closing.enter_context(UntrustedHdf5(path)))
+        # A bank of intensities is in memory by now; one of frames reads them from the open file.
+        if isinstance(bank, IpascBank):
+            closing.pop_all()
         return bank
 
 
@@ -167,8 +149,7 @@ def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
     columns = read_columns(path, file, ours=ours)
-    room = columns.room
-    frames = _frame_shape(path, file, room)
+    frames = _frame_shape(path, file, columns.room)
     if frames is None:
         if not all(map(math.isfinite, columns.intensities)):
             raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
@@ -185,11 +166,9 @@ def _bank_of(path: Path, file: UntrustedHdf5) -> IntensityBank | IpascBank:
         pulses=columns.pulses,
         path=path,
         file=file,
-        rows=columns.rows,
-        room=room,
+        columns=columns,
         falling=array.falling,
-        row_sums=columns.row_sums,
-        frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=room),
+        frame_sums=sums_of(file, fields.FRAME_SUMS, columns.rows, room=columns.room),
         dark_sums=sums_of(file, fields.DARK_SUMS, range(dark_frames), room=None),
     )
 

@@ -21,9 +21,8 @@ from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample
 from markerseek.files import create_atomically, replace_file, require_new
 from markerseek.records.banks.bank import HDF5_SUFFIXES, BankFacts
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.admission import require_keepable
-from markerseek.records.banks.ipasc.layout import Layout, copy_trimmed, make_file, write_frame
-from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, row_sum
+from markerseek.records.banks.ipasc.layout import copy_trimmed, make_file, write_frame
+from markerseek.records.banks.ipasc.rows import frame_sum, probe_pose, require_keepable, row_sum
 from markerseek.records.untrusted_hdf5 import require_h5py
 
 if TYPE_CHECKING:
@@ -88,7 +87,7 @@ class BankWriter:
         self._facts = facts
         self._file: h5py.File | None = None
         self._descriptor = -1
-        self._layout: Layout | None = None
+        self._layout: fields.Layout | None = None
         self._angles_deg: dict[float, None] = {}
         self._taken_dark = 0
 
@@ -172,7 +171,7 @@ class BankWriter:
         import h5py
 
         facts = self._facts
-        self._layout = Layout(
+        self._layout = fields.Layout(
             angles=self._planned,
             dark_frames=self._planned_dark,
             shape=(0, 0) if frame is None else (frame.samples.shape[0], frame.samples.shape[1]),

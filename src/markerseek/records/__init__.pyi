@@ -1,0 +1,15 @@
+from .images import IMAGE_SUFFIXES, ImageSeries, read_images
+from .replay import ReplayLaser, ReplayReceiver, ReplayStage
+from .result import Recorder, SearchResult, answer_name
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "ImageSeries",
+    "Recorder",
+    "ReplayLaser",
+    "ReplayReceiver",
+    "ReplayStage",
+    "SearchResult",
+    "answer_name",
+    "read_images",
+]
