@@ -12,6 +12,7 @@ import typer
 
 from markerseek._version import __version__
 from markerseek.cli import (
+    STOPPED_BY_USER,
     bank,
     calibrate,
     doctor,
@@ -36,9 +37,6 @@ from markerseek.core import MarkerseekError
 
 WRONG_USAGE = 2
 """Exit code after arguments that the command does not take."""
-
-STOPPED_BY_USER = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 app = typer.Typer(
     name="markerseek",

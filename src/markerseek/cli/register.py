@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from markerseek.cli.output_options import AsJson, Out
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from markerseek.core import Float64
-    from markerseek.runs import PointPair, PointRow, StereoSettings
+from markerseek import runs
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import announce_compilation, picture_folder, progress_bar
+from markerseek.core import ConfigError
 
 NAME = "register"
 EXAMPLES = (
@@ -77,9 +72,6 @@ def command(
     image that fits better.
     """
     from markerseek.cli.show_registration import conclude
-    from markerseek.cli.terminal import announce_compilation, picture_folder, progress_bar
-    from markerseek.core import ConfigError
-    from markerseek.runs import SimulatedScene, register_pairs, simulate_registration
     from markerseek.sim import EndoscopeSettings, SimulatedSettings
 
     picture = picture_folder(out, plot=plot) / "register.png" if plot else None
@@ -91,11 +83,12 @@ def command(
             raise ConfigError(
                 "--markers, --camera-mm, --frames, --tissue and --seed are for --simulate; leave them out"
             )
-        report = register_pairs(point_pairs(points, searches=journal or [], cameras=cameras), target_trus_m=target_m)
+        pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
+        report = runs.register_pairs(pairs, target_trus_m=target_m)
         conclude(report, None, title=points.name, as_json=as_json, picture=picture)
     if points is not None or journal or cameras is not None:
         raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
-    scene = SimulatedScene(
+    scene = runs.SimulatedScene(
         markers=4 if markers is None else markers,
         camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
         camera=EndoscopeSettings(frames=25 if frames is None else frames),
@@ -103,108 +96,10 @@ def command(
     )
     announce_compilation()
     with progress_bar(scene.markers, what="searching markers") as progress:
-        report, truth = simulate_registration(
+        report, truth = runs.simulate_registration(
             scene,
             seed=1 if seed is None else seed,
             target_trus_m=target_m,
             on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
         )
     conclude(report, truth, title="simulated rig and camera", as_json=as_json, picture=picture)
-
-
-def point_pairs(points: Path, *, searches: list[Path], cameras: Path | None) -> list[PointPair]:
-    """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
-
-    Parameters
-    ----------
-    points
-        The CSV.
-    searches
-        Journals or results, one for each row; none: the CSV has these columns.
-    cameras
-        Calibration with which its pixels are triangulated; None: it has the columns of camera points.
-
-    Raises
-    ------
-    ConfigError
-        If the files do not go together.
-    RecordError
-        If one cannot be read.
-    """
-    from markerseek.core import ConfigError
-    from markerseek.runs import PointPair, read_marker, read_points, read_stereo
-
-    rows = read_points(points)
-    if searches and len(searches) != len(rows):
-        raise ConfigError(
-            f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
-        )
-    stereo = None if cameras is None else read_stereo(cameras)
-    pairs = []
-    for number, row in enumerate(rows):
-        _require_columns(row, points, searched=bool(searches), stereo=stereo is not None)
-        camera_m, camera_covariance = _camera_point(row, stereo)
-        marker = read_marker(searches[number]) if searches else None
-        pairs.append(
-            PointPair(
-                name=row.name,
-                trus_m=_array(row.trus_m if marker is None else marker.position_m),
-                camera_m=camera_m,
-                trus_covariance_m2=_covariance(row.trus_sigma_m) if marker is None else marker.covariance_m2,
-                camera_covariance_m2=camera_covariance,
-            )
-        )
-    return pairs
-
-
-def _require_columns(row: PointRow, points: Path, *, searched: bool, stereo: bool) -> None:
-    """Refuse a table whose columns do not go with the options."""
-    from markerseek.core import ConfigError
-
-    if searched and row.trus_m is not None:
-        raise ConfigError(f"{points}: it has the columns trus_x_m …, and --journal gives the same; leave one out")
-    if not searched and row.trus_m is None:
-        raise ConfigError(
-            f"{points}: the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches by "
-            "--journal"
-        )
-    if stereo and row.pixels is None:
-        raise ConfigError(f"{points}: --cameras needs the columns left_x_px, left_y_px, right_x_px, right_y_px")
-    if stereo and row.camera_m is not None:
-        raise ConfigError(f"{points}: it has camera points and pixels; leave the columns of one out")
-    if not stereo and row.pixels is not None and row.camera_m is None:
-        raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by --cameras FILE")
-    if not stereo and row.camera_m is None:
-        raise ConfigError(f"{points}: the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px …")
-
-
-def _camera_point(
-    row: PointRow, stereo: StereoSettings | None
-) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None]:
-    """Camera point of a row with its covariance, from the columns or triangulated from the pixels."""
-    from markerseek.core import ConfigError
-    from markerseek.geometry import triangulate
-
-    if stereo is None or row.pixels is None:
-        return _array(row.camera_m), _covariance(row.camera_sigma_m)
-    spot_px = row.spot_sigma_px[0] if row.spot_sigma_px else 0.0
-    pixels = _array(row.pixels)[None]
-    try:
-        seen = triangulate(
-            pixels[:, :2], pixels[:, 2:], stereo.cameras, sigma_px=math.hypot(spot_px, stereo.calibration_sigma_px)
-        )
-    except ConfigError as problem:
-        raise ConfigError(f"row {row.name}: {problem}") from problem
-    return seen.points_m[0], seen.covariances_m2[0]
-
-
-def _array(values: Sequence[float] | None) -> Float64[np.ndarray, " values"]:
-    import numpy as np
-
-    return np.array(values or (), dtype=float)
-
-
-def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] | None:
-    import numpy as np
-
-    return None if sigmas_m is None else np.diag(np.square(sigmas_m))

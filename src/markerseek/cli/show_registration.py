@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
+from markerseek.cli.terminal import new_table, print_facts, print_json, save_picture, stdout
 from markerseek.runs import RegistrationReport, SimulatedTruth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REGISTERED, OTHER_ANSWER = 0, 3
 """Exit codes."""
@@ -40,8 +42,7 @@ def conclude(
     else:
         _print_tables(report, truth, title)
     if picture is not None:
-        _draw(report, title, picture)
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(picture))}")
+        save_picture(_figure(report, title), picture, as_json=as_json)
     raise typer.Exit(REGISTERED if report.registered else OTHER_ANSWER)
 
 
@@ -51,9 +52,7 @@ def _print_tables(report: RegistrationReport, truth: SimulatedTruth | None, titl
     if report.reason is not None:
         stdout.print(escape(report.reason))
     print_facts(_facts(report, truth))
-    points = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("point", "x [mm]", "y [mm]", "z [mm]", "residual [mm]", "left out [mm]"):
-        points.add_column(escape(heading), justify="right")
+    points = new_table("point", "x [mm]", "y [mm]", "z [mm]", "residual [mm]", "left out [mm]")
     for point in report.points:
         points.add_row(
             escape(point.name),
@@ -89,12 +88,12 @@ def _facts(report: RegistrationReport, truth: SimulatedTruth | None) -> list[tup
     return rows
 
 
-def _draw(report: RegistrationReport, title: str, picture: Path) -> None:
+def _figure(report: RegistrationReport, title: str) -> Figure:
     import numpy as np
 
-    from markerseek.pictures import registration_figure, save_png
+    from markerseek.pictures import registration_figure
 
-    figure = registration_figure(
+    return registration_figure(
         np.array([point.trus_m for point in report.points]),
         np.array([point.transformed_m for point in report.points]),
         names=[point.name for point in report.points],
@@ -102,4 +101,3 @@ def _draw(report: RegistrationReport, title: str, picture: Path) -> None:
         title=f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
         + ("" if report.registered else " (not accepted)"),
     )
-    save_png(figure, picture)

@@ -1,11 +1,10 @@
-from .bench_part import BenchPart, bench_part
-from .bench_rig import bench
+from .bench_rig import BenchPart, bench, bench_part
 from .intensity_rig import USUAL_CELLS, of_intensities
 from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
 from .rig import Rig, fingerprint
-from .rig_file import read_rig_file
+from .rig_file import read_rig_file, read_simulated
 from .scene import Scene, draw_scene, scene_of
 from .scene_curve import scene_curve
 from .simulated_devices import in_world
@@ -39,6 +38,7 @@ __all__ = [
     "probe_settings",
     "read_probe_file",
     "read_rig_file",
+    "read_simulated",
     "replayed",
     "scaled_spot",
     "scene_curve",

@@ -2,9 +2,9 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
-from .former_marker import former_curve
+from .former_search import former_curve
 from .journalled import configuration_of
-from .points import PointRow, read_marker, read_points
+from .points import point_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
@@ -20,7 +20,6 @@ from .simulated_registration import (
     SimulatedTruth,
     simulate_registration,
 )
-from .stereo_file import StereoSettings, read_stereo
 from .tracking import TrackQuality, follow, following, quality_of, stage_period_s
 
 __all__ = [
@@ -31,12 +30,10 @@ __all__ = [
     "KnownRegistration",
     "PointPair",
     "PointReport",
-    "PointRow",
     "RegistrationReport",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
-    "StereoSettings",
     "TrackQuality",
     "bank_curve",
     "bank_image",
@@ -54,11 +51,9 @@ __all__ = [
     "new_session",
     "next_angle",
     "plan_on",
+    "point_pairs",
     "quality_of",
-    "read_marker",
-    "read_points",
     "read_registration",
-    "read_stereo",
     "rebuild_image_reader",
     "rebuild_policy",
     "rebuild_reader",
