@@ -48,27 +48,27 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-_COMMANDS = (
-    search,
-    page,
-    igtl,
-    replay,
-    resume,
-    frame,
-    calibrate,
-    register,
-    tooltip,
-    track,
-    reproduce,
-    study,
-    emulate,
-    doctor,
-)
-for command in _COMMANDS:
-    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+_COMMANDS = {
+    "search": search,
+    "page": page,
+    "igtl": igtl,
+    "replay": replay,
+    "resume": resume,
+    "frame": frame,
+    "calibrate": calibrate,
+    "register": register,
+    "tooltip": tooltip,
+    "track": track,
+    "reproduce": reproduce,
+    "study": study,
+    "emulate": emulate,
+    "doctor": doctor,
+}
+for name, module in _COMMANDS.items():
+    app.command(name=name, epilog=module.EXAMPLES)(module.command)
 app.add_typer(bank.app)
 app.add_typer(ros2.app)
-app.add_typer(journal.app, name=journal.NAME)
+app.add_typer(journal.app)
 
 
 def _print_version(asked: bool) -> None:

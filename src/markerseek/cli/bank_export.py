@@ -18,7 +18,6 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 
-NAME = "export"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"

@@ -19,7 +19,6 @@ from markerseek.core import ConfigError, RecordError
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
-NAME = "import"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5\n\n"

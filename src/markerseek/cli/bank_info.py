@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
     from markerseek.search import Curve, Peak
 
-NAME = "info"
 EXAMPLES = (
     "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
 )

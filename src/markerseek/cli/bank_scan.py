@@ -17,7 +17,6 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, show_event, stderr, stdout
 from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
 
-NAME = "scan"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank scan scan.hdf5 --seed 1\n\n"

@@ -10,7 +10,6 @@ import typer
 from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import one_line, print_report, progress_bar, stdout
 
-NAME = "verify"
 EXAMPLES = "Examples:\n\n  markerseek bank verify scan.hdf5\n\n  markerseek bank verify scan.hdf5 --json"
 
 DAMAGED = 1

@@ -18,7 +18,6 @@ from markerseek.core import AcquisitionError, ConfigError, RecordError, Sample, 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
 
-NAME = "calibrate"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5\n\n"

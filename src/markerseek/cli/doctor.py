@@ -24,7 +24,6 @@ from markerseek.cli.options import AsJson
 from markerseek.cli.terminal import print_json, stdout
 from markerseek.core import ConfigError, DeviceError, Finished, Measured
 
-NAME = "doctor"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek doctor\n\n"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import select
-import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from markerseek import drivers, emulators, rigs
+from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
 from markerseek.files import replace_file
@@ -20,7 +20,6 @@ from markerseek.files import replace_file
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
 
-NAME = "emulate"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek emulate bench --dir /tmp/bench\n\n"
@@ -80,11 +79,8 @@ def command(
         sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # A flag and no exception: the loop ends between two messages, never in the middle of one.
-        signal.signal(number, lambda received, _frame: stop.append(received))
-    _serve(emulated, device, folder, settings, pace=pace, stop=stop)
+    with noted_signals() as stop:
+        _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
         stderr.print(line)
 

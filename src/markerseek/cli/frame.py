@@ -23,7 +23,6 @@ from markerseek.core import AcquisitionError, BModeImage, ChannelFrame, ConfigEr
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"

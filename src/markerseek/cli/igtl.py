@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +10,10 @@ import typer
 from markerseek import bridges, rigs, runs
 from markerseek.bridges import igtl
 from markerseek.cli.options import RigFile
+from markerseek.cli.signals import STOPPING
 from markerseek.cli.terminal import stderr
 from markerseek.core import ConfigError
 
-NAME = "igtl"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek igtl\n\n"
@@ -94,7 +93,7 @@ async def _serve(
         if not stopped.done():
             stopped.set_result(number)
 
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for each in STOPPING:
         loop.add_signal_handler(each, stop, each)
     taken = await service.open(host, port)
     try:

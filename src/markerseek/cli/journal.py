@@ -17,9 +17,10 @@ from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
 
-NAME = "journal"
 
-app = typer.Typer(help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True)
+app = typer.Typer(
+    name="journal", help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True
+)
 app.command(name="list", epilog=journal_folder.LIST_EXAMPLES)(journal_folder.list_journals)
 app.command(epilog=journal_folder.PRUNE_EXAMPLES)(journal_folder.prune)
 

@@ -15,7 +15,6 @@ from markerseek.cli.options import RigFile
 from markerseek.cli.terminal import quoted, stdout
 from markerseek.core import ConfigError
 
-NAME = "page"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek page\n\n"

@@ -12,7 +12,6 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.terminal import announce_compilation, picture_folder, progress_bar
 from markerseek.core import ConfigError
 
-NAME = "register"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek register examples/points.csv\n\n"

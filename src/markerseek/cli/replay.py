@@ -25,7 +25,6 @@ from markerseek.cli.options import (
 from markerseek.cli.terminal import announce_compilation, picture_folder
 from markerseek.core import ConfigError
 
-NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"

@@ -26,7 +26,6 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.studies.paper import Duration, Reproduction, Section, Table
 
-NAME = "reproduce"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"

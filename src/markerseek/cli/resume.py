@@ -19,7 +19,6 @@ from markerseek.core import ConfigError
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
 
-NAME = "resume"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek resume run.journal\n\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Annotated
@@ -11,6 +10,7 @@ import typer
 
 from markerseek import ros
 from markerseek.bridges import ros2
+from markerseek.cli.signals import noted_signals
 from markerseek.core import ConfigError
 
 RequireSecurity = Annotated[
@@ -28,7 +28,7 @@ PlainUnit = Annotated[str, typer.Option("--plain-unit", help="Unit of the two pl
 
 def serve_until_stopped(beat: ros2.Beat) -> None:
     """Serve the devices until a signal comes, then make them safe."""
-    with stopping() as stopped:
+    with noted_signals() as stopped:
         served = list(beat.served)
         try:
             ros2.serve(served, until=lambda: bool(stopped))
@@ -39,21 +39,6 @@ def serve_until_stopped(beat: ros2.Beat) -> None:
             beat.served = []
             for each in served:
                 each.close()
-
-
-@contextmanager
-def stopping() -> Iterator[list[int]]:
-    """A list that receives the number of the first signal: a node ends between two messages, not inside of one."""
-    stopped: list[int] = []
-    before = {
-        number: signal.signal(number, lambda received, _frame: stopped.append(received))
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield stopped
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

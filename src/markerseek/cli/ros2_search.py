@@ -11,10 +11,10 @@ import typer
 from markerseek import bridges, drivers, rigs, runs
 from markerseek.bridges import ros2
 from markerseek.cli.options import RigFile
-from markerseek.cli.ros2_nodes import RequireSecurity, ros_node, stopping
+from markerseek.cli.ros2_nodes import RequireSecurity, ros_node
+from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
 
-NAME = "search"
 EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
 
 
@@ -57,7 +57,7 @@ def command(
         "acquisitions": acquisitions or 0,
         "rig": "simulated" if rig is None else str(rig),
     }
-    with ros_node("pa_search", parameters, require_security=require_security) as node, stopping() as stopped:
+    with ros_node("pa_search", parameters, require_security=require_security) as node, noted_signals() as stopped:
         if known is not None:
             ros2.publish_registration(node, known)
         served = ros2.SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
@@ -86,7 +86,7 @@ def _play(path: Path, registration: runs.KnownRegistration | None, *, pace: floa
     recording = bridges.open_recording(path)
     with (
         ros_node("pa_search", {"plays": str(path)}, require_security=require_security) as node,
-        stopping() as stopped,
+        noted_signals() as stopped,
     ):
         if registration is not None:
             ros2.publish_registration(node, registration)

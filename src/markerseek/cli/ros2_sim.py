@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from markerseek.ros import RosNode
     from markerseek.sim import SimulatedSettings
 
-NAME = "sim"
 EXAMPLES = "Example:\n\n  markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
 
 

@@ -14,7 +14,6 @@ from markerseek.cli.options import Acquisitions, Arm, AsJson, AsPublished, Metho
 from markerseek.cli.terminal import announce_compilation, picture_folder
 from markerseek.core import ConfigError
 
-NAME = "search"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"

@@ -16,7 +16,6 @@ from markerseek.cli.study_table import show_bounds, show_summary
 from markerseek.cli.terminal import picture_folder, print_facts, print_json, print_path, progress_bar, stderr
 from markerseek.core import ConfigError
 
-NAME = "study"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek study examples/studies/quick.toml\n\n"

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from markerseek.records import ImageSeries
 
-NAME = "tooltip"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek tooltip scan --step-deg 1 --plot\n\n"

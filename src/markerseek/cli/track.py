@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from markerseek.search import Following
     from markerseek.sim import SimulatedSettings, Swing
 
-NAME = "track"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
