@@ -1,6 +1,6 @@
-from .bench_rig import BenchPart, bench, bench_part
+from .bench_rig import bench, bench_part
 from .intensity_rig import USUAL_CELLS, of_intensities
-from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
+from .probe_file import chosen_probe, completed_by, preset_of, probe_facts
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
 from .rig import Rig, fingerprint
@@ -9,11 +9,10 @@ from .scene import Scene, draw_scene, scene_of
 from .scene_curve import scene_curve
 from .simulated_devices import in_world
 from .simulation import simulated
-from .spot import image_peak, image_reader, largest_count, scaled_spot
+from .spot import image_peak, image_reader, largest_count
 
 __all__ = [
     "USUAL_CELLS",
-    "BenchPart",
     "BenchRecipe",
     "ReaderRecipe",
     "Recipe",
@@ -35,12 +34,10 @@ __all__ = [
     "largest_count",
     "of_intensities",
     "preset_of",
-    "probe_settings",
-    "read_probe_file",
+    "probe_facts",
     "read_rig_file",
     "read_simulated",
     "replayed",
-    "scaled_spot",
     "scene_curve",
     "scene_of",
     "simulated",

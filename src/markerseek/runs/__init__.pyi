@@ -8,7 +8,7 @@ from .points import point_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
-from .registration import UNDER_M, PointPair, PointReport, RegistrationReport, register_pairs
+from .registration import UNDER_M, PointPair, RegistrationReport, register_pairs
 from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
@@ -29,7 +29,6 @@ __all__ = [
     "Calibration",
     "KnownRegistration",
     "PointPair",
-    "PointReport",
     "RegistrationReport",
     "Session",
     "SimulatedScene",
