@@ -1,5 +1,4 @@
 from .bench_rig import bench, bench_part
-from .intensity_rig import USUAL_CELLS, of_intensities
 from .probe_file import chosen_probe, completed_by, preset_of, probe_facts
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
@@ -7,7 +6,7 @@ from .rig import Rig, fingerprint
 from .rig_file import read_rig_file, read_simulated
 from .scene import Scene, draw_scene, scene_of
 from .scene_curve import scene_curve
-from .simulated_devices import in_world
+from .simulated_devices import USUAL_CELLS, in_world, of_intensities
 from .simulation import simulated
 from .spot import image_peak, image_reader, largest_count
 
