@@ -17,9 +17,8 @@ import pytest
 from igtl_bridge import bridge, compiled_peer
 from igtl_client import IgtlClient
 
-from markerseek.cli.register import point_pairs
 from markerseek.records.exports import probe_to_probe_home
-from markerseek.runs import register_pairs
+from markerseek.runs import point_pairs, register_pairs
 from markerseek.wire import igtl
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -127,7 +126,7 @@ def test_a_taken_port_ends_with_exit_code_2_and_a_sentence() -> None:
 
 
 def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
-    registered = register_pairs(point_pairs(EXAMPLES / "points.csv", searches=[], cameras=None))
+    registered = register_pairs(point_pairs(EXAMPLES / "points.csv"))
     (tmp_path / "registration.json").write_bytes(msgspec.json.encode(registered))
     with bridge("--registration", str(tmp_path / "registration.json")) as running, IgtlClient(running.port) as asking:
         client = pyigtl.OpenIGTLinkClient("127.0.0.1", running.port)

@@ -86,6 +86,14 @@ def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tm
     assert (tmp_path / "scan.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_name_that_is_no_unicode_is_escaped_in_json(shell, tmp_path):
+    bank = tmp_path / "odd\udcff.csv"
+    bank.write_text("angle_deg,intensity\n0,1\n1,2\n2,1\n")
+    for words in (("info", bank), ("export", bank, tmp_path / "again\udcff.csv")):
+        code, out, err = shell("bank", *words, "--json")
+        assert (code, json.loads(out)["path"].endswith("\\udcff.csv")) == (0, True), err
+
+
 def test_bank_to_pacfish_to_bank_gives_the_same_search(shell, scan, tmp_path):
     data = pacfish.load_data(str(scan))
     pacfish.write_data(str(tmp_path / "again.hdf5"), data)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.cli.method_options import USUAL_ACQUISITIONS
+from markerseek.cli.options import USUAL_ACQUISITIONS
 from markerseek.core import ChannelFrame
 from markerseek.search import METHODS
 from markerseek.wire.sonixdaq import element_of_file

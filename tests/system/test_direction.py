@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from markerseek.cli import doctor, open_rig
+from markerseek.cli import direction as direction_of
+from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
@@ -103,7 +104,8 @@ def test_a_probe_mounted_the_other_way_round_is_noticed_on_the_emulated_bench(
         made.append(emulated_rig(tmp_path / f"daq-{len(made)}", mirrored=mirrored, direction=direction))
         yield made[-1], made[-1].scanner.angle_deg
 
-    monkeypatch.setattr(open_rig, "open_rig", open_emulated)
+    for module in (direction_of, doctor):
+        monkeypatch.setattr(module, "open_rig", open_emulated)
     monkeypatch.setattr(doctor, "_search", lambda _: doctor.Finding(what="", state="ok", detail=""))
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n')

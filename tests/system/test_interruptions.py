@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from markerseek.cli.signals import StoppedBySignal, stopped_by_signals
+
 PROGRAM = "from markerseek.cli import main; main()"
 
 
@@ -34,6 +36,26 @@ def test_a_search_in_the_background_stops_and_says_how_to_continue(tmp_path: Pat
     assert process.returncode == code
     assert 0 <= said.find(f"stopped by {name}") < said.find("continue with: markerseek resume")
     assert "Traceback" not in said
+
+
+class Dropped:
+    """Python drops every exception that is raised while one of these is deleted."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_signal_whose_exception_python_drops_stops_the_run_all_the_same() -> None:
+    def run() -> None:
+        Dropped()
+        # A second without the signal.
+        for _ in range(50_000_000):
+            pass
+
+    before = [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGALRM)]
+    with pytest.raises(StoppedBySignal, match="SIGTERM"), stopped_by_signals():
+        run()
+    assert [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGALRM)] == before
 
 
 INTERRUPTED = """

@@ -12,6 +12,7 @@ import typer
 
 from markerseek._version import __version__
 from markerseek.cli import (
+    STOPPED_BY_USER,
     bank,
     calibrate,
     doctor,
@@ -37,9 +38,6 @@ from markerseek.core import MarkerseekError
 WRONG_USAGE = 2
 """Exit code after arguments that the command does not take."""
 
-STOPPED_BY_USER = 130
-"""Exit code after Ctrl-C, as shells have it."""
-
 app = typer.Typer(
     name="markerseek",
     help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
@@ -50,27 +48,27 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-_COMMANDS = (
-    search,
-    page,
-    igtl,
-    replay,
-    resume,
-    frame,
-    calibrate,
-    register,
-    tooltip,
-    track,
-    reproduce,
-    study,
-    emulate,
-    doctor,
-)
-for command in _COMMANDS:
-    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+_COMMANDS = {
+    "search": search,
+    "page": page,
+    "igtl": igtl,
+    "replay": replay,
+    "resume": resume,
+    "frame": frame,
+    "calibrate": calibrate,
+    "register": register,
+    "tooltip": tooltip,
+    "track": track,
+    "reproduce": reproduce,
+    "study": study,
+    "emulate": emulate,
+    "doctor": doctor,
+}
+for name, module in _COMMANDS.items():
+    app.command(name=name, epilog=module.EXAMPLES)(module.command)
 app.add_typer(bank.app)
 app.add_typer(ros2.app)
-app.add_typer(journal.app, name=journal.NAME)
+app.add_typer(journal.app)
 
 
 def _print_version(asked: bool) -> None:

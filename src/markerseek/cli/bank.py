@@ -6,13 +6,18 @@ import typer
 
 from markerseek.cli import bank_export, bank_import, bank_info, bank_scan, bank_verify
 
-NAME = "bank"
-
 app = typer.Typer(
-    name=NAME,
+    name="bank",
     help="Make, look at and convert banks: scans of many angles.",
     no_args_is_help=True,
     rich_markup_mode="markdown",
 )
-for command in (bank_scan, bank_info, bank_verify, bank_import, bank_export):
-    app.command(name=command.NAME, epilog=command.EXAMPLES)(command.command)
+_COMMANDS = {
+    "scan": bank_scan,
+    "info": bank_info,
+    "verify": bank_verify,
+    "import": bank_import,
+    "export": bank_export,
+}
+for name, module in _COMMANDS.items():
+    app.command(name=name, epilog=module.EXAMPLES)(module.command)

@@ -7,21 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson
-from markerseek.cli.probe_option import ProbeName
-from markerseek.cli.table_options import Columns, Unit, table_format
-from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stderr, stdout
+from markerseek import rigs, runs
+from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
+from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, stderr, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
 
-NAME = "export"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank export scan.hdf5 scan.igs.mha\n\n"
@@ -31,15 +27,6 @@ EXAMPLES = (
 SUFFIXES = (".igs.mha", ".mcap", ".csv")
 
 Item = TypeVar("Item")
-
-
-class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What an export wrote."""
-
-    path: str
-    angles: int
-    images: bool
-    version: str = __version__
 
 
 def command(
@@ -58,8 +45,6 @@ def command(
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, read_bank, require_whole
     from markerseek.records.exports import write_intensities
-    from markerseek.rigs import completed_by
-    from markerseek.runs import bank_curve
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
     if kind is None or to.name.lower() == kind:
@@ -68,17 +53,16 @@ def command(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = completed_by(read_bank(source, table_format(columns, unit)), probe)
+    bank = rigs.completed_by(read_bank(source, table_format(columns, unit)), probe)
     require_new(to)
-    frames = isinstance(bank, FrameBank)
-    for option, value in (("--probe", probe), ("--face-radius-mm", face_radius_mm)):
-        if value is not None and not frames:
-            raise ConfigError(f"{option} is {value}, and {source} holds intensities, not channel data; leave it out")
+    require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
     # A CSV needs no frame, and a damaged one must not pass for that reason.
     require_whole(bank)
     announce_compilation()
     if kind == ".csv":
-        write_intensities(to, angles_deg=bank.angles_deg, intensities=bank_curve(bank, probe=probe).intensity.tolist())
+        write_intensities(
+            to, angles_deg=bank.angles_deg, intensities=runs.bank_curve(bank, probe=probe).intensity.tolist()
+        )
     elif kind == ".mcap":
         _write_log(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     elif isinstance(bank, FrameBank):
@@ -87,7 +71,7 @@ def command(
         raise ConfigError(f"{source}: it holds intensities and no frames to make images of; export it as .mcap or .csv")
     count = len(bank.angles_deg)
     if as_json:
-        print_json(ExportReport(path=str(to), angles=count, images=frames and kind != ".csv"))
+        print_report(path=str(to), angles=count, images=isinstance(bank, FrameBank) and kind != ".csv")
     else:
         stdout.print(f"{count} angles in {escape(str(to))}")
 
@@ -95,34 +79,33 @@ def command(
 def _write_log(to: Path, bank: IntensityBank | FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.banks import FrameBank
     from markerseek.records.exports import series_of, write_mcap
-    from markerseek.runs import bank_curve, bank_image, bank_images
 
-    intensities = bank_curve(bank, probe=probe).intensity.tolist()
+    intensities = runs.bank_curve(bank, probe=probe).intensity.tolist()
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm), intensities=tuple(intensities))
     if not isinstance(bank, FrameBank):
         write_mcap(to, None, series=series)
         return
     # One scale for all images, so that their brightness can be compared between angles.
-    strongest = bank_image(bank, intensities.index(max(intensities)), probe=probe)
-    images = _shown(bank_images(bank, probe=probe, order=series.order), len(series.order))
+    strongest = runs.bank_image(bank, intensities.index(max(intensities)), probe=probe)
+    images = _shown(runs.bank_images(bank, probe=probe, order=series.order), len(series.order))
     # An image of zeros is black with any scale.
     write_mcap(to, images, series=series, brightest=float(strongest.envelope.max()) or 1.0)
 
 
 def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
     from markerseek.records.exports import series_of, write_sequence
-    from markerseek.runs import bank_images
 
     series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
-    write_sequence(to, _shown(bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series)
+    write_sequence(
+        to, _shown(runs.bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series
+    )
 
 
 def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
     """Facts of a bank with the face radius given; warns if images cannot be placed without it."""
     from markerseek.records.banks import FrameBank
-    from markerseek.runs import described
 
-    facts = described(bank, probe=probe)
+    facts = runs.described(bank, probe=probe)
     if face_radius_mm is not None:
         return replace(facts, face_radius_m=face_radius_mm / 1e3)
     if facts.face_radius_m is None and isinstance(bank, FrameBank):

@@ -7,22 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import __version__
+from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
-from markerseek.cli.output_options import AsJson
-from markerseek.cli.probe_option import ProbeName
-from markerseek.cli.table_options import Columns, Unit, table_format
-from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
+from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
+from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, stderr, stdout
 from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
-NAME = "import"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5\n\n"
@@ -30,15 +26,6 @@ EXAMPLES = (
     "  markerseek bank import examples/simulated_scan.csv scan.hdf5\n\n"
     "  markerseek bank import run.journal frames.hdf5"
 )
-
-
-class ImportReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What an import wrote."""
-
-    path: str
-    content: str
-    angles: int
-    version: str = __version__
 
 
 def command(
@@ -70,8 +57,6 @@ def command(
     """Convert a recording into a bank, with the intensity of each frame."""
     from markerseek.records.banks import FrameBank
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
-    from markerseek.rigs import completed_by
-    from markerseek.runs import bank_samples, described
 
     given: dict[str, Any] = {
         "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
@@ -84,8 +69,7 @@ def command(
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
     bank = _read(source, table_format(columns, unit), first_deg=first_deg, step_deg=step_deg)
-    if probe is not None and not isinstance(bank, FrameBank):
-        raise ConfigError(f"--probe is {probe}, and {source} holds intensities, not channel data; leave it out")
+    require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
     if sampling_mhz is not None and held_hz is not None and not math.isclose(given["sampling_hz"], held_hz):
@@ -93,14 +77,14 @@ def command(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
         )
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
-    bank = completed_by(bank, probe)
+    bank = rigs.completed_by(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
     dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
         stderr.print("[yellow]the recording has no sampling frequency; 40 MHz is assumed (--sampling-mhz)[/]")
-    facts = described(bank, probe=probe)
+    facts = runs.described(bank, probe=probe)
     if frames and probe is None and bank.facts.probe is None:
         stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (
@@ -108,14 +92,14 @@ def command(
         progress_bar(count, what="importing") as progress,
     ):
         b_mode = BModeNote()
-        for sample in bank_samples(bank, probe=probe):
+        for sample in runs.bank_samples(bank, probe=probe):
             writer.add(sample)
             b_mode.meet(sample)
             # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"
     if as_json:
-        print_json(ImportReport(path=str(to), content=content, angles=count))
+        print_report(path=str(to), content=content, angles=count)
     else:
         stdout.print(f"{count} angles of {content} in {escape(str(to))}")
         if not frames:
@@ -127,7 +111,6 @@ def _read(
 ) -> IntensityBank | FrameBank:
     from markerseek.records.banks import ARRAY_SUFFIXES, DEFAULT_FORMAT, read_arrays, read_bank
     from markerseek.records.journal import is_journal
-    from markerseek.runs import journal_bank
 
     given = (first_deg is not None, step_deg is not None)
     if table != DEFAULT_FORMAT and source.suffix.lower() in ARRAY_SUFFIXES:
@@ -141,7 +124,7 @@ def _read(
             raise RecordError(
                 f"{source}: it cannot be read: {problem.strerror or problem}; check the name"
             ) from problem
-        return journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
+        return runs.journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
     if first_deg is None or step_deg is None:
         if any(given):
             raise ConfigError("--first-deg and --step-deg go together; give both")

@@ -3,62 +3,35 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.table_options import Columns, Unit, table_format
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_facts, print_json, stderr, stdout
-from markerseek.core import ConfigError
+from markerseek import rigs, runs
+from markerseek.cli.options import AsJson, Columns, Out, Unit, require_frames, table_format
+from markerseek.cli.terminal import (
+    announce_compilation,
+    picture_folder,
+    print_facts,
+    print_report,
+    save_picture,
+    stdout,
+)
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import FrameBank, IntensityBank
-    from markerseek.search import Peak
+    from matplotlib.figure import Figure
 
-NAME = "info"
+    from markerseek.records.banks import FrameBank, IntensityBank
+    from markerseek.search import Curve, Peak
+
 EXAMPLES = (
     "Examples:\n\n  markerseek bank info scan.hdf5 --plot\n\n  markerseek bank info examples/simulated_scan.csv --json"
 )
-
-
-class BankReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
-
-    path: str
-    content: str
-    description: str
-    angles: int
-    planned: int
-    first_deg: float
-    last_deg: float
-    largest_step_deg: float
-    dark_frames: int
-    dark_intensity: float | None
-    max_deg: float
-    max_intensity: float
-    com_deg: float
-    cen_deg: float | None
-    fwhm_deg: float | None
-    reference_deg: float | None
-    probe: str | None
-    sampling_hz: float | None
-    sound_speed_m_s: float | None
-    pitch_m: float | None
-    wavelength_m: float | None
-    pulse_energy_j: float | None
-    face_radius_m: float | None
-    began_unix_s: float | None
-    configuration: str | None
-    seed: int | None
-    made_with: str | None
-    version: str = __version__
 
 
 def command(
@@ -76,54 +49,44 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Describe a bank: angles, what is known of the probe and the laser, and the peak of its intensity curve."""
-    from markerseek.records.banks import IntensityBank, read_bank, require_whole
-    from markerseek.rigs import completed_by
-    from markerseek.runs import bank_curve, dark_intensity
+    from markerseek.records.banks import read_bank, require_whole
     from markerseek.search import peak_of
 
     folder = picture_folder(out, plot=plot)
-    held = completed_by(read_bank(bank, table_format(columns, unit)), probe)
-    if probe is not None and isinstance(held, IntensityBank):
-        raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
+    held = rigs.completed_by(read_bank(bank, table_format(columns, unit)), probe)
+    require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
     require_whole(held)
     announce_compilation()
-    curve = bank_curve(held, probe=probe)
+    curve = runs.bank_curve(held, probe=probe)
     peak = peak_of(curve)
-    dark = dark_intensity(held, probe=probe)
-    report = _report(bank, held, peak, dark=dark)
+    dark = runs.dark_intensity(held, probe=probe)
     if as_json:
-        print_json(report)
+        _print_json(bank, held, peak, dark=dark)
     else:
-        _print(report, computed_with=probe)
+        _print_facts(bank, held, peak, dark=dark, computed_with=probe)
     if plot:
         path = folder / f"{bank.stem if bank.is_file() else bank.name}.png"
-        _draw(held, curve.intensity.tolist(), report, path, probe=probe)
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+        save_picture(_figure(bank, held, curve, peak, dark=dark, probe=probe), path, as_json=as_json)
 
 
-def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> BankReport:
+def _print_json(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> None:
+    """Print what is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
     from markerseek.records.banks import FrameBank
 
-    facts = bank.facts
-    frames = isinstance(bank, FrameBank)
-    angles = bank.angles_deg
-    return BankReport(
+    facts, angles = bank.facts, bank.angles_deg
+    print_report(
         path=str(path),
-        content="frames of channel data" if frames else "intensities",
+        content=_content(bank),
         description=facts.description,
         angles=len(angles),
         planned=bank.planned if isinstance(bank, FrameBank) else len(angles),
         first_deg=angles[0],
         last_deg=angles[-1],
-        largest_step_deg=max(high - low for low, high in pairwise(angles)),
+        largest_step_deg=_largest_step_deg(bank),
         dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
         dark_intensity=dark,
-        max_deg=peak.max_deg,
-        max_intensity=peak.max_intensity,
-        com_deg=peak.com_deg,
-        cen_deg=peak.cen_deg,
-        fwhm_deg=peak.fwhm_deg,
+        **asdict(peak),
         reference_deg=facts.reference_angle_deg,
         probe=facts.probe,
         sampling_hz=facts.sampling_hz,
@@ -139,6 +102,16 @@ def _report(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: fl
     )
 
 
+def _content(bank: IntensityBank | FrameBank) -> str:
+    from markerseek.records.banks import FrameBank
+
+    return "frames of channel data" if isinstance(bank, FrameBank) else "intensities"
+
+
+def _largest_step_deg(bank: IntensityBank | FrameBank) -> float:
+    return max(high - low for low, high in pairwise(bank.angles_deg))
+
+
 def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
     """When the first acquisition with light began, in seconds since 1970; None where that is not known."""
     from markerseek.records.banks import FrameBank
@@ -148,42 +121,46 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
     return zero_s + min(known) if known and zero_s is not None else None
 
 
-def _print(report: BankReport, *, computed_with: str | None) -> None:
-    stdout.print(f"[bold]{escape(report.path)}[/]: {report.content}")
-    cut = ""
-    if report.planned != report.angles:
-        cut = (
-            f" of {report.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
-            f"'markerseek bank import {report.path} whole.hdf5' leaves them off"
-        )
+def _print_facts(
+    path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, computed_with: str | None
+) -> None:
+    from markerseek.records.banks import FrameBank
+
+    stdout.print(f"[bold]{escape(str(path))}[/]: {_content(bank)}")
+    facts, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
+    cut, dark_frames = "", None
+    if isinstance(bank, FrameBank):
+        if bank.dark_frames:
+            dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
+        if bank.planned != len(angles):
+            cut = (
+                f" of {bank.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
+                f"'markerseek bank import {path} whole.hdf5' leaves them off"
+            )
     rows: list[tuple[str, str | None]] = [
-        ("scanned", report.description or None),
-        ("began", None if report.began_unix_s is None else _date(report.began_unix_s)),
-        ("angles", f"{report.angles}{cut}"),
-        ("range", f"{report.first_deg:g}° to {report.last_deg:g}°, steps of at most {report.largest_step_deg:.3g}°"),
-        ("dark frames", None if report.dark_frames == 0 else _dark(report)),
+        ("scanned", facts.description or None),
+        ("began", None if began_unix_s is None else _date(began_unix_s)),
+        ("angles", f"{len(angles)}{cut}"),
+        ("range", f"{angles[0]:g}° to {angles[-1]:g}°, steps of at most {_largest_step_deg(bank):.3g}°"),
+        ("dark frames", dark_frames),
         ("intensities", None if computed_with is None else f"computed again with the preset {computed_with}"),
-        ("max", f"{report.max_intensity:.4g} at {report.max_deg:.3f}°"),
-        ("com, centre of mass above half height", f"{report.com_deg:.3f}°"),
-        ("cen, middle at half height", _number(report.cen_deg, "{:.3f}°")),
-        ("fwhm, width at half height", _number(report.fwhm_deg, "{:.3f}°")),
-        ("reference", _number(report.reference_deg, "{:.3f}°")),
-        ("probe", report.probe),
-        ("sampling", _number(report.sampling_hz, "{:g} MHz", 1e-6)),
-        ("speed of sound", _number(report.sound_speed_m_s, "{:g} m/s")),
-        ("pitch", _number(report.pitch_m, "{:.4g} mm", 1e3)),
-        ("face radius", _number(report.face_radius_m, "{:.4g} mm", 1e3)),
-        ("wavelength", _number(report.wavelength_m, "{:.4g} nm", 1e9)),
-        ("pulse energy", _number(report.pulse_energy_j, "{:.4g} mJ", 1e3)),
-        ("made with", report.made_with),
-        ("configuration", report.configuration),
-        ("seed", None if report.seed is None else str(report.seed)),
+        ("max", f"{peak.max_intensity:.4g} at {peak.max_deg:.3f}°"),
+        ("com, centre of mass above half height", f"{peak.com_deg:.3f}°"),
+        ("cen, middle at half height", _number(peak.cen_deg, "{:.3f}°")),
+        ("fwhm, width at half height", _number(peak.fwhm_deg, "{:.3f}°")),
+        ("reference", _number(facts.reference_angle_deg, "{:.3f}°")),
+        ("probe", facts.probe),
+        ("sampling", _number(facts.sampling_hz, "{:g} MHz", 1e-6)),
+        ("speed of sound", _number(facts.sound_speed_m_s, "{:g} m/s")),
+        ("pitch", _number(facts.pitch_m, "{:.4g} mm", 1e3)),
+        ("face radius", _number(facts.face_radius_m, "{:.4g} mm", 1e3)),
+        ("wavelength", _number(facts.wavelength_m, "{:.4g} nm", 1e9)),
+        ("pulse energy", _number(facts.pulse_energy_j, "{:.4g} mJ", 1e3)),
+        ("made with", facts.made_with),
+        ("configuration", facts.configuration),
+        ("seed", None if facts.seed is None else str(facts.seed)),
     ]
     print_facts((name, value) for name, value in rows if value is not None)
-
-
-def _dark(report: BankReport) -> str:
-    return f"{report.dark_frames}, the largest intensity is {report.dark_intensity or math.nan:.4g}"
 
 
 def _date(unix_s: float) -> str:
@@ -198,24 +175,22 @@ def _number(value: float | None, form: str, scale: float = 1.0) -> str | None:
     return None if value is None else form.format(value * scale)
 
 
-def _draw(
-    bank: IntensityBank | FrameBank, intensities: list[float], report: BankReport, path: Path, *, probe: str | None
-) -> None:
-    from markerseek.pictures import bank_figure, save_png
+def _figure(
+    path: Path, bank: IntensityBank | FrameBank, curve: Curve, peak: Peak, *, dark: float | None, probe: str | None
+) -> Figure:
+    from markerseek.pictures import bank_figure
     from markerseek.records.banks import FrameBank
-    from markerseek.runs import bank_image
 
-    strongest = intensities.index(max(intensities))
-    figure = bank_figure(
+    facts = bank.facts
+    return bank_figure(
         bank.angles_deg,
-        intensities,
-        title=f"{Path(report.path).name}{': ' if report.description else ''}{report.description}",
-        max_deg=report.max_deg,
-        com_deg=report.com_deg,
-        cen_deg=report.cen_deg,
-        fwhm_deg=report.fwhm_deg,
-        reference_deg=report.reference_deg,
-        dark_level=report.dark_intensity,
-        image=bank_image(bank, strongest, probe=probe) if isinstance(bank, FrameBank) else None,
+        curve.intensity.tolist(),
+        title=f"{path.name}{': ' if facts.description else ''}{facts.description}",
+        max_deg=peak.max_deg,
+        com_deg=peak.com_deg,
+        cen_deg=peak.cen_deg,
+        fwhm_deg=peak.fwhm_deg,
+        reference_deg=facts.reference_angle_deg,
+        dark_level=dark,
+        image=runs.bank_image(bank, curve.strongest, probe=probe) if isinstance(bank, FrameBank) else None,
     )
-    save_png(figure, path)

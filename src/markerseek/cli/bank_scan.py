@@ -6,19 +6,17 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import __version__
+from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.open_rig import Arm, RigFile
-from markerseek.cli.output_options import AsJson
+from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
+from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, scaled, stderr, stdout
+from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, show_event, stderr, stdout
 from markerseek.core import ChannelFrame, MarkerseekError, Measured, Refused, RFFrame, Sample
 
-NAME = "scan"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank scan scan.hdf5 --seed 1\n\n"
@@ -40,21 +38,6 @@ class BModeNote:
                 "[yellow]the B-mode images are left out: a bank in IPASC HDF5 has no place for them, the journal of a "
                 "search keeps them[/]"
             )
-
-
-class ScanReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a scan wrote."""
-
-    path: str
-    rig: str
-    angles: int
-    dark_frames: int
-    refused: int
-    simulated: bool
-    emulated: tuple[str, ...]
-    seed: int | None
-    configuration: str
-    version: str = __version__
 
 
 def command(
@@ -79,9 +62,7 @@ def command(
 
     If stopped early, the file has all acquisitions so far.
     """
-    from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
     from markerseek.records.banks.ipasc import require_new_bank
-    from markerseek.runs import scan_angles, scan_bank, scan_configuration
 
     require_new_bank(out)
     options = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
@@ -89,9 +70,9 @@ def command(
     taken, dark, refused = 0, 0, 0
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
-        angles = scan_angles(assembled, step_deg=step_deg)
+        angles = runs.scan_angles(assembled, step_deg=step_deg)
         arm_rig(assembled, arm=arm, what="scan", as_json=as_json)
-        scan = scan_bank(
+        scan = runs.scan_bank(
             assembled,
             out,
             step_deg=step_deg,
@@ -100,29 +81,25 @@ def command(
         )
         try:
             with (
-                options.opened(scan_configuration(assembled, step_deg=step_deg)) as stream,
+                options.opened(runs.scan_configuration(assembled, step_deg=step_deg)) as stream,
                 stopped_by_signals(),
                 options.stopping(stream),
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):
-                task = progress.task_ids[0]
                 b_mode = BModeNote()
                 for event in scan:
                     if stream is not None:
                         stream.add(event, clock_s=assembled.scanner.clock.now_s())
+                    show_event(progress, event)
                     if isinstance(event, Measured):
-                        sample = event.sample
-                        b_mode.meet(sample)
+                        b_mode.meet(event.sample)
                         if event.role == "search":
                             taken = event.index
-                            shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
-                            progress.update(task, completed=taken, description=shown)
                         else:
                             dark += 1
                     elif isinstance(event, Refused):
                         refused += 1
-                        progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
         except StoppedBySignal as stop:
             stopped = stop
         finally:
@@ -131,21 +108,21 @@ def command(
                 _print_what_is_left(out, planned=angles)
         if stopped is not None:
             end_stopped(stopped, as_json=as_json, kept=out if taken else None)
+    facts = assembled.facts
     if as_json:
-        report = ScanReport(
+        print_report(
             path=str(out),
-            rig=assembled.facts.description,
+            rig=facts.description,
             angles=taken,
             dark_frames=dark,
             refused=refused,
             simulated=assembled.simulated,
-            emulated=assembled.facts.emulated,
-            seed=assembled.facts.seed,
-            configuration=assembled.facts.fingerprint,
+            emulated=facts.emulated,
+            seed=facts.seed,
+            configuration=facts.fingerprint,
         )
-        print_json(report)
     else:
-        stdout.print(f"{taken} angles and {dark} dark frames of a {assembled.facts.rig_name} in {escape(str(out))}")
+        stdout.print(f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}")
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

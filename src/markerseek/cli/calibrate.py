@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson
-from markerseek.cli.probe_option import ProbeName
-from markerseek.cli.terminal import announce_compilation, print_json, progress_bar, stdout
-from markerseek.core import ConfigError, require_range
+from markerseek import rigs, runs, signals
+from markerseek.cli.options import AsJson, ProbeName
+from markerseek.cli.terminal import announce_compilation, new_table, print_report, progress_bar, stdout
+from markerseek.core import AcquisitionError, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Value
-    from markerseek.runs import Calibration
 
-NAME = "calibrate"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5\n\n"
@@ -30,30 +26,17 @@ EXAMPLES = (
 )
 
 
-class Estimated(msgspec.Struct, frozen=True, kw_only=True):
-    """A number, its standard deviation and its 95 % interval."""
-
-    value: float
-    sigma: float
-    interval95: tuple[float, float]
-
-
-class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a scan of a point source; see `Calibration` and `Geometry`."""
-
-    zero_deg: Estimated
-    source_deg: Estimated
-    source_radius_m: Estimated
-    face_radius_m: Estimated
-    trigger_offset_s: Estimated
-    sound_speed_m_s: Estimated
-    element_height_m: Estimated
-    noise_sigma: Estimated
-    misfit: float
-    frames: int
-    waves: int
-    rig_toml: str
-    version: str = __version__
+NUMBERS = {
+    "zero_deg": ("angle zero (stage reading)", 1.0, "°"),
+    "source_deg": ("source in the image plane at", 1.0, "°"),
+    "source_radius_m": ("source from the axis", 1e3, "mm"),
+    "face_radius_m": ("face radius", 1e3, "mm"),
+    "trigger_offset_s": ("trigger offset", 1e6, "µs"),
+    "sound_speed_m_s": ("sound speed", 1.0, "m/s"),
+    "element_height_m": ("element height (effective)", 1e3, "mm"),
+    "noise_sigma": ("noise, beamformed", 1.0, "counts"),
+}
+"""Numbers of a calibration as in `Calibration` and `Geometry`, with their name, factor and unit in the table."""
 
 
 def command(
@@ -73,23 +56,19 @@ def command(
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
     --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
     """
-    from markerseek.core import AcquisitionError, RecordError, Sample, SearchError
     from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.rigs import completed_by, preset_of
-    from markerseek.runs import calibrate
-    from markerseek.signals import ImageReader
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
-    scan = completed_by(read_bank(bank), probe)
+    scan = rigs.completed_by(read_bank(bank), probe)
     if not isinstance(scan, FrameBank):
         raise ConfigError(
             f"{bank}: it holds intensities only, and calibration needs the channel data of each angle; name a folder "
             "of frames, or a bank that 'markerseek bank scan' wrote"
         )
     announce_compilation()
-    preset = preset_of(scan, probe)
-    imaging = ImageReader(preset)
+    preset = rigs.preset_of(scan, probe)
+    imaging = signals.ImageReader(preset)
     samples = []
     with progress_bar(len(scan.angles_deg), what="imaging") as progress:
         for index, angle_deg in enumerate(scan.angles_deg):
@@ -101,79 +80,50 @@ def command(
             samples.append(Sample(angle_deg=angle_deg, reading=reading, frame=frame))
             progress.advance(progress.task_ids[0])
     try:
-        found = calibrate(samples, preset)
+        found = runs.calibrate(samples, preset)
     except SearchError as problem:
         raise RecordError(f"{bank}: {problem}") from problem
-    report = _report(found, zero_deg=zero_deg, source_deg=source_deg, direction=direction)
-    if as_json:
-        print_json(report)
-    else:
-        _print_table(report)
-
-
-def _report(
-    found: Calibration, *, zero_deg: float, source_deg: float, direction: Literal["forward", "reverse"]
-) -> CalibrationReport:
     geometry = found.geometry
     # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
     sense = 1 if direction == "forward" else -1
-    zero = _estimated(geometry.source_deg, times=sense, add=zero_deg - sense * source_deg)
-    # As many digits as the interval makes worth writing.
-    lines = [
-        "[stage]",
-        f"zero_deg = {zero.value:.3f}",
-        f'direction = "{direction}"',
-        "",
-        "[probe]",
-        f"sound_speed_m_s = {geometry.sound_speed_m_s.value:.1f}",
-        f"trigger_offset_s = {geometry.trigger_offset_s.value:.2e}",
-        f"face_radius_m = {geometry.face_radius_m.value:.5f}",
-    ]
-    return CalibrationReport(
-        zero_deg=zero,
-        source_deg=_estimated(geometry.source_deg),
-        source_radius_m=_estimated(geometry.source_radius_m),
-        face_radius_m=_estimated(geometry.face_radius_m),
-        trigger_offset_s=_estimated(geometry.trigger_offset_s),
-        sound_speed_m_s=_estimated(geometry.sound_speed_m_s),
-        element_height_m=_estimated(geometry.element_height_m),
-        noise_sigma=_estimated(found.noise_sigma),
-        misfit=geometry.misfit,
-        frames=found.frames,
-        waves=found.waves,
-        rig_toml="\n".join(lines) + "\n",
-    )
+    zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
+    known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
+    numbers: dict[str, Value] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
+    rig_toml = _rig_toml(numbers, direction)
+    if as_json:
+        # The interval of a `Value` is computed.
+        values = {name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()}
+        print_report(**values, misfit=geometry.misfit, frames=found.frames, waves=found.waves, rig_toml=rig_toml)
+    else:
+        _print_table(found, numbers, rig_toml)
 
 
-def _estimated(value: Value, *, times: int = 1, add: float = 0.0) -> Estimated:
-    low, high = sorted(times * end + add for end in value.interval95)
-    return Estimated(value=times * value.value + add, sigma=value.sigma, interval95=(low, high))
+def _rig_toml(numbers: dict[str, Value], direction: str) -> str:
+    """Lines for a rig file, with as many digits as the intervals make worth writing."""
+    return f"""[stage]
+zero_deg = {numbers["zero_deg"].value:.3f}
+direction = "{direction}"
+
+[probe]
+sound_speed_m_s = {numbers["sound_speed_m_s"].value:.1f}
+trigger_offset_s = {numbers["trigger_offset_s"].value:.2e}
+face_radius_m = {numbers["face_radius_m"].value:.5f}
+"""
 
 
-def _print_table(report: CalibrationReport) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", "value", "95 % interval", ""):
-        table.add_column(heading, justify="left" if heading in ("", " ") else "right")
-    rows = (
-        ("angle zero (stage reading)", report.zero_deg, 1.0, "°"),
-        ("source in the image plane at", report.source_deg, 1.0, "°"),
-        ("source from the axis", report.source_radius_m, 1e3, "mm"),
-        ("face radius", report.face_radius_m, 1e3, "mm"),
-        ("trigger offset", report.trigger_offset_s, 1e6, "µs"),
-        ("sound speed", report.sound_speed_m_s, 1.0, "m/s"),
-        ("element height (effective)", report.element_height_m, 1e3, "mm"),
-        ("noise, beamformed", report.noise_sigma, 1.0, "counts"),
-    )
-    for name, number, scale, unit in rows:
+def _print_table(found: runs.Calibration, numbers: dict[str, Value], rig_toml: str) -> None:
+    table = new_table("", "value", "95 % interval", "", left=("",))
+    for name, number in numbers.items():
+        title, scale, unit = NUMBERS[name]
         low, high = (scale * end for end in number.interval95)
         # Two significant digits of the standard deviation.
         digits = max(0, min(4, 1 - math.floor(math.log10(max(scale * number.sigma, 1e-9)))))
         table.add_row(
-            f"[dim]{name}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
+            f"[dim]{title}[/]", f"{scale * number.value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit
         )
     stdout.print(table)
     stdout.print(
-        f"[dim]{report.waves} of {report.frames} angles had a wave clear enough to be used; the residual of the fit is "
-        f"{report.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
+        f"[dim]{found.waves} of {found.frames} angles had a wave clear enough to be used; the residual of the fit is "
+        f"{found.geometry.misfit:.1%} of their height[/]\n\nFor rig.toml:\n"
     )
-    stdout.print(escape(report.rig_toml))
+    stdout.print(escape(rig_toml))

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, NoReturn
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
+from markerseek import runs
 from markerseek.cli.open_rig import SimulationOptions, open_rig
 from markerseek.cli.session import run_session
 from markerseek.cli.show_result import FOUND, OTHER_ANSWER, Output
-from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
+from markerseek.cli.terminal import announce_compilation, new_table, print_json, save_picture, stdout
 from markerseek.core import ConfigError
-from markerseek.runs import new_session, plan_on
 from markerseek.search import method_named
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from markerseek.records import SearchResult
-    from markerseek.runs import Session
 
 
 def compare(
@@ -62,7 +62,7 @@ def compare(
         with open_rig(rig, options) as (assembled, start_deg):
             if not assembled.simulated:
                 raise ConfigError(f"--compare is for a simulated rig, and {rig} is one of devices; leave it out")
-            plan = plan_on(
+            plan = runs.plan_on(
                 assembled,
                 method=name,
                 acquisitions=acquisitions,
@@ -70,7 +70,7 @@ def compare(
                 start_deg=start_deg,
                 stay=stay,
             )
-            session = new_session(assembled, plan)
+            session = runs.new_session(assembled, plan)
             run_session(session, as_json=output.as_json)
         sessions.append(session)
     results = [session.result() for session in sessions]
@@ -80,17 +80,14 @@ def compare(
     else:
         _print_table(results, title)
     if output.plot:
-        path = output.folder / f"{output.name}.png"
-        _draw(sessions, title, path)
-        (stderr if output.as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+        save_picture(_figure(sessions, title), output.folder / f"{output.name}.png", as_json=output.as_json)
     raise typer.Exit(FOUND if all(result.found for result in results) else OTHER_ANSWER)
 
 
 def _print_table(results: list[SearchResult], title: str) -> None:
     stdout.print(escape(title))
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("method", "answer", "angle", "±", "error", "acquisitions", "rotation"):
-        table.add_column(heading, justify="left" if heading in ("method", "answer") else "right", no_wrap=True)
+    headings = ("method", "answer", "angle", "±", "error", "acquisitions", "rotation")
+    table = new_table(*headings, left=("method", "answer"), no_wrap=True)
     for result in results:
         table.add_row(
             escape(result.method),
@@ -106,8 +103,8 @@ def _print_table(results: list[SearchResult], title: str) -> None:
         stdout.print("[dim]only an answer of 'found' claims a marker at its angle[/]")
 
 
-def _draw(sessions: list[Session], title: str, path: Path) -> None:
-    from markerseek.pictures import ComparedSearch, comparison_figure, save_png
+def _figure(sessions: list[runs.Session], title: str) -> Figure:
+    from markerseek.pictures import ComparedSearch, comparison_figure
 
     facts = sessions[0].configuration.facts
     searches = [
@@ -120,4 +117,4 @@ def _draw(sessions: list[Session], title: str, path: Path) -> None:
         for session in sessions
         if session.recorder.finished is not None
     ]
-    save_png(comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg), path)
+    return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)

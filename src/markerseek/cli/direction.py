@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from markerseek import runs
+from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.core import ConfigError
 
 LEAST_DEG = 5.0
@@ -62,9 +64,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     DeviceError
         If a device did not do its part.
     """
-    from markerseek.cli.open_rig import arm_rig, open_rig
     from markerseek.cli.session import run_new_session
-    from markerseek.runs import new_session, plan_on
 
     with open_rig(path) as (rig, start_deg):
         search = rig.limits.search
@@ -73,7 +73,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
                 f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
                 "place the source nearer to 0"
             )
-        session = new_session(rig, plan_on(rig, method="posterior", start_deg=start_deg))
+        session = runs.new_session(rig, runs.plan_on(rig, method="posterior", start_deg=start_deg))
         arm_rig(rig, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()

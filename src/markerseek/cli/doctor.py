@@ -17,10 +17,13 @@ import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek.cli.output_options import AsJson
-from markerseek.core import ConfigError
+from markerseek import drivers, rigs
+from markerseek.cli.direction import prove_direction, require_source_deg
+from markerseek.cli.open_rig import open_rig
+from markerseek.cli.options import AsJson
+from markerseek.cli.terminal import print_json, stdout
+from markerseek.core import ConfigError, DeviceError, Finished, Measured
 
-NAME = "doctor"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek doctor\n\n"
@@ -81,9 +84,6 @@ def command(
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
     this. Place it at least 5 degrees from 0, at another angle than the source used to calibrate zero_deg.
     """
-    from markerseek.cli.direction import require_source_deg
-    from markerseek.cli.terminal import print_json, stdout
-
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
     if source_deg is None and arm:
@@ -98,7 +98,8 @@ def command(
     if rig is not None:
         findings.append(_rig(rig))
         if source_deg is not None and findings[-1].state == "ok":
-            findings.append(_direction(rig, source_deg, arm=arm, as_json=as_json))
+            right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
+            findings.append(Finding(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     if as_json:
         print_json({"ok": ok, "findings": findings})
@@ -138,9 +139,6 @@ def _packages() -> list[Finding]:
 
 def _rig(path: Path) -> Finding:
     """Whether the devices of a rig file answer, are the right ones, and are fit for use."""
-    from markerseek.cli.open_rig import open_rig
-    from markerseek.core import DeviceError
-
     try:
         with open_rig(path) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
@@ -149,21 +147,10 @@ def _rig(path: Path) -> Finding:
     return Finding(what=str(path), state="ok", detail=detail)
 
 
-def _direction(path: Path, source_deg: float, *, arm: bool, as_json: bool) -> Finding:
-    """Whether the stage turns the right way."""
-    from markerseek.cli.direction import prove_direction
-
-    right, detail = prove_direction(path, source_deg=source_deg, arm=arm, as_json=as_json)
-    return Finding(what="sense of rotation", state="ok" if right else "broken", detail=detail)
-
-
 def _lease_s(path: Path) -> float | None:
     """Supervisor's lease in a rig file, in seconds; None for a simulated rig."""
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import read_rig_file
-
-    settings = read_rig_file(path)
-    return settings.supervisor.lease_s if isinstance(settings, BenchSettings) else None
+    settings = rigs.read_rig_file(path)
+    return settings.supervisor.lease_s if isinstance(settings, drivers.BenchSettings) else None
 
 
 def _punctuality(lease_s: float) -> Finding:
@@ -182,13 +169,11 @@ def _punctuality(lease_s: float) -> Finding:
 
 def _punctuality_under_load(lease_s: float) -> Finding:
     """How much of the supervisor's lease is left while other programs compute on every core."""
-    from markerseek.drivers import SLICE_S
-
     programs = _BUSY_PER_CORE * (os.cpu_count() or 1)
     with _busy(programs):
         longest_s = max(_timed_step() for _ in range(_NAPS)) - _NAP_S - _WORK_S
     # Between two beats the search waits for this long, and wakes up late.
-    margin_s = lease_s - SLICE_S - longest_s
+    margin_s = lease_s - drivers.SLICE_S - longest_s
     detail = (
         f"with {programs} programs that compute meanwhile, a step of {1e3 * (_NAP_S + _WORK_S):.0f} ms ends up to "
         f"{1e3 * longest_s:.1f} ms late: of the lease of {lease_s:g} s "
@@ -219,9 +204,7 @@ def _busy(programs: int) -> Iterator[None]:
 
 def _timed_nap() -> float:
     """Measured duration of one short wait, in seconds."""
-    from markerseek.drivers import SystemClock
-
-    clock = SystemClock()
+    clock = drivers.SystemClock()
     began_s = clock.now_s()
     clock.wait(_NAP_S)
     return clock.now_s() - began_s
@@ -239,8 +222,6 @@ def _timed_step() -> float:
 
 def _search(method: str) -> Finding:
     """One search on the simulated rig, which leaves the compiled kernels on disk."""
-    from markerseek import rigs
-    from markerseek.core import Finished, Measured
     from markerseek.scan import run
     from markerseek.search import build
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 import select
-import signal
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from markerseek.cli.emulated_rig import world_text, write_rig_file
+from markerseek import drivers, emulators, rigs
+from markerseek.cli.signals import noted_signals
+from markerseek.cli.terminal import stderr, stdout
+from markerseek.core import ConfigError
+from markerseek.files import replace_file
 
 if TYPE_CHECKING:
-    from markerseek.emulators import EmulatedBench, EmulatedPlus
     from markerseek.sim import SimulatedSettings
 
-NAME = "emulate"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek emulate bench --dir /tmp/bench\n\n"
@@ -59,52 +61,41 @@ def command(
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
 
-    from markerseek.cli.terminal import stderr
-    from markerseek.core import ConfigError
-    from markerseek.emulators import EmulatedBench, Kdc101Settings, require_pace
-    from markerseek.rigs import read_rig_file
-    from markerseek.sim import SimulatedSettings
-
-    require_pace(pace)
+    emulators.require_pace(pace)
     if receiver == "plus" and device != "bench":
         raise ConfigError(f"--receiver plus is for bench, and {device} is emulated; leave it out")
-    settings = SimulatedSettings() if rig is None else read_rig_file(rig)
-    if not isinstance(settings, SimulatedSettings):
-        raise ConfigError(f"{rig}: its kind is bench; the world behind emulated devices is of kind simulated")
+    settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise ConfigError(
             f"the folder {folder} cannot be created ({problem.strerror}); name another --dir"
         ) from problem
-    emulated = EmulatedBench(
+    emulated = emulators.EmulatedBench(
         settings=settings,
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
-        stage=Kdc101Settings(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
+        stage=emulators.Kdc101Settings(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
         sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # A flag and no exception: the loop ends between two messages, never in the middle of one.
-        signal.signal(number, lambda received, _frame: stop.append(received))
-    _serve(emulated, device, folder, settings, pace=pace, stop=stop)
+    with noted_signals() as stop:
+        _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
         stderr.print(line)
 
 
 def _serve(
-    emulated: EmulatedBench, device: Device, folder: Path, settings: SimulatedSettings, *, pace: float, stop: list[int]
+    emulated: emulators.EmulatedBench,
+    device: Device,
+    folder: Path,
+    settings: SimulatedSettings,
+    *,
+    pace: float,
+    stop: list[int],
 ) -> None:
     """Open the ports, print how to use them, and serve until stopped."""
-    from contextlib import ExitStack
-
-    from markerseek.cli.terminal import stdout
-    from markerseek.drivers import SystemClock
-    from markerseek.emulators import EmulatedPlus, serve
-
-    real = SystemClock()
+    real = drivers.SystemClock()
     if device in ("daq", "bench"):
         emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
     with ExitStack() as opened:
@@ -114,7 +105,7 @@ def _serve(
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
-        plus = emulated.daq if isinstance(emulated.daq, EmulatedPlus) else None
+        plus = emulated.daq if isinstance(emulated.daq, emulators.EmulatedPlus) else None
         if plus is not None:
             opened.callback(plus.close)
             stdout.print(f"PLUS server: 127.0.0.1, port {plus.port}")
@@ -135,7 +126,7 @@ def _serve(
                 emulated.daq.trigger(settings.laser.pulses)
             return bool(stop)
 
-        serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
+        emulators.serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
 
 
 _PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
@@ -163,7 +154,7 @@ def _typed_line() -> bool:
     return bool(ready) and bool(sys.stdin.readline())
 
 
-def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, plus: EmulatedPlus | None) -> str:
+def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, plus: emulators.EmulatedPlus | None) -> str:
     """Text of the rig file for the emulated devices."""
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
@@ -209,7 +200,30 @@ lease_s = 1.0
 {world_text(settings)}"""
 
 
-def _truth(emulated: EmulatedBench, device: Device) -> list[str]:
+def world_text(settings: SimulatedSettings) -> str:
+    """Probe and limits of a simulated world as the end of a rig file (TOML)."""
+    limits = settings.limits
+    return f"""[probe]
+trigger_offset_s = {settings.receiver.trigger_offset_s}
+face_radius_m = {settings.probe.face_radius_m}
+
+[limits.search]
+low_deg = {limits.search.low_deg}
+high_deg = {limits.search.high_deg}
+
+[limits.travel]
+low_deg = {limits.travel.low_deg}
+high_deg = {limits.travel.high_deg}
+"""
+
+
+def write_rig_file(path: Path, text: str) -> None:
+    """Write a rig file whole, or not at all."""
+    with replace_file(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
     truth = []

@@ -5,21 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
-from markerseek.core import AcquisitionError, ConfigError, PaImage, RecordError
+from markerseek import rigs, signals
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import (
+    announce_compilation,
+    new_table,
+    picture_folder,
+    print_report,
+    save_picture,
+    stdout,
+)
+from markerseek.core import AcquisitionError, BModeImage, ChannelFrame, ConfigError, PaImage, RecordError, RFFrame
 
 if TYPE_CHECKING:
-    from markerseek.core import BModeImage, ChannelFrame, RFFrame
-    from markerseek.signals import FrameFindings, ImageReader, SpareReader
+    from matplotlib.figure import Figure
 
-NAME = "frame"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek frame waterbath_20170419-171121.mat --plot\n\n"
@@ -30,33 +33,6 @@ EXAMPLES = (
 )
 
 _MOST_MM = 1000.0
-
-
-class OtherArrival(msgspec.Struct, frozen=True, kw_only=True):
-    """Another coherent arrival of the same frame."""
-
-    lateral_m: float
-    depth_m: float
-    peak_snr_db: float | None
-
-
-class FrameReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of one frame; if no source was found, the position is that of the largest peak."""
-
-    found: bool
-    reason: str
-    lateral_m: float
-    depth_m: float
-    arrival_s: float
-    intensity: float
-    peak_snr_db: float | None
-    coherence: float | None
-    saturated_channels: int
-    dead_channels: int
-    others: list[OtherArrival]
-    probe: str
-    method: str
-    version: str = __version__
 
 
 def command(
@@ -96,11 +72,8 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the sources in one frame of channel data, or say that there is none."""
-    from markerseek.cli.overlay import b_mode_under
-    from markerseek.cli.ultrasonix import open_for_spare, show_ultrasonix
+    from markerseek.cli.ultrasonix import b_mode_under, open_for_spare, show_ultrasonix
     from markerseek.records.banks import MAT_PROBE, ULTRASONIX_SUFFIXES, load_frame
-    from markerseek.rigs import chosen_probe
-    from markerseek.signals import PRESET_NAMES, ImageReader
 
     folder = picture_folder(out, plot=plot)
     _require_spare(file, spare=spare, receive_focus_mm=receive_focus_mm)
@@ -112,10 +85,10 @@ def command(
     if number != 1 and not spare:
         raise ConfigError(f"--number is {number}, and only Ultrasonix files hold more than one frame; leave it out")
     # The public data set was recorded with one probe, which its files do not name.
-    preset = chosen_probe(probe or (MAT_PROBE if file.suffix.lower() == ".mat" else PRESET_NAMES[0]))
+    preset = rigs.chosen_probe(probe or (MAT_PROBE if file.suffix.lower() == ".mat" else signals.PRESET_NAMES[0]))
     probe = preset.name
     low_m, high_m = _depth_m("--min-depth-mm", min_depth_mm), _depth_m("--max-depth-mm", max_depth_mm)
-    reader: ImageReader | SpareReader
+    reader: signals.AnyImageReader
     frame: ChannelFrame | RFFrame
     if spare:
         focus_m = None if receive_focus_mm is None else receive_focus_mm / 1e3
@@ -123,7 +96,7 @@ def command(
             file, number=number, probe=probe, receive_focus_m=focus_m, min_depth_m=low_m, max_depth_m=high_m
         )
     else:
-        reader = ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
+        reader = signals.ImageReader(preset, min_depth_m=low_m, max_depth_m=high_m)
         frame = load_frame(file, sampling_hz=preset.sampling_hz)
     under = None
     if over is not None:
@@ -137,13 +110,13 @@ def command(
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
     if as_json:
-        print_json(_report(findings, probe, method=reader.method))
+        _print_json(findings, probe, method=reader.method)
     else:
         _print_table(findings, file, probe)
     if plot:
         path = folder / f"{file.stem if file.is_file() else file.name}.png"
-        _draw(findings, reader.picture(frame), path, under=under, title=f"{file.name}, probe {probe}, {reader.method}")
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+        title = f"{file.name}, probe {probe}, {reader.method}"
+        save_picture(_figure(findings, reader.picture(frame), under=under, title=title), path, as_json=as_json)
     raise typer.Exit(0 if findings.found else 3)
 
 
@@ -179,9 +152,10 @@ def _depth_m(option: str, value_mm: float | None) -> float | None:
     return value_mm / 1e3
 
 
-def _report(findings: FrameFindings, probe: str, *, method: str) -> FrameReport:
+def _print_json(findings: signals.FrameFindings, probe: str, *, method: str) -> None:
+    """Print the result of one frame; if no source was found, the position is that of the largest peak."""
     strongest = findings.strongest
-    return FrameReport(
+    print_report(
         found=findings.found,
         reason=findings.reason,
         lateral_m=strongest.lateral_m,
@@ -193,7 +167,7 @@ def _report(findings: FrameFindings, probe: str, *, method: str) -> FrameReport:
         saturated_channels=len(findings.saturated_channels),
         dead_channels=len(findings.dead_channels),
         others=[
-            OtherArrival(lateral_m=each.lateral_m, depth_m=each.depth_m, peak_snr_db=findings.peak_snr_db(each))
+            {"lateral_m": each.lateral_m, "depth_m": each.depth_m, "peak_snr_db": findings.peak_snr_db(each)}
             for each in findings.others
         ],
         probe=probe,
@@ -201,13 +175,12 @@ def _report(findings: FrameFindings, probe: str, *, method: str) -> FrameReport:
     )
 
 
-def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
+def _print_table(findings: signals.FrameFindings, file: Path, probe: str) -> None:
     answer = "[bold green]source found[/]" if findings.found else "[bold yellow]no source[/]"
     stdout.print(f"{answer} in {escape(file.name)} (probe {probe}): {findings.reason}")
     if findings.found:
-        table = Table(box=None, padding=(0, 2, 0, 0))
-        for column in ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence"):
-            table.add_column(escape(column), justify="right")
+        headings = ("arrival", "lateral [mm]", "depth [mm]", "time [µs]", "intensity", "SNR [dB]", "coherence")
+        table = new_table(*headings)
         for number, each in enumerate((findings.strongest, *findings.others), start=1):
             table.add_row(
                 str(number),
@@ -225,21 +198,13 @@ def _print_table(findings: FrameFindings, file: Path, probe: str) -> None:
         stdout.print(f"[yellow]dead:[/] {len(findings.dead_channels)} channels without a signal")
 
 
-def _draw(
-    findings: FrameFindings,
-    picture: PaImage,
-    path: Path,
-    *,
-    under: BModeImage | None,
-    title: str,
-) -> None:
-    from markerseek.pictures import frame_figure, overlay_figure, save_png
+def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeImage | None, title: str) -> Figure:
+    from markerseek.pictures import frame_figure, overlay_figure
 
     arrivals = (findings.strongest, *findings.others) if findings.found else ()
     marks_m = [(each.lateral_m, each.depth_m) for each in arrivals]
     if under is not None:
         title = f"{title}, over B-mode: {'source circled' if arrivals else 'no source'}"
-        save_png(overlay_figure(under, picture, marks_m=marks_m, title=title), path)
-        return
+        return overlay_figure(under, picture, marks_m=marks_m, title=title)
     title = f"{title}: {'arrivals numbered' if arrivals else 'no source'}"
-    save_png(frame_figure(picture, marks_m=marks_m, title=title), path)
+    return frame_figure(picture, marks_m=marks_m, title=title)

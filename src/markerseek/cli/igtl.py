@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-NAME = "igtl"
+from markerseek import bridges, rigs, runs
+from markerseek.bridges import igtl
+from markerseek.cli.options import RigFile
+from markerseek.cli.signals import STOPPING
+from markerseek.cli.terminal import stderr
+from markerseek.core import ConfigError
+
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek igtl\n\n"
@@ -20,9 +26,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def command(
-    rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-    ] = None,
+    rig: RigFile = None,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
@@ -49,33 +53,60 @@ def command(
     A search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms, resets or homes it.
     """
-    from markerseek.bridges import Searches, SearchOptions, open_recording
-    from markerseek.bridges.igtl import SearchService
-    from markerseek.cli.igtl_serving import Playing, serve
-    from markerseek.cli.terminal import stderr
-    from markerseek.core import ConfigError
-    from markerseek.rigs import read_rig_file
-    from markerseek.runs import read_registration
+    # Not above: to import it takes 25 ms.
+    import asyncio
 
     if rig is not None and play is not None:
         raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
-        read_rig_file(rig)
-    recording = None if play is None else open_recording(play)
-
-    def note(sentence: str) -> None:
-        stderr.print(sentence, markup=False)
-
+        rigs.read_rig_file(rig)
+    recording = None if play is None else bridges.open_recording(play)
     if host != LOOPBACK:
-        note(f"warning: OpenIGTLink has no passwords: whoever reaches {host} can start and stop searches")
-    searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
-    service = SearchService(
+        _note(f"warning: OpenIGTLink has no passwords: whoever reaches {host} can start and stop searches")
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    service = igtl.SearchService(
         searches if recording is None else None,
         recording=None if recording is None else recording.name,
-        registration=None if registration is None else read_registration(registration),
+        registration=None if registration is None else runs.read_registration(registration),
         version=1 if header_version == 1 else 2,
-        on_note=note,
+        on_note=_note,
     )
-    playing = None if recording is None else Playing(recording=recording, pace=1.0 if pace is None else pace)
-    raise typer.Exit(serve(service, host, port, playing, note))
+    code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
+    raise typer.Exit(code)
+
+
+def _note(sentence: str) -> None:
+    stderr.print(sentence, markup=False)
+
+
+async def _serve(
+    service: igtl.SearchService, host: str, port: int, recording: bridges.Recording | None, *, pace: float
+) -> int:
+    """Serve until a signal comes, and play a recording if one is given; returns the exit code."""
+    import asyncio
+
+    loop = asyncio.get_running_loop()
+    stopped: asyncio.Future[int] = loop.create_future()
+
+    def stop(number: int) -> None:
+        if not stopped.done():
+            stopped.set_result(number)
+
+    for each in STOPPING:
+        loop.add_signal_handler(each, stop, each)
+    taken = await service.open(host, port)
+    try:
+        _note(f"OpenIGTLink clients connect to {host}, port {taken}; Ctrl-C ends the bridge, and a search that runs")
+        if recording is not None:
+            played = asyncio.create_task(service.play(recording, pace=pace))
+            ends: set[asyncio.Future[Any]] = {played, stopped}
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            if played.done():
+                # A recording that cannot be read ends the command.
+                played.result()
+                _note(f"{recording.name} is over; Ctrl-C ends the bridge")
+            played.cancel()
+        return 128 + await stopped
+    finally:
+        await service.close()

@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
-from markerseek.cli import journal_list, journal_prune
-from markerseek.cli.output_options import AsJson
+from markerseek import runs
+from markerseek.cli import journal_folder
+from markerseek.cli.options import AsJson
+from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
+from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
 
 if TYPE_CHECKING:
     from markerseek.records.journal import Entry, RecordedRun
 
-NAME = "journal"
 
-app = typer.Typer(help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True)
-for each in (journal_list, journal_prune):
-    app.command(name=each.NAME, epilog=each.EXAMPLES)(each.command)
+app = typer.Typer(
+    name="journal", help="List, print, check, recompute and remove the journals of runs.", no_args_is_help=True
+)
+app.command(name="list", epilog=journal_folder.LIST_EXAMPLES)(journal_folder.list_journals)
+app.command(epilog=journal_folder.PRUNE_EXAMPLES)(journal_folder.prune)
 
 _File = Annotated[Path, typer.Argument(help="Journal of a run.")]
-
-
-_COLUMNS: tuple[tuple[str, Literal["left", "right"]], ...] = (
-    ("", "right"),
-    ("clock [s]", "right"),
-    ("what", "left"),
-    ("angle [deg]", "right"),
-    ("intensity", "right"),
-    ("", "left"),
-)
 
 
 @app.command(epilog="Example:\n\n  markerseek journal show run.journal")
 def show(journal: _File, as_json: AsJson = False) -> None:
     """Print all entries; of a damaged journal those before the damage, then the error."""
-    from markerseek.cli.terminal import print_json
     from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
@@ -54,8 +48,6 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     else:
         _print_table(held)
     if damage is not None:
-        from markerseek.cli.terminal import print_error
-
         # The JSON object above has it already.
         print_error(damage, as_json=False)
         raise typer.Exit(damage.exit_code)
@@ -64,7 +56,6 @@ def show(journal: _File, as_json: AsJson = False) -> None:
 @app.command(epilog="Example:\n\n  markerseek journal verify run.journal")
 def verify(journal: _File, as_json: AsJson = False) -> None:
     """Check pages, checksums and the order of the entries; exit code 1 if anything is wrong."""
-    from markerseek.cli.terminal import one_line, print_json, stdout
     from markerseek.records.journal import verify as verify_journal
 
     finding = verify_journal(journal)
@@ -80,13 +71,11 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
 @app.command(epilog="Example:\n\n  markerseek journal replay run.journal")
 def replay(journal: _File, as_json: AsJson = False) -> None:
     """Compute the readings again, repeat the search with them, and compare; exit code 1 if anything differs."""
-    from markerseek.cli.terminal import announce_compilation, one_line, print_json, stdout
     from markerseek.records.journal import read_journal, run_state
-    from markerseek.runs import differences, rebuild_policy, rebuild_reader
 
     held = read_journal(journal)
     announce_compilation()
-    found = differences(held, rebuild_policy(held.configuration), rebuild_reader(held.configuration))
+    found = runs.differences(held, runs.rebuild_policy(held.configuration), runs.rebuild_reader(held.configuration))
     state = run_state(held.entries).state
     if as_json:
         print_json({"equal": not found, "entries": len(held.entries), "state": state, "differences": found})
@@ -100,8 +89,6 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
 
 
 def _as_object(entry: Entry) -> dict[str, object]:
-    import msgspec
-
     from markerseek.records.journal import encode
 
     encoded = encode(entry.event)
@@ -115,10 +102,6 @@ def _as_object(entry: Entry) -> dict[str, object]:
 
 
 def _print_table(held: RecordedRun) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from markerseek.cli.terminal import one_line, stdout
     from markerseek.records.journal import run_state
 
     plan, facts = held.configuration.plan, held.configuration.facts
@@ -127,10 +110,10 @@ def _print_table(held: RecordedRun) -> None:
     versions = ", ".join(f"{name} {version}" for name, version in held.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading, justify in _COLUMNS:
-        # Escaped, because Rich reads a unit in brackets as markup; the last column may be long, and wraps.
-        table.add_column(escape(heading), justify=justify, no_wrap=justify == "right" or heading != "")
+    headings = ("", "clock [s]", "what", "angle [deg]", "intensity", "remark")
+    table = new_table(*headings, left=("what", "remark"), no_wrap=True)
+    # A remark may be long, and wraps.
+    table.columns[-1].no_wrap = False
     for entry in held.entries:
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", *map(one_line, _line(entry)))
     stdout.print(table)
@@ -140,7 +123,6 @@ def _print_table(held: RecordedRun) -> None:
 
 def _line(entry: Entry) -> tuple[str, str, str, str]:
     """Event, angle, intensity and remark of an entry."""
-    from markerseek.core import Asked, Failed, Finished, Measured, Refused, Started
     from markerseek.records import answer_name
     from markerseek.records.journal import Checked, Interrupted, Resuming
 

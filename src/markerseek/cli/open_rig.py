@@ -9,23 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING
 
 import typer
+from rich.markup import escape
 
+from markerseek import drivers, rigs
+from markerseek.cli.terminal import print_json, stderr
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import Rig
     from markerseek.sim import SimulatedSettings
-
-RigFile: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-]
-Arm: TypeAlias = Annotated[
-    bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
-]
 
 _USUAL_SEED = 1
 """Default seed of a simulation."""
@@ -101,7 +95,7 @@ NO_OPTIONS = SimulationOptions()
 
 
 @contextmanager
-def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[Rig, float]]:
+def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     Parameters
@@ -118,21 +112,16 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
     DeviceError
         If a device does not answer, or is not ready.
     """
-    from markerseek import rigs
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import read_rig_file
     from markerseek.sim import SimulatedSettings
 
-    settings = SimulatedSettings() if path is None else read_rig_file(path)
-    if isinstance(settings, BenchSettings):
+    settings = SimulatedSettings() if path is None else rigs.read_rig_file(path)
+    if isinstance(settings, drivers.BenchSettings):
         if options.given():
             raise ConfigError(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
-        from markerseek.rigs import bench
-
-        with bench(settings) as rig:
+        with rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
     settings = options.on(settings)
@@ -140,7 +129,7 @@ def open_rig(path: Path | None, options: SimulationOptions = NO_OPTIONS) -> Iter
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
-def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
+def arm_rig(rig: rigs.Rig, *, arm: bool, what: str, as_json: bool) -> None:
     """Arm a rig of devices in the user's name, or end the command; does nothing for a rig without hardware.
 
     Parameters
@@ -154,27 +143,35 @@ def arm_rig(rig: Rig, *, arm: bool, what: str, as_json: bool) -> None:
     as_json
         Whether to print JSON if it is not armed.
     """
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import print_json, stderr
-    from markerseek.rigs import BenchRecipe
-
     if rig.devices is None:
         return
     stderr.print(escape(rig.facts.description))
     stderr.print(f"[dim]stands at {rig.scanner.angle_deg:.3f} deg[/]")
-    if isinstance(rig.recipe, BenchRecipe):
+    if isinstance(rig.recipe, rigs.BenchRecipe):
         print_permissions(rig.recipe.settings)
-    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser.
-    if not arm and not (sys.stdin.isatty() and typer.confirm(f"Arm the laser and {what}?", default=False, err=True)):
-        stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+    if not arm and not confirmed(f"Arm the laser and {what}?"):
         if as_json:
             print_json({"armed": False, "rig": rig.facts.description})
         raise typer.Exit(NOT_ARMED)
     rig.arm(by=person())
 
 
-def print_permissions(settings: BenchSettings) -> None:
+def confirmed(question: str) -> bool:
+    """Whether a person says yes on the terminal; prints what to do where none does.
+
+    Parameters
+    ----------
+    question
+        Whether something that moves or emits light is to be armed.
+    """
+    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser.
+    if sys.stdin.isatty() and typer.confirm(question, default=False, err=True):
+        return True
+    stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+    return False
+
+
+def print_permissions(settings: drivers.BenchSettings) -> None:
     """Print what a rig of devices may do once it is armed: limits, pulses, budgets, exposure, its start command.
 
     Parameters
@@ -182,13 +179,8 @@ def print_permissions(settings: BenchSettings) -> None:
     settings
         From the user's rig file.
     """
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import stderr
-    from markerseek.drivers import BenchReceiver, exposure_line
-
     limits, firing, receiver = settings.limits, settings.firing, settings.receiver
-    command = receiver.start_command if isinstance(receiver, BenchReceiver) else None
+    command = receiver.start_command if isinstance(receiver, drivers.BenchReceiver) else None
     lines = (
         f"limits: search {limits.search}, travel {limits.travel}",
         f"laser: {settings.laser.pulses} pulses per acquisition at {settings.laser.rate_hz:g} Hz",
@@ -197,7 +189,7 @@ def print_permissions(settings: BenchSettings) -> None:
             f"{firing.pulses_per_session} per session"
         ),
         f"start_command: {'none' if command is None else shlex.join(command)}",
-        exposure_line(settings.laser),
+        drivers.exposure_line(settings.laser),
     )
     for line in lines:
         stderr.print(f"[dim]{escape(line)}[/]")

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-NAME = "page"
+from markerseek import drivers, rigs
+from markerseek.bridges import page
+from markerseek.cli.options import RigFile
+from markerseek.cli.terminal import quoted, stdout
+from markerseek.core import ConfigError
+
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek page\n\n"
@@ -20,9 +27,7 @@ def command(
     recordings: Annotated[
         list[Path] | None, typer.Argument(help="Journals and banks that can be replayed on the page.")
     ] = None,
-    rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-    ] = None,
+    rig: RigFile = None,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
         str, typer.Option(help="Address of this computer; any other than 127.0.0.1 needs a certificate.")
@@ -37,18 +42,10 @@ def command(
     child, so that its results are those of the command. A rig of devices is armed here in the terminal, never in the
     browser. When this program ends, or nobody has the page open for 5 seconds, a search that runs is stopped.
     """
-    import os
-    import sys
     import webbrowser
 
-    from markerseek.bridges.page import Address, Desk, Launcher, PageRig, serve
-    from markerseek.cli.terminal import quoted, stdout
-    from markerseek.core import ConfigError
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import read_rig_file
-
-    address = Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
-    settings = None if rig is None else read_rig_file(rig)
+    address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
+    settings = None if rig is None else rigs.read_rig_file(rig)
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")
@@ -60,8 +57,9 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    launcher = Launcher()
-    desk = Desk(launcher, PageRig(file=rig, simulated=not isinstance(settings, BenchSettings)), recordings or [])
+    launcher = page.Launcher()
+    simulated = not isinstance(settings, drivers.BenchSettings)
+    desk = page.Desk(launcher, page.PageRig(file=rig, simulated=simulated), recordings or [])
 
     def ready(link: str) -> None:
         launcher.lower_others()
@@ -70,7 +68,7 @@ def command(
         if browser is not None:
             browser.open(link)
 
-    serve(desk, address, on_ready=ready)
+    page.serve(desk, address, on_ready=ready)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.
     sys.stdout.flush()
     os._exit(0)

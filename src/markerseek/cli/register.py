@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
+from rich.markup import escape
 
-from markerseek.cli.output_options import AsJson, Out
+from markerseek import runs
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import (
+    announce_compilation,
+    new_table,
+    picture_folder,
+    print_facts,
+    print_json,
+    progress_bar,
+    save_picture,
+    stdout,
+)
+from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    import numpy as np
+    from matplotlib.figure import Figure
 
-    from markerseek.core import Float64
-    from markerseek.runs import PointPair, PointRow, StereoSettings
-
-NAME = "register"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek register examples/points.csv\n\n"
@@ -76,135 +84,106 @@ def command(
     At least three markers that are not on a line. Exit code 3 if the points do not fit: FRE above 5 mm, or a mirror
     image that fits better.
     """
-    from markerseek.cli.show_registration import conclude
-    from markerseek.cli.terminal import announce_compilation, picture_folder, progress_bar
-    from markerseek.core import ConfigError
-    from markerseek.runs import SimulatedScene, register_pairs, simulate_registration
-    from markerseek.sim import EndoscopeSettings, SimulatedSettings
-
-    picture = picture_folder(out, plot=plot) / "register.png" if plot else None
+    folder = picture_folder(out, plot=plot)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
-    if not simulate:
+    truth: runs.SimulatedTruth | None = None
+    if simulate:
+        if points is not None or journal or cameras is not None:
+            raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
+        title = "simulated rig and camera"
+        scene = _scene(markers=markers, camera_mm=camera_mm, frames=frames, tissue=tissue)
+        announce_compilation()
+        with progress_bar(scene.markers, what="searching markers") as progress:
+            report, truth = runs.simulate_registration(
+                scene,
+                seed=1 if seed is None else seed,
+                target_trus_m=target_m,
+                on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
+            )
+    else:
         if points is None:
             raise ConfigError("no points: name a CSV, or add --simulate")
-        if any(value is not None for value in (markers, camera_mm, frames, tissue, seed)):
+        if (markers, camera_mm, frames, tissue, seed) != (None,) * 5:
             raise ConfigError(
                 "--markers, --camera-mm, --frames, --tissue and --seed are for --simulate; leave them out"
             )
-        report = register_pairs(point_pairs(points, searches=journal or [], cameras=cameras), target_trus_m=target_m)
-        conclude(report, None, title=points.name, as_json=as_json, picture=picture)
-    if points is not None or journal or cameras is not None:
-        raise ConfigError("--simulate makes its own points; leave the CSV, --journal and --cameras out")
-    scene = SimulatedScene(
+        title = points.name
+        pairs = runs.point_pairs(points, searches=journal or (), cameras=cameras)
+        report = runs.register_pairs(pairs, target_trus_m=target_m)
+    if as_json:
+        print_json(msgspec.to_builtins(report) | ({} if truth is None else {"simulation": msgspec.to_builtins(truth)}))
+    else:
+        _print_tables(report, truth, title)
+    if plot:
+        save_picture(_figure(report, title), folder / "register.png", as_json=as_json)
+    raise typer.Exit(0 if report.registered else 3)
+
+
+def _scene(
+    *, markers: int | None, camera_mm: float | None, frames: int | None, tissue: str | None
+) -> runs.SimulatedScene:
+    from markerseek.sim import EndoscopeSettings, SimulatedSettings
+
+    return runs.SimulatedScene(
         markers=4 if markers is None else markers,
         camera_m=0.1 if camera_mm is None else camera_mm / 1e3,
         camera=EndoscopeSettings(frames=25 if frames is None else frames),
         rig=SimulatedSettings() if tissue is None else SimulatedSettings(tissue=tissue),
     )
-    announce_compilation()
-    with progress_bar(scene.markers, what="searching markers") as progress:
-        report, truth = simulate_registration(
-            scene,
-            seed=1 if seed is None else seed,
-            target_trus_m=target_m,
-            on_search=lambda number: progress.update(progress.task_ids[0], completed=number),
+
+
+def _print_tables(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None, title: str) -> None:
+    answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
+    stdout.print(f"{answer}: {escape(title)}, {len(report.points)} points")
+    if report.reason is not None:
+        stdout.print(escape(report.reason))
+    print_facts(_facts(report, truth))
+    points = new_table("point", "x [mm]", "y [mm]", "z [mm]", "residual [mm]", "left out [mm]")
+    for point in report.points:
+        points.add_row(
+            escape(point.name),
+            *(f"{1e3 * value:.2f}" for value in point.trus_m),
+            f"{1e3 * point.residual_m:.2f}",
+            "–" if point.left_out_m is None else f"{1e3 * point.left_out_m:.2f}",
         )
-    conclude(report, truth, title="simulated rig and camera", as_json=as_json, picture=picture)
+    stdout.print(points)
+    if report.davinci_to_trus is not None:
+        stdout.print("[dim]davinci_to_trus, translation in metres:[/]")
+        for row in report.davinci_to_trus:
+            stdout.print("  ".join(f"{value:+.6f}" for value in row))
 
 
-def point_pairs(points: Path, *, searches: list[Path], cameras: Path | None) -> list[PointPair]:
-    """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
-
-    Parameters
-    ----------
-    points
-        The CSV.
-    searches
-        Journals or results, one for each row; none: the CSV has these columns.
-    cameras
-        Calibration with which its pixels are triangulated; None: it has the columns of camera points.
-
-    Raises
-    ------
-    ConfigError
-        If the files do not go together.
-    RecordError
-        If one cannot be read.
-    """
-    from markerseek.core import ConfigError
-    from markerseek.runs import PointPair, read_marker, read_points, read_stereo
-
-    rows = read_points(points)
-    if searches and len(searches) != len(rows):
-        raise ConfigError(
-            f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
-        )
-    stereo = None if cameras is None else read_stereo(cameras)
-    pairs = []
-    for number, row in enumerate(rows):
-        _require_columns(row, points, searched=bool(searches), stereo=stereo is not None)
-        camera_m, camera_covariance = _camera_point(row, stereo)
-        marker = read_marker(searches[number]) if searches else None
-        pairs.append(
-            PointPair(
-                name=row.name,
-                trus_m=_array(row.trus_m if marker is None else marker.position_m),
-                camera_m=camera_m,
-                trus_covariance_m2=_covariance(row.trus_sigma_m) if marker is None else marker.covariance_m2,
-                camera_covariance_m2=camera_covariance,
-            )
-        )
-    return pairs
+def _facts(report: runs.RegistrationReport, truth: runs.SimulatedTruth | None) -> list[tuple[str, str]]:
+    x, y, z = (1e3 * value for value in report.target_trus_m)
+    expected = f", {1e3 * report.expected_fre_m:.2f} mm expected" if report.weights != "equal" else ""
+    rows = [
+        ("FRE", f"{1e3 * report.fre_m:.2f} mm{expected}"),
+        ("expected TRE", f"{1e3 * report.tre_m:.2f} mm at x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
+        ("weights", report.weights),
+    ]
+    if truth is None:
+        return rows
+    if truth.target_error_m is not None:
+        rows.append(("true error there (simulated)", f"{1e3 * truth.target_error_m:.2f} mm"))
+    counts = ", ".join(str(search.acquisitions) for search in truth.searches)
+    low_min, high_min = (seconds / 60 for seconds in truth.by_hand_s)
+    rows.append(("searches (simulated)", f"{len(truth.searches)} with {counts} acquisitions"))
+    all_min, rest_min = truth.elapsed_s / 60, truth.without_readout_s / 60
+    rows.append(("time (virtual)", f"{all_min:.1f} min, {rest_min:.1f} min without reading SonixDAQ files"))
+    rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
+    return rows
 
 
-def _require_columns(row: PointRow, points: Path, *, searched: bool, stereo: bool) -> None:
-    """Refuse a table whose columns do not go with the options."""
-    from markerseek.core import ConfigError
-
-    if searched and row.trus_m is not None:
-        raise ConfigError(f"{points}: it has the columns trus_x_m …, and --journal gives the same; leave one out")
-    if not searched and row.trus_m is None:
-        raise ConfigError(
-            f"{points}: the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches by "
-            "--journal"
-        )
-    if stereo and row.pixels is None:
-        raise ConfigError(f"{points}: --cameras needs the columns left_x_px, left_y_px, right_x_px, right_y_px")
-    if stereo and row.camera_m is not None:
-        raise ConfigError(f"{points}: it has camera points and pixels; leave the columns of one out")
-    if not stereo and row.pixels is not None and row.camera_m is None:
-        raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by --cameras FILE")
-    if not stereo and row.camera_m is None:
-        raise ConfigError(f"{points}: the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px …")
-
-
-def _camera_point(
-    row: PointRow, stereo: StereoSettings | None
-) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None]:
-    """Camera point of a row with its covariance, from the columns or triangulated from the pixels."""
-    from markerseek.core import ConfigError
-    from markerseek.geometry import triangulate
-
-    if stereo is None or row.pixels is None:
-        return _array(row.camera_m), _covariance(row.camera_sigma_m)
-    spot_px = row.spot_sigma_px[0] if row.spot_sigma_px else 0.0
-    pixels = _array(row.pixels)[None]
-    try:
-        seen = triangulate(
-            pixels[:, :2], pixels[:, 2:], stereo.cameras, sigma_px=math.hypot(spot_px, stereo.calibration_sigma_px)
-        )
-    except ConfigError as problem:
-        raise ConfigError(f"row {row.name}: {problem}") from problem
-    return seen.points_m[0], seen.covariances_m2[0]
-
-
-def _array(values: Sequence[float] | None) -> Float64[np.ndarray, " values"]:
+def _figure(report: runs.RegistrationReport, title: str) -> Figure:
     import numpy as np
 
-    return np.array(values or (), dtype=float)
+    from markerseek.pictures import registration_figure
 
-
-def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] | None:
-    import numpy as np
-
-    return None if sigmas_m is None else np.diag(np.square(sigmas_m))
+    return registration_figure(
+        np.array([point.trus_m for point in report.points]),
+        np.array([point.transformed_m for point in report.points]),
+        names=[point.name for point in report.points],
+        target_m=report.target_trus_m,
+        title=f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
+        + ("" if report.registered else " (not accepted)"),
+    )

@@ -7,13 +7,24 @@ from typing import Annotated, Literal
 
 import typer
 
+from markerseek import rigs, runs
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.method_options import Acquisitions, AsPublished, MethodName, Single, Stay
-from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.probe_option import ProbeName
-from markerseek.cli.table_options import Columns, Unit, table_format
+from markerseek.cli.options import (
+    Acquisitions,
+    AsJson,
+    AsPublished,
+    Columns,
+    MethodName,
+    Out,
+    ProbeName,
+    Single,
+    Stay,
+    Unit,
+    table_format,
+)
+from markerseek.cli.terminal import announce_compilation, picture_folder
+from markerseek.core import ConfigError
 
-NAME = "replay"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot\n\n"
@@ -55,14 +66,9 @@ def command(
     A search gets the data of the nearest recorded angle. With --as-published, intensities are interpolated between
     recorded angles, as in the paper's offline analysis.
     """
-    from markerseek import rigs
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude, density_of
-    from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.core import ConfigError
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.records.banks import read_bank
-    from markerseek.rigs import completed_by
-    from markerseek.runs import bank_curve, new_session, plan_on
     from markerseek.search import method_named
 
     output = Output(name="replay", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
@@ -83,7 +89,7 @@ def command(
         raise ConfigError(
             f"--acquisitions is {acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
-    plan = plan_on(
+    plan = runs.plan_on(
         assembled,
         method=method,
         acquisitions=acquisitions,
@@ -92,10 +98,10 @@ def command(
         stay=stay,
         single=single,
     )
-    session = new_session(assembled, plan)
+    session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot:
-        curve = bank_curve(completed_by(read_bank(bank, table), probe), probe=probe)
+        curve = runs.bank_curve(rigs.completed_by(read_bank(bank, table), probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
     conclude(
@@ -103,7 +109,7 @@ def command(
         session.configuration,
         output,
         imaging=assembled.imaging,
+        policy=session.policy,
         journal=session.journal,
-        density=density_of(session.policy, output),
         recorded=recorded_curve,
     )

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
+from rich.markup import escape
+
+from markerseek import signals, studies
+from markerseek.cli.options import AsJson, require_frames
+from markerseek.cli.terminal import (
+    new_table,
+    picture_folder,
+    print_json,
+    print_path,
+    print_warning,
+    stages_bar,
+    stdout,
+)
+from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Cell, Duration, Reproduction, Section, Table
+    from markerseek.studies.paper import Duration, Reproduction, Section, Table
 
-NAME = "reproduce"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"
@@ -19,18 +33,6 @@ EXAMPLES = (
     "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine\n\n"
     "  markerseek reproduce table1 --bank /data/scan-2024-05-03 --probe BPL9-5/55 --out mine"
 )
-
-
-class Made(msgspec.Struct, frozen=True, kw_only=True):
-    """One section, for programs."""
-
-    name: str
-    title: str
-    numbers: list[dict[str, Cell]]
-    remarks: list[str]
-    files: list[str]
-    seconds: float
-    stages_s: dict[str, float]
 
 
 def command(
@@ -48,19 +50,17 @@ def command(
     reference_deg: Annotated[
         float | None, typer.Option(help="Angle of the marker in your bank, in degrees; else the bank's maximum.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
-    from markerseek.cli.terminal import print_json, stages_bar, stdout
-    from markerseek.core import ConfigError
-    from markerseek.pictures import require_room_for_pictures
-    from markerseek.studies import default_workers
+    from markerseek.records.banks import read_bank
     from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, Stopwatch, write_report, write_section
 
     own = None
     if bank is not None:
         if probe is not None:
-            _require_frames(bank, probe)
+            signals.probe_preset(probe)
+            require_frames(read_bank(bank), bank, probe=probe)
         own = OfflineBank(
             path=bank,
             material=bank.stem,
@@ -78,11 +78,11 @@ def command(
         options = RunOptions(
             seed=seed,
             markers=markers,
-            workers=default_workers() if workers is None else workers,
+            workers=studies.default_workers() if workers is None else workers,
             progress=watch.progress,
         )
         # Before hours of computation, not after them.
-        require_room_for_pictures(out)
+        picture_folder(out, plot=True)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
         sections, files, durations = [], [], []
@@ -98,15 +98,11 @@ def command(
         return
     for section, duration in zip(sections, durations, strict=True):
         _print(section, duration)
-    stdout.print(f"[dim]report:[/] {page}")
+    print_path("report", page)
 
 
 def _names(reproduction: Reproduction) -> list[str]:
     """All sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
-    from importlib.util import find_spec
-
-    from markerseek.cli.terminal import print_warning
-
     names = list(reproduction.makers)
     if find_spec("cv2") is None:
         print_warning("fig9 is left out, it needs OpenCV; install it with: pip install 'markerseek[vision]'")
@@ -114,36 +110,23 @@ def _names(reproduction: Reproduction) -> list[str]:
     return names
 
 
-def _require_frames(bank: Path, probe: str) -> None:
-    """Refuse an unknown preset, and a bank without frames to image."""
-    from markerseek.core import ConfigError
-    from markerseek.records.banks import FrameBank, read_bank
-    from markerseek.signals import probe_preset
-
-    probe_preset(probe)
-    if not isinstance(read_bank(bank), FrameBank):
-        raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
-
-
-def _made(section: Section, files: list[Path], duration: Duration) -> Made:
+def _made(section: Section, files: list[Path], duration: Duration) -> dict[str, object]:
+    """One section, for programs."""
     from markerseek.studies.paper import comparison_table
 
-    table = comparison_table(section)
-    own = _errors_of_own_bank(section)
-    return Made(
-        name=section.name,
-        title=section.title,
-        numbers=list(own.rows)
-        if own is not None
-        else [
-            {**row, "limitation": each.paper.limitation}
-            for row, each in zip(table.rows, section.comparisons, strict=True)
-        ],
-        remarks=list(section.remarks),
-        files=[str(path) for path in files],
-        seconds=duration.seconds,
-        stages_s=dict(duration.stages_s),
-    )
+    table = _errors_of_own_bank(section) or comparison_table(section)
+    numbers = [dict(row) for row in table.rows]
+    for number, each in zip(numbers, section.comparisons, strict=False):
+        number["limitation"] = each.paper.limitation
+    return {
+        "name": section.name,
+        "title": section.title,
+        "numbers": numbers,
+        "remarks": section.remarks,
+        "files": [str(path) for path in files],
+        "seconds": duration.seconds,
+        "stages_s": dict(duration.stages_s),
+    }
 
 
 _SHOWN = {
@@ -158,8 +141,6 @@ _SHOWN = {
 
 def _errors_of_own_bank(section: Section) -> Table | None:
     """The errors of the searches on a user's own bank, which none of the paper's numbers belongs to; None otherwise."""
-    from dataclasses import replace
-
     from markerseek.studies.paper import OFFLINE
 
     if section.comparisons or section.name not in OFFLINE:
@@ -171,17 +152,12 @@ def _errors_of_own_bank(section: Section) -> Table | None:
 
 
 def _print(section: Section, duration: Duration) -> None:
-    from rich.markup import escape
-    from rich.table import Table as Printed
-
-    from markerseek.cli.terminal import stdout
     from markerseek.studies.paper import shown
 
     stdout.print(f"[bold]{escape(section.title)}[/]")
     if section.comparisons:
-        table = Printed(box=None, padding=(0, 2, 0, 0))
-        for name in ("", "condition", "paper", "ours", "difference", "no claim"):
-            table.add_column(name, justify="left" if name in ("", "condition") else "right")
+        headings = ("", "condition", "paper", "ours", "difference", "no claim")
+        table = new_table(*headings, left=("", "condition"))
         for each in section.comparisons:
             half = "" if each.half is None else f" ± {shown(each.half)}"
             table.add_row(
@@ -195,10 +171,9 @@ def _print(section: Section, duration: Duration) -> None:
         stdout.print(table)
     own = _errors_of_own_bank(section)
     if own is not None:
-        table = Printed(box=None, padding=(0, 2, 0, 0))
         names = [name for name in own.columns if name in _SHOWN]
-        for name in names:
-            table.add_column(escape(_SHOWN[name]), justify="right" if name != names[0] else "left")
+        headings = [_SHOWN[name] for name in names]
+        table = new_table(*headings, left=headings[:1])
         for row in own.rows:
             table.add_row(*(escape(shown(row[name])) for name in names))
         stdout.print(table)

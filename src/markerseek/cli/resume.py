@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from markerseek import drivers, rigs, runs
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.output_options import AsJson, Out
+from markerseek.cli.open_rig import NOT_ARMED, person, print_permissions
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, print_warning, stdout
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.core import Policy
-    from markerseek.drivers import BenchSettings
     from markerseek.records.journal import RecordedRun
-    from markerseek.runs import Session
-    from markerseek.signals import AnyImageReader
 
-NAME = "resume"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek resume run.journal\n\n"
@@ -54,11 +52,8 @@ def command(
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
-    from markerseek.cli.open_rig import NOT_ARMED
-    from markerseek.cli.show_result import Output, conclude, density_of
-    from markerseek.cli.terminal import announce_compilation, picture_folder
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.records.journal import read_journal, result_of, run_state
-    from markerseek.runs import require_reset
 
     output = Output(name="resume", as_json=as_json, plot=plot, folder=picture_folder(out, plot=plot))
     stream = StreamOptions(path=events, frames=event_frames, stop_with_reader=stop_with_reader)
@@ -67,30 +62,27 @@ def command(
     state = run_state(held.entries)
     if state.state == "finished":
         recorder, _ = result_of(held)
-        imaging = _imaging(held) if plot else None
-        policy = _policy_at_end(held) if plot else None
+        imaging, policy = None, None
+        if plot:
+            imaging, policy = runs.rebuild_image_reader(held.configuration), runs.rebuild_policy(held.configuration)
+            # It is given all samples; there is no next angle.
+            runs.next_angle(held, policy)
     else:
-        require_reset(held.path, state, reset_fault=reset_fault)
+        runs.require_reset(held.path, state, reset_fault=reset_fault)
         bench = _bench_named(held, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(held, bench, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, stream=stream)
         recorder, imaging, policy = session.recorder, session.rig.imaging, session.policy
-    conclude(recorder, held.configuration, output, imaging=imaging, density=density_of(policy, output))
+    conclude(recorder, held.configuration, output, imaging=imaging, policy=policy)
 
 
-def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSettings | None:
+def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
-    from markerseek.cli.open_rig import print_permissions
     from markerseek.cli.session import resume_command
-    from markerseek.cli.terminal import print_warning
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import read_rig_file
-    from markerseek.runs import recorded_bench, require_same_measurement
 
-    recorded = recorded_bench(held.configuration)
-    named: BenchSettings | None = None
+    recorded = runs.recorded_bench(held.configuration)
     if recorded is None and rig is not None:
         raise ConfigError(
             f"--rig {rig}: {held.path} is of a {held.configuration.facts.kind} rig and describes it in full; "
@@ -101,47 +93,43 @@ def _bench_named(held: RecordedRun, rig: Path | None, *, arm: bool) -> BenchSett
             f"{held.path}: it is of a rig of devices, which is not taken from a journal; name the rig file: "
             f"{resume_command(held.path, Path('RIG.toml'))} --arm"
         )
-    if recorded is not None and rig is not None:
-        settings = read_rig_file(rig)
-        if not isinstance(settings, BenchSettings):
-            raise ConfigError(
-                f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file"
-            )
-        named = settings
-        try:
-            differences = require_same_measurement(held.configuration, recorded, named)
-        except ConfigError as problem:
-            raise ConfigError(f"{rig}: {problem}") from problem
-        for difference in differences:
-            print_warning(f"{rig} differs from the rig of the journal: {difference}")
-        print_permissions(named)
+    if recorded is None or rig is None:
+        return None
+    named = rigs.read_rig_file(rig)
+    if not isinstance(named, drivers.BenchSettings):
+        raise ConfigError(f"--rig {rig}: it describes a simulated rig, and {held.path} is of devices; name their file")
+    try:
+        differences = runs.require_same_measurement(held.configuration, recorded, named)
+    except ConfigError as problem:
+        raise ConfigError(f"{rig}: {problem}") from problem
+    for difference in differences:
+        print_warning(f"{rig} differs from the rig of the journal: {difference}")
+    print_permissions(named)
     return named
 
 
 def _resume(
     journal: Path,
     rig_file: Path | None,
-    bench: BenchSettings | None,
+    bench: drivers.BenchSettings | None,
     *,
     reset_fault: bool,
     as_json: bool,
     stream: StreamOptions,
-) -> Session:
+) -> runs.Session:
     """Lock the journal, rebuild rig and policy, and continue the run."""
-    from markerseek.cli.open_rig import person
     from markerseek.cli.session import closed_at_end, run_session
     from markerseek.records.journal import Journal
-    from markerseek.runs import rebuild_rig, resumed_session
 
     # Read again under the lock: another program may have continued the run while the user was asked.
     kept, held = Journal.reopen(journal)
-    with closed_at_end(kept), rebuild_rig(held.configuration, bench_settings=bench) as rig:
-        session = resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
+    with closed_at_end(kept), runs.rebuild_rig(held.configuration, bench_settings=bench) as rig:
+        session = runs.resumed_session(rig, kept, held, by=person(), reset_fault=reset_fault)
         run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
     return session
 
 
-def _confirmed(held: RecordedRun, bench: BenchSettings | None, *, as_json: bool) -> bool:
+def _confirmed(held: RecordedRun, bench: drivers.BenchSettings | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
     rig_file_needed = bench is None and held.configuration.facts.kind == "bench"
     can_ask = not as_json and not rig_file_needed and sys.stdin.isatty()
@@ -152,13 +140,11 @@ def _confirmed(held: RecordedRun, bench: BenchSettings | None, *, as_json: bool)
 def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can_ask: bool) -> None:
     """Print the state of the run: acquisitions, next angle, angles to measure again, and how to continue."""
     from markerseek.cli.session import resume_command
-    from markerseek.cli.terminal import print_json, stdout
     from markerseek.records.journal import run_state
-    from markerseek.runs import next_angle, rebuild_policy, samples_to_recheck
 
     state = run_state(held.entries)
-    next_deg = next_angle(held, rebuild_policy(held.configuration))
-    checks_deg = [sample.angle_deg for sample in samples_to_recheck(held.entries)]
+    next_deg = runs.next_angle(held, runs.rebuild_policy(held.configuration))
+    checks_deg = [sample.angle_deg for sample in runs.samples_to_recheck(held.entries)]
     if as_json:
         print_json(
             {
@@ -188,20 +174,3 @@ def _print_state(held: RecordedRun, *, as_json: bool, rig_file_needed: bool, can
         lines.append("not armed: nothing moved and nothing was fired; add --arm to continue")
     for line in lines:
         stdout.print(escape(line))
-
-
-def _policy_at_end(held: RecordedRun) -> Policy:
-    """The policy of a run that is over, with all its samples, for the picture."""
-    from markerseek.runs import next_angle, rebuild_policy
-
-    policy = rebuild_policy(held.configuration)
-    # Feeds it the samples; there is no next angle.
-    next_angle(held, policy)
-    return policy
-
-
-def _imaging(held: RecordedRun) -> AnyImageReader | None:
-    """Imaging chain for the pictures; None where there are intensities only."""
-    from markerseek.runs import rebuild_image_reader
-
-    return rebuild_image_reader(held.configuration)

@@ -6,10 +6,13 @@ import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
+from markerseek import drivers, rigs
+from markerseek.bridges import ros2
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.ros2_nodes import (
     PlainCommand,
     PlainReached,
@@ -20,11 +23,8 @@ from markerseek.cli.ros2_nodes import (
     ros_node,
     serve_until_stopped,
 )
+from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
-
-if TYPE_CHECKING:
-    from markerseek.bridges.ros2 import PlainTopics, Served
-    from markerseek.drivers import BenchSettings
 
 _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
 _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
@@ -50,55 +50,45 @@ def acquire(rig: _Bench, arm: _Arm = False, require_security: RequireSecurity = 
 
 
 def _serve_part(
-    part: Literal["stage", "acquisition"], rig: Path, *, arm: bool, plain: PlainTopics | None, keys: bool
+    part: Literal["stage", "acquisition"], rig: Path, *, arm: bool, plain: ros2.PlainTopics | None, keys: bool
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
-    from markerseek.bridges.ros2 import AcquisitionNode, Beat, StageNode
-    from markerseek.cli.open_rig import NOT_ARMED, person, print_permissions
-    from markerseek.cli.terminal import stderr, stdout
-    from markerseek.drivers import BenchSettings
-    from markerseek.rigs import bench_part, read_rig_file
-
-    settings = read_rig_file(rig)
-    if not isinstance(settings, BenchSettings):
+    settings = rigs.read_rig_file(rig)
+    if not isinstance(settings, drivers.BenchSettings):
         raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {rig}")
-    beat = Beat()
+    beat = ros2.Beat()
     with ExitStack() as opened:
-        held = bench_part(settings, part, beat=beat)
+        held = rigs.bench_part(settings, part, beat=beat)
         opened.callback(held.devices.close)
         stderr.print(held.description, markup=False)
         print_permissions(settings)
-        question = f"Arm the {part} and let programs on this network use it?"
-        # Only a person at a terminal is asked, and no message arms anything.
-        if not arm and not (sys.stdin.isatty() and typer.confirm(question, default=False, err=True)):
-            stderr.print("not armed: nothing moved and nothing was fired; add --arm, or say yes on a terminal")
+        # No message arms anything.
+        if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?"):
             raise typer.Exit(NOT_ARMED)
         made = ros_node(f"trus_{part}", _limits(settings), require_security=keys, on_active=follow_lifecycle(beat, 0))
         node = opened.enter_context(made)
         held.arm(by=person())
-        dead_man = held.devices.supervisor
-        served: Served
-        if held.stage is not None:
-            served = StageNode(
+        served: ros2.Served
+        if isinstance(held.part, tuple):
+            laser, receiver = held.part
+            served = ros2.AcquisitionNode(
                 node=node,
-                stage=held.stage,
+                laser=laser,
+                receiver=receiver,
+                guard=held.guard,
+                clock=held.clock,
+                by=person(),
+                dead_man=held.devices.supervisor,
+            )
+        else:
+            served = ros2.StageNode(
+                node=node,
+                stage=held.part,
                 guard=held.guard,
                 clock=held.clock,
                 by=person(),
                 plain=plain,
-                dead_man=dead_man,
-            )
-        else:
-            assert held.laser is not None  # noqa: S101  a part is one or the other
-            assert held.receiver is not None  # noqa: S101
-            served = AcquisitionNode(
-                node=node,
-                laser=held.laser,
-                receiver=held.receiver,
-                guard=held.guard,
-                clock=held.clock,
-                by=person(),
-                dead_man=dead_man,
+                dead_man=held.devices.supervisor,
             )
         beat.served = [served]
         stdout.print(f"the {part} is armed and served; Ctrl-C ends it")
@@ -106,7 +96,7 @@ def _serve_part(
         serve_until_stopped(beat)
 
 
-def _limits(settings: BenchSettings) -> dict[str, float | str | int | bool]:
+def _limits(settings: drivers.BenchSettings) -> dict[str, float | str | int | bool]:
     """Limits of a rig as read-only parameters."""
     limits, firing = settings.limits, settings.firing
     return {

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from markerseek import ros
+from markerseek.bridges import ros2
+from markerseek.cli.signals import noted_signals
 from markerseek.core import ConfigError
-
-if TYPE_CHECKING:
-    from markerseek.bridges.ros2 import Beat, PlainTopics
-    from markerseek.ros import Network, RosNode
 
 RequireSecurity = Annotated[
     bool, typer.Option("--require-security", help="End with exit code 2 unless ROS 2 is run with keys (SROS 2).")
@@ -28,19 +26,13 @@ PlainReached = Annotated[
 PlainUnit = Annotated[str, typer.Option("--plain-unit", help="Unit of the two plain topics: rad or deg.")]
 
 
-def serve_until_stopped(beat: Beat) -> None:
+def serve_until_stopped(beat: ros2.Beat) -> None:
     """Serve the devices until a signal comes, then make them safe."""
-    from markerseek.bridges.ros2 import Interrupted, serve
-
-    with stopping() as stopped:
+    with noted_signals() as stopped:
         served = list(beat.served)
-
-        def ended() -> bool:
-            return bool(stopped)
-
         try:
-            serve(served, until=ended)
-        except Interrupted:
+            ros2.serve(served, until=lambda: bool(stopped))
+        except ros2.Interrupted:
             # Between two steps there is nothing to interrupt.
             pass
         finally:
@@ -50,40 +42,23 @@ def serve_until_stopped(beat: Beat) -> None:
 
 
 @contextmanager
-def stopping() -> Iterator[list[int]]:
-    """A list that receives the number of the first signal: a node ends between two messages, not inside of one."""
-    stopped: list[int] = []
-    before = {
-        number: signal.signal(number, lambda received, _frame: stopped.append(received))
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield stopped
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
 def ros_node(
     name: str,
     parameters: Mapping[str, float | str | int | bool],
     *,
     require_security: bool,
     on_active: Callable[[bool], None] | None = None,
-    network: Network | None = None,
-) -> Iterator[RosNode]:
+    network: ros.Network | None = None,
+) -> Iterator[ros.RosNode]:
     """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted."""
-    from markerseek.ros import RosNode, Security
-
     enclave = f"/markerseek/{name}"
     if require_security:
-        Security.of_environment().require(enclave)
-    with RosNode(name, parameters=parameters, enclave=enclave, on_active=on_active, network=network) as node:
+        ros.Security.of_environment().require(enclave)
+    with ros.RosNode(name, parameters=parameters, enclave=enclave, on_active=on_active, network=network) as node:
         yield node
 
 
-def follow_lifecycle(beat: Beat, index: int) -> Callable[[bool], None]:
+def follow_lifecycle(beat: ros2.Beat, index: int) -> Callable[[bool], None]:
     """What a node's change of state does to the device that it serves; before it serves one, nothing."""
 
     def set_active(active: bool) -> None:
@@ -93,16 +68,12 @@ def follow_lifecycle(beat: Beat, index: int) -> Callable[[bool], None]:
     return set_active
 
 
-def plain_topics(command: str | None, reached: str | None, unit: str) -> PlainTopics | None:
+def plain_topics(command: str | None, reached: str | None, unit: str) -> ros2.PlainTopics | None:
     """The topics of plain numbers, if both are named."""
-    from markerseek.bridges.ros2 import PlainTopics
-
     if command is None and reached is None:
         return None
     if command is None or reached is None:
         raise ConfigError("--plain-command and --plain-reached belong together; name both topics, or neither")
-    if unit == "rad":
-        return PlainTopics(command=command, reached=reached, unit="rad")
-    if unit == "deg":
-        return PlainTopics(command=command, reached=reached, unit="deg")
-    raise ConfigError(f"--plain-unit is {unit}, it must be rad or deg")
+    if unit not in ("rad", "deg"):
+        raise ConfigError(f"--plain-unit is {unit}, it must be rad or deg")
+    return ros2.PlainTopics(command=command, reached=reached, unit="rad" if unit == "rad" else "deg")

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from markerseek.cli.ros2_nodes import RequireSecurity, ros_node, stopping
+from markerseek import bridges, drivers, rigs, runs
+from markerseek.bridges import ros2
+from markerseek.cli.options import RigFile
+from markerseek.cli.ros2_nodes import RequireSecurity, ros_node
+from markerseek.cli.signals import noted_signals
+from markerseek.cli.terminal import announce_compilation, print_json, stderr, stdout
 
-if TYPE_CHECKING:
-    from markerseek.runs import KnownRegistration
-
-NAME = "search"
 EXAMPLES = "Examples:\n\n  markerseek ros2 search\n\n  markerseek ros2 search --once --rig ros2-rig.toml --json"
 
 
 def command(
-    rig: Annotated[
-        Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
-    ] = None,
+    rig: RigFile = None,
     method: Annotated[str, typer.Option(help="How to search; an unknown name lists them all.")] = "posterior",
     acquisitions: Annotated[int | None, typer.Option(min=2, help="Most acquisitions.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of a simulated rig.")] = None,
@@ -47,26 +46,21 @@ def command(
     The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms it.
     """
-    from markerseek.bridges import Searches, SearchOptions, SearchRequest
-    from markerseek.bridges.ros2 import SearchNode, publish_registration
-    from markerseek.cli.terminal import print_json, stderr
-    from markerseek.runs import read_registration
-
-    known = None if registration is None else read_registration(registration)
+    known = None if registration is None else runs.read_registration(registration)
     if play is not None:
         _play(play, known, pace=1.0 if pace is None else pace, require_security=require_security)
         return
-    request = SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
-    searches = Searches(SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
+    request = bridges.SearchRequest(method=method, acquisitions=acquisitions, stay=stay, seed=seed)
+    searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
     parameters: dict[str, str | int] = {
         "method": method,
         "acquisitions": acquisitions or 0,
         "rig": "simulated" if rig is None else str(rig),
     }
-    with ros_node("pa_search", parameters, require_security=require_security) as node, stopping() as stopped:
+    with ros_node("pa_search", parameters, require_security=require_security) as node, noted_signals() as stopped:
         if known is not None:
-            publish_registration(node, known)
-        served = SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
+            ros2.publish_registration(node, known)
+        served = ros2.SearchNode(node=node, searches=searches, request=request, publishes_angle=not _is_over_ros(rig))
         try:
             if once:
                 served.start()
@@ -86,31 +80,24 @@ def command(
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 
-def _play(path: Path, registration: KnownRegistration | None, *, pace: float, require_security: bool) -> None:
+def _play(path: Path, registration: runs.KnownRegistration | None, *, pace: float, require_security: bool) -> None:
     """Play a recording to the topics of a search."""
-    from markerseek.bridges import open_recording
-    from markerseek.bridges.ros2 import play, publish_registration
-    from markerseek.cli.terminal import announce_compilation, stdout
-
     announce_compilation()
-    recording = open_recording(path)
+    recording = bridges.open_recording(path)
     with (
         ros_node("pa_search", {"plays": str(path)}, require_security=require_security) as node,
-        stopping() as stopped,
+        noted_signals() as stopped,
     ):
         if registration is not None:
-            publish_registration(node, registration)
+            ros2.publish_registration(node, registration)
         stdout.print(f"playing {recording.name}; ready", markup=False)
         sys.stdout.flush()
-        played = play(recording, node, pace=pace, until=lambda: bool(stopped))
+        played = ros2.play(recording, node, pace=pace, until=lambda: bool(stopped))
         stdout.print(f"{played} acquisitions were played")
     raise typer.Exit(128 + stopped[0] if stopped else 0)
 
 
 def _is_over_ros(rig: Path | None) -> bool:
     """Whether a rig file names a stage node, which publishes its angle itself."""
-    from markerseek.drivers import BenchSettings, RosStage
-    from markerseek.rigs import read_rig_file
-
-    settings = None if rig is None else read_rig_file(rig)
-    return isinstance(settings, BenchSettings) and isinstance(settings.stage, RosStage)
+    settings = None if rig is None else rigs.read_rig_file(rig)
+    return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.RosStage)

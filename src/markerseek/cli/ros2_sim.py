@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from markerseek.cli.emulated_rig import world_text, write_rig_file
+from markerseek import rigs
+from markerseek.bridges import ros2
+from markerseek.cli.emulate import world_text, write_rig_file
 from markerseek.cli.ros2_nodes import (
     PlainCommand,
     PlainReached,
@@ -21,13 +23,12 @@ from markerseek.cli.ros2_nodes import (
     ros_node,
     serve_until_stopped,
 )
-from markerseek.core import ConfigError
+from markerseek.cli.terminal import stderr, stdout
 
 if TYPE_CHECKING:
     from markerseek.ros import RosNode
     from markerseek.sim import SimulatedSettings
 
-NAME = "sim"
 EXAMPLES = "Example:\n\n  markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
 
 
@@ -46,17 +47,12 @@ def command(
     require_security: RequireSecurity = False,
 ) -> None:
     """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light."""
-    from markerseek import rigs
-    from markerseek.bridges.ros2 import AcquisitionNode, Beat, StageNode
-    from markerseek.cli.terminal import stderr, stdout
     from markerseek.guard import Admission, FiringLimits, Guard
-    from markerseek.sim import SimulatedSettings
 
-    settings = SimulatedSettings() if rig is None else rigs.read_rig_file(rig)
-    if not isinstance(settings, SimulatedSettings):
-        raise ConfigError(f"{rig}: its kind is bench; serve it with: markerseek ros2 stage, markerseek ros2 acquire")
+    cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
+    settings = rigs.read_simulated(rig, cure=cure)
     plain = plain_topics(plain_command, plain_reached, plain_unit)
-    beat = Beat()
+    beat = ros2.Beat()
     world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=beat)
     limits, clock = settings.limits, world.scanner.clock
     if write_rig is not None:
@@ -84,10 +80,10 @@ def command(
             nodes.append(opened.enter_context(made))
         by = "a simulated rig"
         beat.served = [
-            StageNode(
+            ros2.StageNode(
                 node=nodes[0], stage=world.stage, guard=guards[0], clock=clock, by=by, plain=plain, simulated=True
             ),
-            AcquisitionNode(
+            ros2.AcquisitionNode(
                 node=nodes[1],
                 laser=world.laser,
                 receiver=world.receiver,

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
+from markerseek import runs
 from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, StreamOptions
-from markerseek.cli.method_options import Acquisitions, AsPublished, MethodName, Single, Stay
-from markerseek.cli.open_rig import Arm, RigFile
-from markerseek.cli.output_options import AsJson, Out
+from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
+from markerseek.cli.options import Acquisitions, Arm, AsJson, AsPublished, MethodName, Out, RigFile, Single, Stay
+from markerseek.cli.terminal import announce_compilation, picture_folder
+from markerseek.core import ConfigError
 
-NAME = "search"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek search --seed 1 --plot\n\n"
@@ -86,12 +87,9 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm."""
-    from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
+    from markerseek.cli.compare import compare as compare_methods
     from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import Output, conclude, density_of
-    from markerseek.cli.terminal import announce_compilation, picture_folder
-    from markerseek.core import ConfigError
-    from markerseek.runs import former_curve, new_session, plan_on
+    from markerseek.cli.show_result import Output, conclude
     from markerseek.search import method_named
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
@@ -110,14 +108,12 @@ def command(
         readout_s=readout_s,
     )
     if compare is not None:
-        from markerseek.cli.compare import compare as compare_methods
-
         if journal is not None or method != "posterior":
             raise ConfigError("--compare names the methods and keeps no journals; leave --method and --journal out")
         compare_methods(compare, rig, options, output, acquisitions=acquisitions, as_published=as_published, stay=stay)
-    curve = None if prior is None else former_curve(prior)
+    curve = None if prior is None else runs.former_curve(prior)
     with open_rig(rig, options) as (assembled, start_deg):
-        plan = plan_on(
+        plan = runs.plan_on(
             assembled,
             method=method,
             acquisitions=acquisitions,
@@ -127,7 +123,7 @@ def command(
             single=single,
             prior=curve,
         )
-        session = new_session(assembled, plan)
+        session = runs.new_session(assembled, plan)
         announce_compilation()
         arm_rig(assembled, arm=arm, what="search", as_json=as_json)
         session = run_new_session(
@@ -138,6 +134,6 @@ def command(
         session.configuration,
         output,
         imaging=assembled.imaging,
+        policy=session.policy,
         journal=session.journal,
-        density=density_of(session.policy, output),
     )

@@ -11,8 +11,8 @@ from rich.markup import escape
 
 from markerseek.cli.event_stream import StreamOptions
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import print_warning, progress_bar, quoted, stderr
-from markerseek.core import ConfigError, Failed, MarkerseekError, Measured, RecordError, Refused
+from markerseek.cli.terminal import print_warning, progress_bar, quoted, show_event, stderr
+from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.records.journal import Checked, Configuration, Journal, default_journal, make_folder
 from markerseek.runs import Session
 
@@ -41,21 +41,20 @@ def run_session(
     RecordError
         If they cannot be sent where they should; nothing has moved then.
     """
-    with stream.opened(session.configuration) as opened:
-        _run(replace(session, stream=opened), as_json=as_json, rig_file=rig_file, stream=stream)
-
-
-def _run(session: Session, *, as_json: bool, rig_file: Path | None, stream: StreamOptions) -> None:
     journal = session.journal
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
-    with stopped_by_signals():
+    with stream.opened(session.configuration) as opened, stopped_by_signals():
+        session = replace(session, stream=opened)
         try:
-            with stream.stopping(session.stream):
+            with stream.stopping(opened):
                 _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
-            _note_interruption(stop, session)
+            try:
+                session.interrupt(stop.name)
+            except RecordError as problem:
+                print_warning(str(problem))
             end_stopped(
                 stop,
                 as_json=as_json,
@@ -78,6 +77,10 @@ def run_new_session(
 ) -> Session:
     """Run a new search to its end with a new journal; returns the session with that journal.
 
+    If a named journal cannot be written, that is an error before anything moves. If the user's data folder cannot be
+    written, a search without hardware continues with a warning; one with hardware is refused, because exposure of
+    tissue without a record must be asked for (--no-journal).
+
     Parameters
     ----------
     session
@@ -96,7 +99,9 @@ def run_new_session(
     ConfigError
         If a journal was named and none is to be kept.
     """
-    session = replace(session, journal=new_journal(journal, session.configuration, wanted=keep))
+    if journal is not None and not keep:
+        raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
+    session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
     with closed_at_end(session.journal):
         run_session(session, as_json=as_json, rig_file=rig_file, stream=stream)
     return session
@@ -105,14 +110,8 @@ def run_new_session(
 def _watch(session: Session) -> None:
     # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
     with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
-        task = progress.task_ids[0]
         for event in events:
-            if isinstance(event, Measured) and event.role == "search":
-                sample = event.sample
-                shown = f"{sample.angle_deg:+7.2f}°  intensity {sample.reading.intensity:.4g}"
-                progress.update(task, completed=event.index, description=shown)
-            elif isinstance(event, Refused):
-                progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+            show_event(progress, event)
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
@@ -143,41 +142,8 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
     stderr.print(line)
 
 
-def _note_interruption(stop: StoppedBySignal, session: Session) -> None:
-    """Record the interruption in journal and stream, once the rig has been stopped."""
-    try:
-        session.interrupt(stop.name)
-    except RecordError as problem:
-        print_warning(str(problem))
-
-
-def new_journal(named: Path | None, configuration: Configuration, *, wanted: bool) -> Journal | None:
-    """Journal of a search that is about to begin; None where there is none.
-
-    If a named journal cannot be written, that is an error before anything moves. If the user's data folder cannot be
-    written, a search without hardware continues with a warning; one with hardware is refused, because exposure of
-    tissue without a record must be asked for (--no-journal).
-
-    Parameters
-    ----------
-    named
-        The user's file; None for one in the data folder.
-    configuration
-        Plan and rig of the search.
-    wanted
-        Whether a journal is wanted.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be written.
-    ConfigError
-        If one is named although none is wanted.
-    """
-    if not wanted:
-        if named is not None:
-            raise ConfigError(f"--journal names {named} and --no-journal wants none; leave one of them out")
-        return None
+def _new_journal(named: Path | None, configuration: Configuration) -> Journal | None:
+    """Journal of a search that is about to begin; None where the data folder takes none and no hardware is involved."""
     if named is not None:
         return Journal.create(named, configuration)
     path = default_journal(method=configuration.plan.method)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
-from markerseek.core import ChannelFrame, Floor, Interval, OtherSource, PaImage, Policy, RFFrame, Sample
+from markerseek.cli.terminal import print_facts, print_json, print_path, stderr, stdout
+from markerseek.core import ChannelFrame, Floor, OtherSource, Policy, RFFrame
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Journal
 from markerseek.search import FALSE_FOUND
@@ -25,7 +25,7 @@ FOUND, OTHER_ANSWER = 0, 3
 """Exit codes of a search that ended well."""
 
 
-def facts(result: SearchResult) -> list[tuple[str, str]]:
+def facts_of(result: SearchResult) -> list[tuple[str, str]]:
     """Names and formatted values of a result, for the table and the page."""
     rows = _answer(result)
     rows += [("another source", _other(other)) for other in result.others]
@@ -103,11 +103,6 @@ _KINDS = {
 }
 
 
-def _method_in_words(result: SearchResult) -> str:
-    """Name of the method, and its form."""
-    return result.method + (" as published" if result.as_published else "")
-
-
 def _mm(point_m: tuple[float, float, float]) -> list[float]:
     return [1e3 * value for value in point_m]
 
@@ -134,23 +129,14 @@ class Output:
     folder: Path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Curves:
-    """Range and curves of a picture, as in `markerseek.pictures.search_figure`."""
-
-    limits: Interval
-    density: Curve | None
-    recorded: Curve | None
-
-
 def conclude(
     recorder: Recorder,
     configuration: Configuration,
     output: Output,
     *,
     imaging: AnyImageReader | None,
+    policy: Policy | None,
     journal: Journal | None = None,
-    density: Curve | None = None,
     recorded: Curve | None = None,
 ) -> NoReturn:
     """Print the result, draw it, print where pictures and journal lie, and end the command with the result's exit code.
@@ -165,31 +151,33 @@ def conclude(
         How the result is shown.
     imaging
         Imaging chain of the rig's channel data; None where there are intensities only.
+    policy
+        The policy at the end of the search, for the picture; None where none is drawn.
     journal
         The journal whose path is printed; None where there is none, or the user named it.
-    density, recorded
-        Curves of the picture, as in `markerseek.pictures.search_figure`.
+    recorded
+        Recorded curve of the picture, as in `markerseek.pictures.search_figure`.
     """
-    result = recorder.result(configuration.plan, configuration.facts)
-    title = f"{_method_in_words(result)} on a {configuration.facts.rig_name}: {configuration.facts.description}"
+    result, facts = recorder.result(configuration.plan, configuration.facts), configuration.facts
+    form = " as published" if result.as_published else ""
+    title = f"{result.method}{form} on a {facts.rig_name}: {facts.description}"
     # The answer first: a failure to draw the picture must not hide it.
     if output.as_json:
         print_json(result)
     else:
-        _print_table(result, title=title)
+        stdout.print(f"[bold]{escape(title)}[/]")
+        print_facts(facts_of(result))
     if output.plot:
-        curves = Curves(limits=configuration.facts.search, density=density, recorded=recorded)
-        for path in _draw(recorder, result, title, imaging, output.folder / output.name, curves):
-            (stderr if output.as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+        curves = {"limits": facts.search, "density": _density(policy), "recorded": recorded}
+        for path in _draw(recorder, result, title, imaging, output.folder / output.name, **curves):
+            print_path("picture", path, as_json=output.as_json)
     if journal is not None and not output.as_json:
         stderr.print(f"[dim]journal:[/] {escape(str(journal.path))}")
     raise typer.Exit(FOUND if result.found else OTHER_ANSWER)
 
 
-def density_of(policy: Policy | None, output: Output) -> Curve | None:
-    """Density of the angle at the end of a search that is drawn; None for methods without a posterior."""
-    if not output.plot or policy is None:
-        return None
+def _density(policy: Policy | None) -> Curve | None:
+    """Density of the angle at the end of a search; None for methods without a posterior."""
     from markerseek.search.posterior import Posterior
 
     belief = policy.belief if isinstance(policy, Posterior) else None
@@ -199,15 +187,10 @@ def density_of(policy: Policy | None, output: Output) -> Curve | None:
     return belief.angles_deg, belief.probability / step_deg
 
 
-def _print_table(result: SearchResult, *, title: str) -> None:
-    stdout.print(f"[bold]{escape(title)}[/]")
-    print_facts(facts(result))
-
-
 def _draw(
-    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path, curves: Curves
+    recorder: Recorder, result: SearchResult, title: str, imaging: AnyImageReader | None, stem: Path, **curves: Any
 ) -> tuple[Path, ...]:
-    """Write picture and page; returns their paths, none if nothing was measured."""
+    """Write picture and page, with curves as of `search_figure`; returns their paths, none if nothing was measured."""
     from markerseek.pictures import png_data_uri, save_png, search_figure, write_page
 
     finished = recorder.finished
@@ -223,11 +206,9 @@ def _draw(
         truth_deg=result.truth_deg,
         reference_deg=result.reference_deg,
         confirmation=recorder.confirmation,
-        image=_image(imaging, last),
+        image=None if imaging is None or last.frame is None else imaging.picture(last.frame),
         b_mode=last.frame.b_mode if isinstance(last.frame, ChannelFrame | RFFrame) else None,
-        limits=curves.limits,
-        density=curves.density,
-        recorded=curves.recorded,
+        **curves,
     )
     save_png(draw(title=title), png)
     write_page(
@@ -235,7 +216,7 @@ def _draw(
         "search.html.jinja",
         title=title,
         note=_note(result),
-        facts=facts(result),
+        facts=facts_of(result),
         picture_uri=png_data_uri(draw(title=None)),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
         rows=_rows(result),
@@ -269,13 +250,6 @@ def _rows(result: SearchResult) -> list[tuple[str, ...]]:
     ]
     placed = any(each.lateral_m is not None for _, each in taken)
     return [row if placed else row[:3] for row in rows]
-
-
-def _image(imaging: AnyImageReader | None, sample: Sample) -> PaImage | None:
-    """Image of the frame of a sample, where there is one."""
-    if imaging is None or sample.frame is None:
-        return None
-    return imaging.picture(sample.frame)
 
 
 def _optional_mm(value_m: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +12,11 @@ from typing import NoReturn
 
 from markerseek.cli.terminal import print_json, print_warning
 
-_STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a command."""
+
+_AGAIN_S = 1e-3
+"""Time until a stop that was lost is raised again, in seconds."""
 
 
 class StoppedBySignal(KeyboardInterrupt):
@@ -62,18 +67,43 @@ def stopped_by_signals() -> Iterator[None]:
     """Raise `StoppedBySignal` at the first signal, and ignore further ones while the rig is being stopped."""
 
     def stop(number: int, _frame: FrameType | None) -> None:
-        for each in _STOPPING:
+        for each in STOPPING:
             # A second Ctrl-C must not interrupt the code that disarms the laser.
             signal.signal(each, signal.SIG_IGN)
         raise StoppedBySignal(number)
 
-    before = {each: signal.getsignal(each) for each in _STOPPING}
-    for each, handler in before.items():
+    def lost(dropped: sys.UnraisableHookArgs) -> None:
+        """Raise a stop again that Python has dropped, as it drops all exceptions of destructors and weak references."""
+        if not isinstance(dropped.exc_value, StoppedBySignal):
+            hook(dropped)
+            return
+        number = dropped.exc_value.exit_code - 128
+        # A timer, because the signal itself would be handled in this function, where it would be dropped as well.
+        signal.signal(signal.SIGALRM, lambda _alarm, frame: stop(number, frame))
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+
+    hook, sys.unraisablehook = sys.unraisablehook, lost
+    before = {each: signal.getsignal(each) for each in (*STOPPING, signal.SIGALRM)}
+    for each in STOPPING:
         # nohup ignores SIGHUP, so that the command survives its terminal: that must stay so.
-        if handler is not signal.SIG_IGN:
+        if before[each] is not signal.SIG_IGN:
             signal.signal(each, stop)
     try:
         yield
+    finally:
+        sys.unraisablehook = hook
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+@contextmanager
+def noted_signals() -> Iterator[list[int]]:
+    """A list that receives the number of each signal: a server ends between two messages, not inside of one."""
+    noted: list[int] = []
+    before = {each: signal.signal(each, lambda number, _frame: noted.append(number)) for each in STOPPING}
+    try:
+        yield noted
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import msgspec
 import typer
-from rich.markup import escape
 
-from markerseek.cli.output_options import AsJson
+from markerseek import studies
+from markerseek.cli import STOPPED_BY_USER
+from markerseek.cli.options import AsJson
 from markerseek.cli.signals import Stopped
 from markerseek.cli.study_table import show_bounds, show_summary
+from markerseek.cli.terminal import picture_folder, print_facts, print_json, print_path, progress_bar, stderr
 from markerseek.core import ConfigError
 
-if TYPE_CHECKING:
-    from markerseek.studies import BoundComparison, Study, Summary
-
-NAME = "study"
-STOPPED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek study examples/studies/quick.toml\n\n"
@@ -56,13 +52,10 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Run a study, or continue one that was interrupted, and print its summary."""
-    from markerseek.cli.terminal import print_json, progress_bar, stderr, stdout
-    from markerseek.studies import read_study, run_study
-
     # Before hours of searching, not after them.
     if workers is not None and scheduler is not None:
         raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
-    settings = read_study(study)
+    settings = studies.read_study(study)
     if row is not None:
         _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot or None, bound=bound)
         _show_row(settings, row, as_json=as_json)
@@ -72,7 +65,7 @@ def command(
     try:
         with progress_bar(settings.rows, what="searching") as progress:
             task = progress.task_ids[0]
-            finish = run_study(
+            finish = studies.run_study(
                 settings,
                 folder,
                 workers=workers,
@@ -82,46 +75,37 @@ def command(
     except KeyboardInterrupt:
         _end_stopped(folder, as_json=as_json)
     bounds = _bounds(settings, markers=bound) if bound is not None else []
-    runs = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
-    pictures = _draw(folder / "error", runs, markers=bound) if plot else ()
+    finished = [(settings, finish.summary), *(_finished(path) for path in beside or [])]
+    pictures = _draw(folder / "error", finished, markers=bound) if plot else ()
     if as_json:
         print_json({**msgspec.to_builtins(finish.summary), "bound": bounds} if bounds else finish.summary)
-        for path in pictures:
-            stderr.print(f"[dim]picture:[/] {escape(str(path))}")
-        return
-    show_summary(finish.summary)
-    if bounds:
-        show_bounds(bounds)
-    for what, path in (
-        ("rows", finish.rows),
-        ("summary", finish.rows.with_name("summary.json")),
-        *(("picture", path) for path in pictures),
-    ):
-        stdout.print(f"[dim]{what}:[/] {escape(str(path))}")
+    else:
+        show_summary(finish.summary)
+        if bounds:
+            show_bounds(bounds)
+        print_path("rows", finish.rows)
+        print_path("summary", finish.rows.with_name("summary.json"))
+    for path in pictures:
+        print_path("picture", path, as_json=as_json)
 
 
 def _end_stopped(folder: Path, *, as_json: bool) -> NoReturn:
     """Print how to continue, and end the command as after Ctrl-C."""
-    from markerseek.cli.terminal import print_json, stderr
-
     message = f"stopped by the user; finished rows are in {folder}, and the same command continues the study"
     stderr.print(message)
     if as_json:
         print_json({"error": message, "kind": "Stopped"})
-    raise Stopped(STOPPED) from None
+    raise Stopped(STOPPED_BY_USER) from None
 
 
 def _require_drawable(folder: Path, beside: list[Path], *, plot: bool) -> None:
     """Refuse studies beside without a picture, files that cannot be read, and a folder that takes no picture."""
-    from markerseek.pictures import require_room_for_pictures
-    from markerseek.studies import read_study
-
     if beside and not plot:
         raise ConfigError("--beside adds lines to a picture; add --plot, or leave it out")
     for path in beside:
-        read_study(path)
+        studies.read_study(path)
     if plot:
-        require_room_for_pictures(folder)
+        picture_folder(folder, plot=plot)
 
 
 def _require_alone(**given: object) -> None:
@@ -132,50 +116,44 @@ def _require_alone(**given: object) -> None:
             raise ConfigError(f"{option}: --row runs one row and writes nothing; leave one of them out")
 
 
-def _show_row(study: Study, row: int, *, as_json: bool) -> None:
-    from markerseek.cli.terminal import print_facts, print_json
-    from markerseek.studies import columns, run_row, values_of
-
-    again = run_row(study, row)
-    named = dict(zip(columns(study), values_of(again), strict=True))
+def _show_row(study: studies.Study, row: int, *, as_json: bool) -> None:
+    again = studies.run_row(study, row)
+    named = dict(zip(studies.columns(study), studies.values_of(again), strict=True))
     if as_json:
         print_json(named)
         return
     print_facts((name, "–" if value is None else str(value)) for name, value in named.items())
 
 
-def _bounds(study: Study, *, markers: int) -> list[BoundComparison]:
+def _bounds(study: studies.Study, *, markers: int) -> list[studies.BoundComparison]:
     """Each policy in each cell compared with the bound."""
-    from markerseek.studies import cells, compare_with_bound
-
     return [
-        compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
-        for cell in cells(study)
+        studies.compare_with_bound(study, cell, policy=number, markers=min(markers, study.trials))
+        for cell in studies.cells(study)
         for number in range(len(study.policies))
     ]
 
 
-def _finished(path: Path) -> tuple[Study, Summary]:
+def _finished(path: Path) -> tuple[studies.Study, studies.Summary]:
     """A study and its summary, read from its usual folder, or run there."""
-    from markerseek.studies import read_study, run_study
-
-    study = read_study(path)
-    return study, run_study(study, Path("out") / path.stem).summary
+    study = studies.read_study(path)
+    return study, studies.run_study(study, Path("out") / path.stem).summary
 
 
-def _draw(stem: Path, runs: list[tuple[Study, Summary]], *, markers: int | None) -> tuple[Path, ...]:
+def _draw(
+    stem: Path, finished: list[tuple[studies.Study, studies.Summary]], *, markers: int | None
+) -> tuple[Path, ...]:
     """Write the picture in both forms, and return their paths."""
     from markerseek.pictures import save_png, save_svg
-    from markerseek.studies import cells, error_figure, mean_bounds
 
-    study = runs[0][0]
+    study = finished[0][0]
     counts = study.marks
     bounds = {}
     if markers is not None and counts:
-        for cell in cells(study):
-            bounds[cell.index] = (counts, mean_bounds(study, cell, markers=markers, acquisitions=counts))
+        for cell in studies.cells(study):
+            bounds[cell.index] = (counts, studies.mean_bounds(study, cell, markers=markers, acquisitions=counts))
     png, svg = stem.with_suffix(".png"), stem.with_suffix(".svg")
-    figure = error_figure(runs, bounds=bounds)
+    figure = studies.error_figure(finished, bounds=bounds)
     save_png(figure, png)
     save_svg(figure, svg)
     return png, svg

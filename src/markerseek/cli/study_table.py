@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from rich.markup import escape
+from rich.table import Table
 
-    from rich.table import Table
+from markerseek import studies
+from markerseek.cli.terminal import stdout
 
-    from markerseek.studies import BoundComparison, Mean, PolicySummary, Share, Summary
 
-
-def show_summary(summary: Summary) -> None:
+def show_summary(summary: studies.Summary) -> None:
     """Print the policies by number, tables for each cell, and one of the differences.
 
     Parameters
@@ -21,10 +20,6 @@ def show_summary(summary: Summary) -> None:
     summary
         Summary of the study.
     """
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import stdout
-
     stdout.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
@@ -62,12 +57,8 @@ def show_summary(summary: Summary) -> None:
     _show_legend(summary)
 
 
-def _show_legend(summary: Summary) -> None:
+def _show_legend(summary: studies.Summary) -> None:
     """Print what the columns are."""
-    from rich.markup import escape
-
-    from markerseek.cli.terminal import stdout
-
     far = f"{summary.failure_deg:g}°"
     lines = [
         "found: share of the searches that answer found; the next two columns are of these",
@@ -87,7 +78,7 @@ def _show_legend(summary: Summary) -> None:
         stdout.print(f"[dim]{escape(line)}[/]")
 
 
-def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
+def show_bounds(comparisons: Sequence[studies.BoundComparison]) -> None:
     """Policies compared with the bound, and the time of their decisions.
 
     Parameters
@@ -95,8 +86,6 @@ def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
     comparisons
         One for each policy and cell.
     """
-    from markerseek.cli.terminal import stdout
-
     stdout.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
     for each in comparisons:
@@ -117,7 +106,7 @@ def show_bounds(comparisons: Sequence[BoundComparison]) -> None:
     _show(table)
 
 
-def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: float) -> Table:
+def _whatever_the_answer(policies: Sequence[studies.PolicySummary], *, failure_deg: float) -> Table:
     """Shares of all searches, also of those without an answer; without a marker, the share that found one."""
     if all(policy.missed.count == 0 for policy in policies):
         table = _table("", "found where nothing is")
@@ -138,7 +127,7 @@ def _whatever_the_answer(policies: Sequence[PolicySummary], *, failure_deg: floa
     return table
 
 
-def _two_sources(policies: Sequence[PolicySummary]) -> Table:
+def _two_sources(policies: Sequence[studies.PolicySummary]) -> Table:
     """Answers where there is a second source."""
     table = _table("", "stronger or ambiguous", "weaker found", "found between", "other source named")
     for policy in policies:
@@ -154,8 +143,6 @@ def _two_sources(policies: Sequence[PolicySummary]) -> Table:
 
 
 def _table(*names: str) -> Table:
-    from rich.table import Table
-
     table = Table(box=None, padding=(0, 1, 0, 0))
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
@@ -164,8 +151,6 @@ def _table(*names: str) -> Table:
 
 def _show(table: Table) -> None:
     """Print a table in full: in a terminal of less than 80 columns its lines are broken, and no cell is cut."""
-    from markerseek.cli.terminal import stdout
-
     usual = stdout.width
     # Rich prints nothing wider than the console.
     stdout.width = max(80, usual)
@@ -173,7 +158,7 @@ def _show(table: Table) -> None:
     stdout.width = usual
 
 
-def _mean(mean: Mean, *, least: float = 0.0) -> str:
+def _mean(mean: studies.Mean, *, least: float = 0.0) -> str:
     """A mean with its interval, clipped at the least possible value."""
     if mean.mean is None:
         return "–"
@@ -184,18 +169,18 @@ def _mean(mean: Mean, *, least: float = 0.0) -> str:
     return f"{mean.mean:.3g}° [{max(low, least):.3g}, {high:.3g}]"
 
 
-def _plain(mean: Mean, unit: str) -> str:
+def _plain(mean: studies.Mean, unit: str) -> str:
     return "–" if mean.mean is None else f"{mean.mean:.1f}{unit}"
 
 
-def _share(share: Share, *, interval: bool) -> str:
+def _share(share: studies.Share, *, interval: bool) -> str:
     if share.share is None or share.interval95 is None:
         return "–"
     low, high = share.interval95
     return f"{100 * share.share:.1f} %" + (f" [{100 * low:.1f}, {100 * high:.1f}]" if interval else "")
 
 
-def _rare(share: Share) -> str:
+def _rare(share: studies.Share) -> str:
     """A share that should be small, with the upper end of its interval only."""
     if share.share is None or share.interval95 is None:
         return "–"

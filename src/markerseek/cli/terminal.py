@@ -9,10 +9,10 @@ import json
 import shlex
 import sys
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rich.console import Console
@@ -21,7 +21,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from markerseek.core import ConfigError, MarkerseekError
+from markerseek._version import __version__
+from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refused
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _CONTROL = frozenset({"Cc", "Cf", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators."""
@@ -79,6 +83,11 @@ def print_json(value: object) -> None:
     sys.stdout.flush()
 
 
+def print_report(**report: object) -> None:
+    """Write a report as one JSON object, the version of this program at its end."""
+    print_json(report | {"version": __version__})
+
+
 def _readable(value: object) -> object:
     match value:
         case str():
@@ -91,12 +100,21 @@ def _readable(value: object) -> object:
             return value
 
 
-def print_facts(rows: Iterable[tuple[str, str]]) -> None:
+def print_facts(rows: Iterable[tuple[str, str | Text]]) -> None:
     """Print names and values in two columns."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in rows:
-        table.add_row(f"[dim]{escape(name)}[/]", escape(value))
+        table.add_row(f"[dim]{escape(name)}[/]", value if isinstance(value, Text) else escape(value))
     stdout.print(table)
+
+
+def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False) -> Table:
+    """An empty table; the columns named in `left` are aligned left, all others right."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in headings:
+        # Escaped, because Rich reads a unit in brackets as markup.
+        table.add_column(escape(heading), justify="left" if heading in left else "right", no_wrap=no_wrap)
+    return table
 
 
 def quoted(path: Path) -> str:
@@ -145,6 +163,15 @@ def progress_bar(total: int, *, what: str) -> Iterator[Progress]:
         yield progress
 
 
+def show_event(progress: Progress, event: Event) -> None:
+    """Show an acquisition of a search or a scan in its progress bar, and print why a frame was refused."""
+    if isinstance(event, Measured) and event.role == "search":
+        shown = f"{event.sample.angle_deg:+7.2f}°  intensity {event.sample.reading.intensity:.4g}"
+        progress.update(progress.task_ids[0], completed=event.index, description=shown)
+    elif isinstance(event, Refused):
+        progress.console.print(f"[yellow]refused:[/] {escape(event.reason)}")
+
+
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
     """Print a warning on standard error, without the line of code that Python adds."""
     stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
@@ -168,6 +195,19 @@ def picture_folder(out: Path | None, *, plot: bool) -> Path:
 
         require_room_for_pictures(folder)
     return folder
+
+
+def save_picture(figure: Figure, path: Path, *, as_json: bool) -> None:
+    """Write a figure as PNG, and print where it is: on standard error where a program reads standard output."""
+    from markerseek.pictures import save_png
+
+    save_png(figure, path)
+    print_path("picture", path, as_json=as_json)
+
+
+def print_path(what: str, path: Path, *, as_json: bool = False) -> None:
+    """Print where a file is: on standard error where a program reads standard output."""
+    (stderr if as_json else stdout).print(f"[dim]{what}:[/] {escape(str(path))}")
 
 
 def announce_compilation() -> None:

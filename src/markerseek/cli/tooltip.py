@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.terminal import picture_folder, print_json, stderr, stdout
+from markerseek import vision
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import new_table, picture_folder, print_report, save_picture, stdout
 from markerseek.core import ConfigError, RecordError, require_range
 from markerseek.files import MIB, open_input
 
 if TYPE_CHECKING:
-    from markerseek.records import ImageSeries
-    from markerseek.vision import Rectangle, SensitiveRange
+    import numpy as np
+    from matplotlib.figure import Figure
 
-NAME = "tooltip"
+    from markerseek.records import ImageSeries
+
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek tooltip scan --step-deg 1 --plot\n\n"
@@ -32,37 +32,6 @@ EXAMPLES = (
 
 _PIXEL_MM = 0.1
 """Size of a pixel where neither the files nor the user name one."""
-
-
-class TipReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The tip in one image; None beyond the angle at which it had disappeared."""
-
-    image: str
-    angle_deg: float
-    visible: bool | None
-    intensity: float | None
-    level: float | None
-    area_px: int | None
-    row: float | None
-    column: float | None
-
-
-class RangeReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Sensitive range of a series of images."""
-
-    found: bool
-    reason: str
-    reference_deg: float | None
-    half_range_deg: float | None
-    full_range_deg: float | None
-    below_deg: float | None
-    above_deg: float | None
-    still_seen_at_the_last_image: bool
-    pixel_mm: tuple[float, float]
-    pixel_size: str
-    rectangle: tuple[int, int, int, int] | None
-    images: list[TipReport]
-    version: str = __version__
 
 
 def command(
@@ -91,7 +60,6 @@ def command(
 ) -> None:
     """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
     from markerseek.records import read_images
-    from markerseek.vision import sensitive_range
 
     folder = picture_folder(out, plot=plot)
     rectangle = None if roi is None else _rectangle(roi)
@@ -106,29 +74,27 @@ def command(
     else:
         angles_deg = _angles(angles, series)
     size_m, source = _pixel_size(series, pixel_mm)
-    measured = sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
-    report = _report(measured, series, angles_deg, size_m, source)
+    measured = vision.sensitive_range(angles_deg, series.images, pixel_m=size_m, rectangle=rectangle)
+    names = dict(zip(angles_deg, series.names, strict=True))
     # The current folder is named, not ".".
     name = images.name if images.is_file() else images.resolve().name
     if as_json:
-        print_json(report)
+        _print_json(measured, names, size_m, source)
     else:
-        _print(report, name)
+        _print_table(measured, names, size_m, source, name)
     if plot:
         path = folder / f"{images.stem if images.is_file() else name}-tip.png"
-        _draw(measured, series, angles_deg, path, title=f"{name}: {report.reason}")
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
-    raise typer.Exit(0 if report.found else 3)
+        pixels = dict(zip(angles_deg, series.images, strict=True))
+        save_picture(_figure(measured, pixels, title=f"{name}: {_reason(measured)}"), path, as_json=as_json)
+    raise typer.Exit(3 if measured.reference_deg is None else 0)
 
 
-def _rectangle(roi: str) -> Rectangle:
-    from markerseek.vision import Rectangle
-
+def _rectangle(roi: str) -> vision.Rectangle:
     try:
         row, column, rows, columns = (int(part) for part in roi.split(","))
     except ValueError as problem:
         raise ConfigError(f"--roi is {roi!r}; write four whole numbers: row,column,rows,columns") from problem
-    return Rectangle(row=row, column=column, rows=rows, columns=columns)
+    return vision.Rectangle(row=row, column=column, rows=rows, columns=columns)
 
 
 def _steps(count: int, first_deg: float, step_deg: float) -> list[float]:
@@ -186,17 +152,13 @@ def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[floa
     return (_PIXEL_MM / 1e3, _PIXEL_MM / 1e3), "assumed; name it with --pixel-mm"
 
 
-def _report(
-    measured: SensitiveRange,
-    series: ImageSeries,
-    angles_deg: list[float],
-    size_m: tuple[float, float],
-    source: str,
-) -> RangeReport:
-    names = dict(zip(angles_deg, series.names, strict=True))
-    tips = [frame.tip for frame in measured.frames]
+def _print_json(
+    measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str
+) -> None:
+    """Print the sensitive range; of an image beyond the angle at which the tip had disappeared, the tip is null."""
+    shown = ("visible", "intensity", "level", "area_px", "row", "column")
     first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
-    return RangeReport(
+    print_report(
         found=measured.reference_deg is not None,
         reason=_reason(measured),
         reference_deg=measured.reference_deg,
@@ -207,26 +169,16 @@ def _report(
         still_seen_at_the_last_image=measured.open_below or measured.open_above,
         pixel_mm=(1e3 * size_m[0], 1e3 * size_m[1]),
         pixel_size=source,
-        rectangle=None
-        if first is None
-        else (first.rectangle.row, first.rectangle.column, first.rectangle.rows, first.rectangle.columns),
+        rectangle=None if first is None else astuple(first.rectangle),
         images=[
-            TipReport(
-                image=names[frame.angle_deg],
-                angle_deg=frame.angle_deg,
-                visible=None if tip is None else tip.visible,
-                intensity=None if tip is None else tip.intensity,
-                level=None if tip is None else tip.level,
-                area_px=None if tip is None else tip.area_px,
-                row=None if tip is None else tip.row,
-                column=None if tip is None else tip.column,
-            )
-            for frame, tip in zip(measured.frames, tips, strict=True)
+            {"image": names[frame.angle_deg], "angle_deg": frame.angle_deg}
+            | {name: None if frame.tip is None else getattr(frame.tip, name) for name in shown}
+            for frame in measured.frames
         ],
     )
 
 
-def _reason(measured: SensitiveRange) -> str:
+def _reason(measured: vision.SensitiveRange) -> str:
     if measured.reference_deg is None:
         return measured.remark
     least = "at least " if measured.open_below or measured.open_above else ""
@@ -239,31 +191,31 @@ def _reason(measured: SensitiveRange) -> str:
     return text + (f"; {measured.remark}" if measured.remark else "")
 
 
-def _print(report: RangeReport, name: str) -> None:
-    answer = "[bold green]tip found[/]" if report.found else "[bold yellow]no tip[/]"
-    stdout.print(f"{answer} in {escape(name)}: {escape(report.reason)}")
-    height, width = report.pixel_mm
-    stdout.print(f"[dim]pixel {height:g} × {width:g} mm, {report.pixel_size}[/]")
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for column in ("angle [deg]", "image", "tip", "grey value", "must exceed", "pixels"):
-        table.add_column(escape(column), justify="left" if column in ("image", "tip") else "right")
-    for each in report.images:
-        if each.visible is not None:
+def _print_table(
+    measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str, name: str
+) -> None:
+    answer = "[bold yellow]no tip[/]" if measured.reference_deg is None else "[bold green]tip found[/]"
+    stdout.print(f"{answer} in {escape(name)}: {escape(_reason(measured))}")
+    height_mm, width_mm = (1e3 * size for size in size_m)
+    stdout.print(f"[dim]pixel {height_mm:g} × {width_mm:g} mm, {source}[/]")
+    headings = ("angle [deg]", "image", "tip", "grey value", "must exceed", "pixels")
+    table = new_table(*headings, left=("image", "tip"))
+    for frame in measured.frames:
+        if (tip := frame.tip) is not None:
             table.add_row(
-                f"{each.angle_deg:g}",
-                escape(each.image),
-                "seen" if each.visible else "–",
-                f"{each.intensity:g}",
-                f"{each.level:.0f}",
-                str(each.area_px),
+                f"{frame.angle_deg:g}",
+                escape(names[frame.angle_deg]),
+                "seen" if tip.visible else "–",
+                f"{tip.intensity:g}",
+                f"{tip.level:.0f}",
+                str(tip.area_px),
             )
     stdout.print(table)
 
 
-def _draw(measured: SensitiveRange, series: ImageSeries, angles_deg: list[float], path: Path, *, title: str) -> None:
-    from markerseek.pictures import TipImage, save_png, tip_figure
+def _figure(measured: vision.SensitiveRange, pixels: dict[float, np.ndarray], *, title: str) -> Figure:
+    from markerseek.pictures import TipImage, tip_figure
 
-    pixels = dict(zip(angles_deg, series.images, strict=True))
     shown = [
         TipImage(
             angle_deg=frame.angle_deg,
@@ -277,4 +229,4 @@ def _draw(measured: SensitiveRange, series: ImageSeries, angles_deg: list[float]
     ]
     seen = [each.angle_deg for each in shown if each.centroid is not None]
     ends = (min(seen), max(seen)) if seen else (None, None)
-    save_png(tip_figure(shown, title=title, low_deg=ends[0], high_deg=ends[1]), path)
+    return tip_figure(shown, title=title, low_deg=ends[0], high_deg=ends[1])

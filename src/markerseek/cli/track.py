@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
-from markerseek import __version__
-from markerseek.cli.output_options import AsJson, Out
-from markerseek.cli.terminal import announce_compilation, picture_folder, print_json, stderr, stdout
+from markerseek import __version__, rigs, runs
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.terminal import (
+    announce_compilation,
+    picture_folder,
+    print_facts,
+    print_json,
+    save_picture,
+    stdout,
+)
 from markerseek.core import ConfigError, Found, Refused, SearchError, require_range
 
 if TYPE_CHECKING:
-    from markerseek.rigs import Rig
-    from markerseek.runs import Session
+    from matplotlib.figure import Figure
+
     from markerseek.search import Following
     from markerseek.sim import SimulatedSettings, Swing
 
-NAME = "track"
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek track --rig examples/rigs/direct-drive.toml --speed-deg-per-s 5 --plot\n\n"
@@ -33,20 +39,11 @@ _READOUT_S = 0.05
 """Readout of the rig without a rig file: that of a receiver that streams its frames."""
 
 
-class TrackedFrame(msgspec.Struct, frozen=True, kw_only=True):
-    """The marker after one frame; the time counts from when it began to move."""
-
-    time_s: float
-    probe_deg: float
-    intensity: float
-    angle_deg: float
-    sigma_deg: float
-    speed_deg_s: float
-    truth_deg: float
-
-
 class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
-    """How well a moving marker was followed; of one that was lost, until then."""
+    """How well a moving marker was followed; of one that was lost, until then.
+
+    ``track`` has the fields of `TrackPoint` and the truth; its time counts from when the marker began to move.
+    """
 
     rig: str
     found_deg: float
@@ -58,7 +55,7 @@ class TrackReport(msgspec.Struct, frozen=True, kw_only=True):
     within_1_deg: float | None
     lag_s: float | None
     lost: bool
-    track: list[TrackedFrame]
+    track: list[dict[str, float]]
     version: str = __version__
 
 
@@ -85,8 +82,6 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """Find a marker on the simulated rig, let it move, and follow it at the rate of the rig's frames."""
-    from markerseek import rigs
-    from markerseek.runs import new_session, plan_on
     from markerseek.sim import Swing
 
     folder = picture_folder(out, plot=plot)
@@ -95,8 +90,8 @@ def command(
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
-    plan = plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
-    session = new_session(assembled, plan)
+    plan = runs.plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
+    session = runs.new_session(assembled, plan)
     for _ in session.events():
         pass
     found = _found(session)
@@ -105,11 +100,10 @@ def command(
     if as_json:
         print_json(report)
     else:
-        _print(report)
+        stdout.print(f"[bold]{escape(report.rig)}[/]")
+        print_facts(_facts(report))
     if plot and report.track:
-        path = folder / "track.png"
-        _draw(report, path)
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(path))}")
+        save_picture(_figure(report), folder / "track.png", as_json=as_json)
     raise typer.Exit(3 if report.lost else 0)
 
 
@@ -117,12 +111,9 @@ def _settings(
     path: Path | None, swing: Swing, *, marker_deg: float | None, snr_db: float | None, readout_s: float | None
 ) -> SimulatedSettings:
     """Settings of the rig, with a marker that stays inside of the search range."""
-    from markerseek.rigs import read_rig_file
-    from markerseek.sim import SimulatedSettings, changed_settings
+    from markerseek.sim import changed_settings
 
-    settings = SimulatedSettings() if path is None else read_rig_file(path)
-    if not isinstance(settings, SimulatedSettings):
-        raise ConfigError(f"{path}: its kind is bench, and only a simulated marker can be made to move")
+    settings = rigs.read_simulated(path, cure="only a simulated marker can be made to move")
     if path is None and readout_s is None:
         readout_s = _READOUT_S
     settings = changed_settings(settings, snr_db=snr_db, readout_s=readout_s)
@@ -136,7 +127,7 @@ def _settings(
     return replace(settings, marker=replace(settings.marker, angle_deg=angle_deg))
 
 
-def _found(session: Session) -> Found:
+def _found(session: runs.Session) -> Found:
     finished = session.recorder.finished
     if finished is None or not isinstance(finished.estimate, Found):
         answer = "nothing" if finished is None else type(finished.estimate).__name__
@@ -145,30 +136,26 @@ def _found(session: Session) -> Found:
 
 
 def _follow(
-    rig: Rig, session: Session, found: Found, settings: SimulatedSettings, swing: Swing, *, duration_s: float
+    rig: rigs.Rig, session: runs.Session, found: Found, settings: SimulatedSettings, swing: Swing, *, duration_s: float
 ) -> tuple[Following, int]:
     """The policy after the run, and how many frames were refused."""
-    from markerseek.runs import follow, following, stage_period_s
-
     confirmation = session.recorder.confirmation
     if confirmation is None or found.curve is None:
         raise SearchError("the search confirmed no angle, or states no curve: the marker cannot be followed")
     frame_s = settings.laser.pulses / settings.laser.rate_hz + settings.receiver.readout_s
-    period_s = stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
-    policy = following(
+    period_s = runs.stage_period_s(settings.stage, fwhm_deg=found.curve.fwhm_deg, speed_deg_s=0.0, frame_s=frame_s)
+    policy = runs.following(
         rig, found, confirmation, speed_deg_s=swing.speed_deg_s, duration_s=duration_s, period_s=period_s
     )
-    refused = sum(isinstance(event, Refused) for event in follow(rig, policy, swing))
+    refused = sum(isinstance(event, Refused) for event in runs.follow(rig, policy, swing))
     return policy, refused
 
 
 def _report(
-    rig: Rig, found: Found, policy: Following, swing: Swing, settings: SimulatedSettings, *, refused: int
+    rig: rigs.Rig, found: Found, policy: Following, swing: Swing, settings: SimulatedSettings, *, refused: int
 ) -> TrackReport:
-    from markerseek.runs import quality_of
-
     rest_deg = settings.marker.angle_deg or 0.0
-    quality = quality_of(policy, swing, rest_deg=rest_deg)
+    quality = runs.quality_of(policy, swing, rest_deg=rest_deg)
     times_s = [each.time_s for each in policy.track]
     return TrackReport(
         rig=f"{rig.facts.rig_name}: {rig.facts.description}",
@@ -182,31 +169,16 @@ def _report(
         lag_s=None if quality is None else quality.lag_s,
         lost=policy.lost,
         track=[
-            TrackedFrame(
-                time_s=each.time_s - policy.began_s,
-                probe_deg=each.probe_deg,
-                intensity=each.intensity,
-                angle_deg=each.angle_deg,
-                sigma_deg=each.sigma_deg,
-                speed_deg_s=each.speed_deg_s,
-                truth_deg=rest_deg + swing.moved_deg(each.time_s),
-            )
+            asdict(each)
+            | {"time_s": each.time_s - policy.began_s, "truth_deg": rest_deg + swing.moved_deg(each.time_s)}
             for each in policy.track
         ],
     )
 
 
-def _print(report: TrackReport) -> None:
-    stdout.print(f"[bold]{escape(report.rig)}[/]")
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in _facts(report):
-        table.add_row(f"[dim]{name}[/]", value)
-    stdout.print(table)
-
-
-def _facts(report: TrackReport) -> list[tuple[str, str]]:
-    end = "[bold yellow]lost[/]" if report.lost else "[bold green]followed to the end[/]"
-    rows = [("marker", end), ("found at rest", f"{report.found_deg:.2f}°")]
+def _facts(report: TrackReport) -> list[tuple[str, str | Text]]:
+    end = Text("lost", style="bold yellow") if report.lost else Text("followed to the end", style="bold green")
+    rows: list[tuple[str, str | Text]] = [("marker", end), ("found at rest", f"{report.found_deg:.2f}°")]
     rate = "" if report.frames_per_s is None else f", {report.frames_per_s:.2f} a second"
     rows.append(("frames", f"{report.frames}{rate}" + (f", {report.refused} refused" if report.refused else "")))
     if report.rms_error_deg is not None and report.within_1_deg is not None and report.lag_s is not None:
@@ -217,16 +189,13 @@ def _facts(report: TrackReport) -> list[tuple[str, str]]:
     return rows
 
 
-def _draw(report: TrackReport, path: Path) -> None:
-    from markerseek.pictures import save_png, track_figure
+def _figure(report: TrackReport) -> Figure:
+    from markerseek.pictures import track_figure
 
     error = "" if report.rms_error_deg is None else f", error {report.rms_error_deg:.2f}° RMS"
-    figure = track_figure(
-        [each.time_s for each in report.track],
-        probe_deg=[each.probe_deg for each in report.track],
-        angle_deg=[each.angle_deg for each in report.track],
-        sigma_deg=[each.sigma_deg for each in report.track],
-        truth_deg=[each.truth_deg for each in report.track],
+    drawn = ("probe_deg", "angle_deg", "sigma_deg", "truth_deg")
+    return track_figure(
+        [each["time_s"] for each in report.track],
+        **{name: [each[name] for each in report.track] for name in drawn},
         title=f"{report.rig}: {'lost' if report.lost else 'followed'}{error}",
     )
-    save_png(figure, path)

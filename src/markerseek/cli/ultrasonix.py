@@ -1,44 +1,35 @@
-"""Describes and draws Ultrasonix files for ``markerseek frame``.
+"""A machine's own images for ``markerseek frame``: Ultrasonix files, and the B-mode under a picture.
 
-They contain beamformed data without single channels; a source is looked for in lines of radio frequency only (SPARE).
+Ultrasonix files contain beamformed data without single channels. They are described and drawn; a source is looked for
+in lines of radio frequency only (SPARE).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
 from rich.markup import escape
 
-from markerseek import __version__
-from markerseek.cli.terminal import print_facts, print_json, stderr, stdout
-from markerseek.core import ConfigError, FrameHeader, LinearArray, RecordError, RFFrame
+from markerseek import signals
+from markerseek.cli.terminal import print_facts, print_report, save_picture, stdout
+from markerseek.core import (
+    BModeImage,
+    ConfigError,
+    FrameHeader,
+    LinearArray,
+    RecordError,
+    RFFrame,
+    ScanGeometry,
+    require_range,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from markerseek.records.banks import UltrasonixFile
-    from markerseek.signals import SpareReader
-
-
-class UltrasonixReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of an Ultrasonix file."""
-
-    content: Literal["b-mode", "rf"]
-    frames: int
-    frame: int
-    width: int
-    height: int
-    probe_number: int
-    transmit_hz: int
-    sampling_hz: int | None
-    frame_rate_hz: int
-    line_density: int
-    numbered_frames: bool
-    smallest: int
-    largest: int
-    version: str = __version__
 
 
 def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: bool) -> None:
@@ -60,30 +51,27 @@ def show_ultrasonix(path: Path, *, number: int, plot: bool, out: Path, as_json: 
     file = open_ultrasonix(path)
     header = file.header
     pixels: np.ndarray = file.b_mode(number - 1) if header.kind == "b-mode" else file.rf(number - 1)
-    report = UltrasonixReport(
-        content=header.kind,
-        frames=header.frames,
-        frame=number,
-        width=header.width,
-        height=header.height,
-        probe_number=header.probe,
-        transmit_hz=header.transmit_hz,
-        # In B-mode files this field is not the rate of the pixels.
-        sampling_hz=header.sampling_hz if header.kind == "rf" else None,
-        frame_rate_hz=header.frame_rate_hz,
-        line_density=header.line_density,
-        numbered_frames=header.tagged,
-        smallest=int(pixels.min()),
-        largest=int(pixels.max()),
-    )
     if as_json:
-        print_json(report)
+        print_report(
+            content=header.kind,
+            frames=header.frames,
+            frame=number,
+            width=header.width,
+            height=header.height,
+            probe_number=header.probe,
+            transmit_hz=header.transmit_hz,
+            # In B-mode files this field is not the rate of the pixels.
+            sampling_hz=header.sampling_hz if header.kind == "rf" else None,
+            frame_rate_hz=header.frame_rate_hz,
+            line_density=header.line_density,
+            numbered_frames=header.tagged,
+            smallest=int(pixels.min()),
+            largest=int(pixels.max()),
+        )
     else:
-        _print(file, report)
+        _print(file, pixels, number=number)
     if plot:
-        picture = out / f"{path.stem}.png"
-        _draw(file, pixels, picture, number=number)
-        (stderr if as_json else stdout).print(f"[dim]picture:[/] {escape(str(picture))}")
+        save_picture(_figure(file, pixels, number=number), out / f"{path.stem}.png", as_json=as_json)
 
 
 def open_for_spare(
@@ -94,7 +82,7 @@ def open_for_spare(
     receive_focus_m: float | None,
     min_depth_m: float | None,
     max_depth_m: float | None,
-) -> tuple[SpareReader, RFFrame]:
+) -> tuple[signals.SpareReader, RFFrame]:
     """Reader for the lines of an ``.rf`` file, and one of its frames.
 
     Parameters
@@ -109,11 +97,10 @@ def open_for_spare(
         As of `markerseek.signals.SpareReader`.
     """
     from markerseek.records.banks import open_ultrasonix
-    from markerseek.signals import SpareReader, probe_preset
 
     file = open_ultrasonix(path)
     header = file.header
-    preset = probe_preset(probe)
+    preset = signals.probe_preset(probe)
     width_m = preset.array.elements * preset.array.pitch_m
     # Some exports leave the density out; then all lines of the file cover the probe.
     pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
@@ -124,38 +111,111 @@ def open_for_spare(
         raise RecordError(f"{path}: the lines in its header do not fit probe {probe}: {problem}") from problem
     no_header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     frame = RFFrame(header=no_header, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
-    reader = SpareReader(preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m)
+    reader = signals.SpareReader(
+        preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m
+    )
     return reader, frame
 
 
-def _print(file: UltrasonixFile, report: UltrasonixReport) -> None:
-    b_mode = report.content == "b-mode"
+def b_mode_under(
+    path: Path, *, number: int, preset: signals.ProbePreset, samples: int, pixel_mm: float | None
+) -> BModeImage:
+    """B-mode image of the same angle.
+
+    An Ultrasonix ``.b8`` names the corners of its region of interest, which is as wide as the probe, and as deep as the
+    machine's record of the same frame is long. Any other image is taken to be centred on the array and to begin at its
+    face.
+
+    Parameters
+    ----------
+    path
+        The image.
+    number
+        Number of the frame, counted from 1.
+    preset
+        The probe, or the lines over it.
+    samples
+        Samples of a line in the ``.rf`` of the same frame, or of a channel.
+    pixel_mm
+        Size of a pixel in millimetres; None where the file says.
+
+    Raises
+    ------
+    RecordError
+        If there is no such image, or its corners make no rectangle.
+    ConfigError
+        If the size of its pixels is not known.
+    """
+    from markerseek.records import read_images
+    from markerseek.records.banks import open_ultrasonix
+
+    if pixel_mm is not None:
+        require_range("--over-pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
+    if path.suffix.lower() == ".b8" and pixel_mm is None:
+        file = open_ultrasonix(path)
+        (left, top), (right, upper), (_, bottom), _ = file.header.corners_px
+        if not (0 <= left < right <= file.header.width and 0 <= top == upper < bottom <= file.header.height):
+            raise RecordError(
+                f"{path}: the corners of its region of interest, {file.header.corners_px}, make no rectangle in it; "
+                "name the size of a pixel with --over-pixel-mm"
+            )
+        width_m = preset.array.elements * preset.array.pitch_m
+        # The machine's depth is half the way of sound in the record.
+        depth_m = samples / preset.sampling_hz * preset.sound_speed_m_s / 2
+        lateral_step_m, depth_step_m = width_m / (right - left), depth_m / (bottom - top)
+        geometry = ScanGeometry(
+            # The region begins at the left edge of its first pixel, the position of which is its middle.
+            first_lateral_m=-width_m / 2 - (left - 0.5) * lateral_step_m,
+            lateral_step_m=lateral_step_m,
+            first_depth_m=-(top - 0.5) * depth_step_m,
+            depth_step_m=depth_step_m,
+        )
+        return BModeImage(pixels=file.b_mode(number - 1), geometry=geometry)
+    series = read_images(path)
+    if not 1 <= number <= len(series.images):
+        raise RecordError(f"{path}: there is no image {number}, it holds {len(series.images)}; count from 1")
+    pixels = series.images[number - 1]
+    size_m = series.pixel_m if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3)
+    if size_m is None:
+        raise ConfigError(f"{path} does not say how large its pixels are; name it with --over-pixel-mm")
+    height_m, width_m = size_m
+    geometry = ScanGeometry(
+        first_lateral_m=-(pixels.shape[1] - 1) / 2 * width_m,
+        lateral_step_m=width_m,
+        first_depth_m=height_m / 2,
+        depth_step_m=height_m,
+    )
+    return BModeImage(pixels=pixels, geometry=geometry)
+
+
+def _print(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> None:
+    header = file.header
+    b_mode = header.kind == "b-mode"
     what = "B-mode images" if b_mode else "radio-frequency lines that the machine has beamformed"
     stdout.print(
         f"[bold]{escape(file.path.name)}[/]: {what}; it holds no channel data, so no source is looked for"
         + ("" if b_mode else "; --spare looks for one")
     )
-    size = f"{report.width} × {report.height} pixels" if b_mode else f"{report.width} lines of {report.height} samples"
+    size = f"{header.width} × {header.height} pixels" if b_mode else f"{header.width} lines of {header.height} samples"
     rows = [
-        ("frames", f"{report.frames} of {size}" + (", numbered" if report.numbered_frames else "")),
-        ("frame rate", f"{report.frame_rate_hz} Hz"),
-        ("transmitted", f"{report.transmit_hz / 1e6:g} MHz"),
+        ("frames", f"{header.frames} of {size}" + (", numbered" if header.tagged else "")),
+        ("frame rate", f"{header.frame_rate_hz} Hz"),
+        ("transmitted", f"{header.transmit_hz / 1e6:g} MHz"),
     ]
-    if report.sampling_hz is not None:
-        rows.append(("sampling", f"{report.sampling_hz / 1e6:g} MHz"))
+    if not b_mode:
+        rows.append(("sampling", f"{header.sampling_hz / 1e6:g} MHz"))
     rows += [
-        ("lines over the probe", str(report.line_density)),
-        ("probe number", str(report.probe_number)),
-        (f"values of frame {report.frame}", f"{report.smallest} to {report.largest}"),
+        ("lines over the probe", str(header.line_density)),
+        ("probe number", str(header.probe)),
+        (f"values of frame {number}", f"{int(pixels.min())} to {int(pixels.max())}"),
     ]
     print_facts(rows)
 
 
-def _draw(file: UltrasonixFile, pixels: np.ndarray, path: Path, *, number: int) -> None:
-    from markerseek.pictures import b_mode_figure, rf_figure, save_png
+def _figure(file: UltrasonixFile, pixels: np.ndarray, *, number: int) -> Figure:
+    from markerseek.pictures import b_mode_figure, rf_figure
 
     title = f"{file.path.name}, frame {number} of {file.header.frames}"
     if file.header.kind == "b-mode":
-        save_png(b_mode_figure(pixels, title=title), path)
-    else:
-        save_png(rf_figure(pixels, sampling_hz=file.header.sampling_hz or None, title=title), path)
+        return b_mode_figure(pixels, title=title)
+    return rf_figure(pixels, sampling_hz=file.header.sampling_hz or None, title=title)

@@ -1,20 +1,17 @@
-from .bench_part import BenchPart, bench_part
-from .bench_rig import bench
-from .intensity_rig import USUAL_CELLS, of_intensities
-from .probe_file import chosen_probe, completed_by, preset_of, probe_settings, read_probe_file
+from .bench_rig import bench, bench_part
+from .probe_file import chosen_probe, completed_by, preset_of, probe_facts
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
 from .rig import Rig, fingerprint
-from .rig_file import read_rig_file
+from .rig_file import read_rig_file, read_simulated
 from .scene import Scene, draw_scene, scene_of
 from .scene_curve import scene_curve
-from .simulated_devices import in_world
+from .simulated_devices import USUAL_CELLS, in_world, of_intensities
 from .simulation import simulated
-from .spot import image_peak, image_reader, largest_count, scaled_spot
+from .spot import image_peak, image_reader, largest_count
 
 __all__ = [
     "USUAL_CELLS",
-    "BenchPart",
     "BenchRecipe",
     "ReaderRecipe",
     "Recipe",
@@ -36,11 +33,10 @@ __all__ = [
     "largest_count",
     "of_intensities",
     "preset_of",
-    "probe_settings",
-    "read_probe_file",
+    "probe_facts",
     "read_rig_file",
+    "read_simulated",
     "replayed",
-    "scaled_spot",
     "scene_curve",
     "scene_of",
     "simulated",

@@ -1,13 +1,14 @@
-"""Assembles a rig of real or emulated devices: drivers, guard and supervised serial lines."""
+"""Assembles a rig of real or emulated devices, or one part of it: drivers, guard and supervised serial lines."""
 
 from __future__ import annotations
 
-from markerseek.core import RigFacts
-from markerseek.drivers import (
-    BenchProbe,
-    BenchSettings,
-    SystemClock,
-)
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
+from markerseek.drivers import BenchProbe, BenchSettings, RosReceiver, RosStage, SystemClock
+from markerseek.guard import Guard
 from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
 from markerseek.rigs.recipe import BenchRecipe
 from markerseek.rigs.rig import Rig, fingerprint, with_probe
@@ -102,3 +103,85 @@ def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
     own = (probe.pitch_m, probe.low_hz, probe.high_hz, probe.f_number, probe.pickup_samples, probe.full_scale)
     name = None if set(own) == {None} else f"{preset.name} with own keys"
     return ImageReader(probe.on(preset, sampling_hz=sampling_hz, name=name))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchPart:
+    """The stage of a bench, or its laser and receiver, with a guard of their own: for a node that serves them.
+
+    Attributes
+    ----------
+    part
+        The stage, or laser and receiver.
+    guard
+        Permits each step; it begins disarmed.
+    clock
+        Real time.
+    description
+        What it is.
+    devices
+        The lines, to be armed and closed.
+    """
+
+    part: Stage | tuple[Laser, Receiver]
+    guard: Guard
+    clock: Clock
+    description: str
+    devices: OpenDevices
+
+    def arm(self, *, by: str) -> None:
+        """As `Rig.arm`."""
+        self.guard.arm(by=by)
+        self.devices.arm()
+
+
+def bench_part(
+    settings: BenchSettings, part: Literal["stage", "acquisition"], *, beat: Callable[[], None]
+) -> BenchPart:
+    """Connect the stage of a bench, or its laser and receiver, and nothing else; close its devices at the end.
+
+    Parameters
+    ----------
+    settings
+        Of the whole bench.
+    part
+        Which part.
+    beat
+        Called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
+
+    Raises
+    ------
+    DeviceError
+        As `bench`.
+    ConfigError
+        If that part is itself behind ROS 2.
+    """
+    over_ros = isinstance(settings.stage if part == "stage" else settings.receiver, RosStage | RosReceiver)
+    if over_ros:
+        raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
+    devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
+    try:
+        supervisor = devices.supervisor
+
+        def step() -> None:
+            if supervisor is not None:
+                supervisor.beat()
+            beat()
+
+        clock = SystemClock(beat=step)
+        held: Stage | tuple[Laser, Receiver]
+        if part == "stage":
+            held, description = stage_of(settings, devices, clock)
+        else:
+            laser, receiver, description = acquisition_of(settings, devices, clock)
+            held = laser, receiver
+        return BenchPart(
+            part=held,
+            guard=guard_of(settings),
+            clock=clock,
+            description=description,
+            devices=devices,
+        )
+    except BaseException:
+        devices.close()
+        raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import overload
+from typing import Any
 
 import msgspec
 
@@ -61,20 +61,8 @@ def _start(keys: _ProbeFile) -> ProbePreset:
     return probe_preset(keys.preset or PRESET_NAMES[0])
 
 
-@overload
-def chosen_probe(probe: str | ProbePreset) -> ProbePreset: ...
-
-
-@overload
-def chosen_probe(probe: None) -> None: ...
-
-
-@overload
-def chosen_probe(probe: str | ProbePreset | None) -> ProbePreset | None: ...
-
-
-def chosen_probe(probe: str | ProbePreset | None) -> ProbePreset | None:
-    """Preset by its name or from a TOML file; None and a preset come back as they are.
+def chosen_probe(probe: str | ProbePreset) -> ProbePreset:
+    """Preset by its name or from a TOML file; a preset comes back as it is.
 
     Raises
     ------
@@ -86,9 +74,15 @@ def chosen_probe(probe: str | ProbePreset | None) -> ProbePreset | None:
     return read_probe_file(Path(probe)) if probe.lower().endswith(".toml") else probe_preset(probe)
 
 
-def probe_settings(preset: ProbePreset) -> str | None:
-    """Description of a probe of the user's own as JSON, for a bank or a journal; None for a preset of ours."""
-    return msgspec.json.encode(preset).decode() if is_own(preset) else None
+def probe_facts(preset: ProbePreset) -> dict[str, Any]:
+    """What `RigFacts` and `BankFacts` state of a probe; one of the user's own is described in full, as JSON."""
+    return {
+        "probe": preset.name,
+        "probe_settings": msgspec.json.encode(preset).decode() if is_own(preset) else None,
+        "sampling_hz": preset.sampling_hz,
+        "sound_speed_m_s": preset.sound_speed_m_s,
+        "pitch_m": preset.array.pitch_m,
+    }
 
 
 def completed_by(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
@@ -99,7 +93,7 @@ def completed_by(bank: IntensityBank | FrameBank, probe: str | ProbePreset | Non
     ConfigError
         If there is no such preset, or the file cannot be used.
     """
-    preset = chosen_probe(probe)
+    preset = None if probe is None else chosen_probe(probe)
     if preset is None or not is_own(preset) or isinstance(bank, IntensityBank):
         return bank
     facts = bank.facts
@@ -134,7 +128,7 @@ def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) 
         If a frame is needed for the number of elements, and cannot be read.
     """
     facts = bank.facts
-    preset = chosen_probe(probe)
+    preset = None if probe is None else chosen_probe(probe)
     if preset is not None and is_own(preset):
         _require_same(bank, preset)
         return preset

@@ -13,7 +13,7 @@ from markerseek.core import Laser, Receiver, RigFacts, Stage
 from markerseek.drivers import BenchSettings
 from markerseek.guard import Limits
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.rigs.probe_file import probe_settings
+from markerseek.rigs.probe_file import probe_facts
 from markerseek.rigs.recipe import Recipe
 from markerseek.scan import Scanner
 from markerseek.signals import AnyImageReader
@@ -115,17 +115,7 @@ class Rig:
 
 def with_probe(facts: RigFacts, imaging: AnyImageReader | None) -> RigFacts:
     """The facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
-    if imaging is None:
-        return facts
-    preset = imaging.preset
-    return replace(
-        facts,
-        probe=preset.name,
-        probe_settings=probe_settings(preset),
-        sampling_hz=preset.sampling_hz,
-        sound_speed_m_s=preset.sound_speed_m_s,
-        pitch_m=preset.array.pitch_m,
-    )
+    return facts if imaging is None else replace(facts, **probe_facts(imaging.preset))
 
 
 def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:

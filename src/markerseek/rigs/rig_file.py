@@ -56,3 +56,24 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
         folder = path.parent / settings.receiver.folder
         return replace(settings, receiver=replace(settings.receiver, folder=str(folder)))
     return settings
+
+
+def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:
+    """Settings of the simulated rig in a file; without one, the defaults.
+
+    Parameters
+    ----------
+    path
+        As of `read_rig_file`.
+    cure
+        What helps where the file describes a rig of devices, for the message.
+
+    Raises
+    ------
+    ConfigError
+        As `read_rig_file`, and if the file's kind is bench.
+    """
+    settings = SimulatedSettings() if path is None else read_rig_file(path)
+    if not isinstance(settings, SimulatedSettings):
+        raise ConfigError(f"{path}: its kind is bench; {cure}")
+    return settings

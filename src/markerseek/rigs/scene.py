@@ -10,9 +10,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Noise, RectanglePulse
-from markerseek.rigs.spot import largest_count, scaled_spot
+from markerseek.acoustics import (
+    Absorber,
+    AcousticModel,
+    Band,
+    Digitiser,
+    GaussianAbsorber,
+    Noise,
+    RectanglePulse,
+)
+from markerseek.rigs.spot import image_peak, image_reader, largest_count
+from markerseek.signals import beamformed_sigma
 from markerseek.sim import MarkerSettings, SimulatedSettings, Spot, Tissue, tissue_named
+
+_USUAL_COUNTS = 600.0
+"""Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
+
+_LEAST_SIGMA = 2.0
+"""Noise in counts to which that gain is raised where there is room: rounding (variance 1/12) then adds 1 % to it."""
+
+_NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
+"""Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
+
+_OFF_PLANE = 1.5
+"""Room for a marker near the array, which is up to 1.34 times as strong in a channel off its plane as in it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,20 +121,78 @@ def scene_of(
     ConfigError
         If no signal of the marker reaches the receiver.
     """
-    spot = scaled_spot(material.spot.draw(marker, rng), marker, settings, model)
-    absorbers = spot.absorbers if settings.marker.present else ()
+    scene = _scaled(material.spot.draw(marker, rng), marker, material.description, settings, model)
+    absorbers = scene.absorbers if settings.marker.present else ()
     if material.clutter is not None:
-        scale = spot.peak_counts / largest_count([marker], model, marker)
+        scale = scene.peak_counts / largest_count([marker], model, marker)
         absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
+    return replace(scene, absorbers=absorbers)
+
+
+def _scaled(
+    spot: list[Absorber], marker: Absorber, description: str, settings: SimulatedSettings, model: AcousticModel
+) -> Scene:
+    """Scene of a spot alone in counts, with noise for the peak SNR of the settings.
+
+    The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
+    deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
+
+    Parameters
+    ----------
+    spot
+        Absorbers of the marker.
+    marker
+        Its place.
+    description
+        Description of the material.
+    settings
+        The simulated rig; laser, receiver and noise are used.
+    model
+        Acoustic model.
+
+    Raises
+    ------
+    ConfigError
+        If no signal of it reaches the receiver.
+    """
+    largest = largest_count(spot, model, marker)
+    peak_over_largest = image_peak(spot, model, angle_deg=marker.angle_deg) / largest
+    imaging = image_reader(model.probe.array, sampling_hz=model.sampling_hz)
+    # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
+    power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
+    share = settings.noise.coloured
+    white, coloured = np.sqrt(1 - share), np.sqrt(share)
+    gain = math.hypot(
+        beamformed_sigma(white, preset=imaging.preset),
+        beamformed_sigma(coloured, preset=imaging.preset, power=power),
+    )
+    # SNR in dB of amplitudes: 20 log10(peak / sigma); sigma after beamforming is gain times that of a channel.
+    sigma_over_largest = peak_over_largest / 10 ** (settings.noise.peak_snr_db / 20) / gain
+    peak_counts = settings.receiver.peak_counts
+    if peak_counts is None:
+        peak_counts = _own_gain(settings, sigma_over_largest)
+    sigma = peak_counts * sigma_over_largest
     return Scene(
-        description=material.description,
+        description=description,
         model=model,
         marker=marker,
-        absorbers=absorbers,
-        noise=spot.noise,
-        peak=spot.peak,
-        peak_counts=spot.peak_counts,
+        absorbers=tuple(replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
+        noise=Noise(white_sigma=sigma * white, coloured_sigma=sigma * coloured, bursts=settings.noise.bursts),
+        peak=peak_counts * peak_over_largest,
+        peak_counts=peak_counts,
     )
+
+
+def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
+    """Largest count of the marker for which marker and noise together stay below full scale.
+
+    Usually `_USUAL_COUNTS`; less where the noise is strong, more where it would drown in the rounding.
+    """
+    flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
+    # One count below full scale, at which the guard takes a channel for saturated.
+    markers = 2 if settings.second.present else 1
+    most = (Digitiser().largest - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
+    return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:

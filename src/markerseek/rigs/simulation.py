@@ -15,7 +15,7 @@ from markerseek.acoustics import Absorber, Digitiser
 from markerseek.core import ConfigError
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
-from markerseek.rigs.rig_file import read_rig_file
+from markerseek.rigs.rig_file import read_simulated
 from markerseek.rigs.scene import Scene, draw_marker, draw_scene
 from markerseek.rigs.simulated_devices import in_world, require_seed
 from markerseek.rigs.spot import image_reader
@@ -73,7 +73,8 @@ def simulated(
     """
     seed, pace = require_seed(seed), float(pace)
     if not isinstance(settings, SimulatedSettings):
-        settings = SimulatedSettings() if settings is None else _simulated_file(Path(settings))
+        path = None if settings is None else Path(settings)
+        settings = read_simulated(path, cure="a simulated rig is needed: name a file of kind simulated")
     if tissue is not None:
         settings = replace(settings, tissue=tissue)
     if marker_deg is not None:
@@ -187,10 +188,3 @@ def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.ran
     )
     # The tip echoes without light too: there are no dark frames, and the noise is the tissue beside it.
     return replace(rig, dark_frames=0, tip=tip)
-
-
-def _simulated_file(path: Path) -> SimulatedSettings:
-    settings = read_rig_file(path)
-    if not isinstance(settings, SimulatedSettings):
-        raise ConfigError(f"{path}: its kind is bench, but a simulated rig is needed; name a file of kind simulated")
-    return settings

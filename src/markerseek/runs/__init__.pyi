@@ -2,13 +2,13 @@ from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
-from .former_marker import former_curve
+from .former_search import former_curve
 from .journalled import configuration_of
-from .points import PointRow, read_marker, read_points
+from .points import point_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
-from .registration import UNDER_M, PointPair, PointReport, RegistrationReport, register_pairs
+from .registration import UNDER_M, PointPair, RegistrationReport, register_pairs
 from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
@@ -20,7 +20,6 @@ from .simulated_registration import (
     SimulatedTruth,
     simulate_registration,
 )
-from .stereo_file import StereoSettings, read_stereo
 from .tracking import TrackQuality, follow, following, quality_of, stage_period_s
 
 __all__ = [
@@ -30,13 +29,10 @@ __all__ = [
     "Calibration",
     "KnownRegistration",
     "PointPair",
-    "PointReport",
-    "PointRow",
     "RegistrationReport",
     "Session",
     "SimulatedScene",
     "SimulatedTruth",
-    "StereoSettings",
     "TrackQuality",
     "bank_curve",
     "bank_image",
@@ -54,11 +50,9 @@ __all__ = [
     "new_session",
     "next_angle",
     "plan_on",
+    "point_pairs",
     "quality_of",
-    "read_marker",
-    "read_points",
     "read_registration",
-    "read_stereo",
     "rebuild_image_reader",
     "rebuild_policy",
     "rebuild_reader",

@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.core import AcquisitionError, PaImage, Reading, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
-from markerseek.rigs import preset_of, probe_settings
+from markerseek.rigs import preset_of, probe_facts
 from markerseek.search import Curve, curve_of
 from markerseek.signals import ImageReader, ProbePreset
 
@@ -108,12 +108,4 @@ def described(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | Non
     """Facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts
-    preset = preset_of(bank, probe)
-    return replace(
-        bank.facts,
-        probe=preset.name,
-        probe_settings=probe_settings(preset),
-        sampling_hz=preset.sampling_hz,
-        sound_speed_m_s=preset.sound_speed_m_s,
-        pitch_m=preset.array.pitch_m,
-    )
+    return replace(bank.facts, **probe_facts(preset_of(bank, probe)))

@@ -1,20 +1,21 @@
-"""Points for a registration: a CSV of their coordinates, and the markers of searches."""
+"""Point pairs for a registration: a CSV of coordinates, with markers of searches and spots in camera pixels."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
-import msgspec
+import numpy as np
 
-from markerseek.core import MarkerPosition, RecordError, SearchError
-from markerseek.files import MIB, open_input, read_input
-from markerseek.records import SearchResult
-from markerseek.records.journal import is_journal, read_journal, result_of
+from markerseek.core import ConfigError, Float64, RecordError
+from markerseek.files import MIB, open_input
+from markerseek.geometry import triangulate
+from markerseek.runs.former_search import read_marker
+from markerseek.runs.registration import PointPair
+from markerseek.runs.stereo_file import StereoSettings, read_stereo
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
@@ -31,49 +32,94 @@ _LARGEST_BYTES = 8 * MIB
 _MOST = 1e6
 """Largest magnitude of a number in the table, in metres or pixels."""
 
-Triple = tuple[float, float, float]
+Row = tuple[str, dict[str, tuple[float, ...]]]
+"""Name of a point, and its numbers by what they are, as in `COLUMNS`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PointRow:
-    """One row of a table of points; None where the table lacks those columns.
-
-    Attributes
-    ----------
-    name
-        From the column ``name``, or the number of the row.
-    trus_m, camera_m
-        The point in the two frames, in metres.
-    pixels
-        The spot in both cameras, (left x, left y, right x, right y), in pixels.
-    trus_sigma_m, camera_sigma_m
-        Standard deviations of the coordinates, in metres.
-    spot_sigma_px
-        Standard deviation of the pixels, that of the calibration apart.
-    """
-
-    name: str
-    trus_m: tuple[float, ...] | None
-    camera_m: tuple[float, ...] | None
-    pixels: tuple[float, ...] | None
-    trus_sigma_m: tuple[float, ...] | None
-    camera_sigma_m: tuple[float, ...] | None
-    spot_sigma_px: tuple[float, ...] | None
-
-
-def read_points(path: Path) -> list[PointRow]:
-    """Rows of a CSV with the columns of `COLUMNS` and ``name``; other columns are ignored.
+def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | None = None) -> list[PointPair]:
+    """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
 
     Parameters
     ----------
-    path
-        The file.
+    points
+        The CSV, with the columns of `COLUMNS` and ``name``; other columns are ignored.
+    searches
+        Journals or results, one for each row; none: the CSV has these columns.
+    cameras
+        Calibration with which its pixels are triangulated; None: it has the columns of camera points.
 
     Raises
     ------
+    ConfigError
+        If the files do not go together.
     RecordError
-        If it cannot be read, or a number in it cannot be used; the message names the line and the cure.
+        If one cannot be read, or a number in it cannot be used; the message names the line and the cure.
     """
+    kinds, rows = _table(points)
+    if searches and len(searches) != len(rows):
+        raise ConfigError(
+            f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
+        )
+    _require_columns(points, kinds, searched=bool(searches), stereo=cameras is not None)
+    stereo = None if cameras is None else read_stereo(cameras)
+    pairs = []
+    for number, (name, numbers) in enumerate(rows):
+        camera_m, camera_covariance_m2 = _camera_point(name, numbers, stereo)
+        marker = read_marker(searches[number]) if searches else None
+        pairs.append(
+            PointPair(
+                name=name,
+                trus_m=np.array(numbers["trus_m"] if marker is None else marker.position_m),
+                camera_m=camera_m,
+                trus_covariance_m2=_covariance(numbers.get("trus_sigma_m")) if marker is None else marker.covariance_m2,
+                camera_covariance_m2=camera_covariance_m2,
+            )
+        )
+    return pairs
+
+
+def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, stereo: bool) -> None:
+    """Refuse a table whose columns do not go with the options."""
+    if searched and "trus_m" in kinds:
+        raise ConfigError(f"{points}: it has the columns trus_x_m …, and --journal gives the same; leave one out")
+    if not searched and "trus_m" not in kinds:
+        raise ConfigError(
+            f"{points}: the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches by "
+            "--journal"
+        )
+    if stereo and "pixels" not in kinds:
+        raise ConfigError(f"{points}: --cameras needs the columns left_x_px, left_y_px, right_x_px, right_y_px")
+    if stereo and "camera_m" in kinds:
+        raise ConfigError(f"{points}: it has camera points and pixels; leave the columns of one out")
+    if not stereo and "camera_m" not in kinds:
+        if "pixels" in kinds:
+            raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by --cameras FILE")
+        raise ConfigError(f"{points}: the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px …")
+
+
+def _camera_point(
+    name: str, numbers: dict[str, tuple[float, ...]], stereo: StereoSettings | None
+) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None]:
+    """Camera point of a row with its covariance, from the columns or triangulated from the pixels."""
+    if stereo is None:
+        return np.array(numbers["camera_m"]), _covariance(numbers.get("camera_sigma_m"))
+    (spot_px,) = numbers.get("spot_sigma_px", (0.0,))
+    pixels = np.array([numbers["pixels"]])
+    try:
+        seen = triangulate(
+            pixels[:, :2], pixels[:, 2:], stereo.cameras, sigma_px=math.hypot(spot_px, stereo.calibration_sigma_px)
+        )
+    except ConfigError as problem:
+        raise ConfigError(f"row {name}: {problem}") from problem
+    return seen.points_m[0], seen.covariances_m2[0]
+
+
+def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] | None:
+    return None if sigmas_m is None else np.diag(np.square(sigmas_m))
+
+
+def _table(path: Path) -> tuple[Collection[str], list[Row]]:
+    """What the columns of a CSV hold, and its rows."""
     try:
         with (
             open_input(path, most_bytes=_LARGEST_BYTES) as file,
@@ -90,7 +136,7 @@ def read_points(path: Path) -> list[PointRow]:
         ) from problem
 
 
-def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
+def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list[Row]]:
     heading = [name.strip() for name in next(lines, [])]
     if not heading:
         raise RecordError(f"{path}: it is empty; its first line must name the columns, as in examples/points.csv")
@@ -98,20 +144,19 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
-    rows: list[PointRow] = []
+    rows: list[Row] = []
     for line, cells in enumerate(lines, start=2):
         # Spreadsheets append empty rows.
         if not any(cell.strip() for cell in cells):
             continue
         row = dict(zip(heading, cells, strict=False))
-        numbers: dict[str, tuple[float, ...] | None] = dict.fromkeys(COLUMNS)
-        for kind, names in present.items():
-            numbers[kind] = tuple(
-                _number(f"{path}, line {line}", name, row.get(name, "").strip(), positive="sigma" in kind)
-                for name in names
-            )
-        rows.append(PointRow(name=row.get("name", "").strip() or str(len(rows) + 1), **numbers))
-    return rows
+        where = f"{path}, line {line}"
+        numbers = {
+            kind: tuple(_number(where, name, row.get(name, "").strip(), positive="sigma" in kind) for name in names)
+            for kind, names in present.items()
+        }
+        rows.append((row.get("name", "").strip() or str(len(rows) + 1), numbers))
+    return present.keys(), rows
 
 
 def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:
@@ -136,45 +181,3 @@ def _number(where: str, name: str, text: str, *, positive: bool) -> float:
     if positive and not value > 0:
         raise RecordError(f"{where}: {name} is {value}, a standard deviation must be above 0")
     return value
-
-
-def read_marker(path: Path) -> MarkerPosition:
-    """Position of the marker in the TRUS frame, from a search's result.
-
-    Parameters
-    ----------
-    path
-        Journal of the search, or its result as JSON.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read, or its search gave no position; the message says why.
-    """
-    try:
-        result = result_of(read_journal(path, frames=False))[1] if is_journal(path) else _json_result(path)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror}") from problem
-    except SearchError as problem:
-        raise RecordError(f"{path}: {problem}") from problem
-    if not result.found:
-        raise RecordError(
-            f"{path}: its search found no marker ({result.answer}: {result.reason}); search again, or leave it out"
-        )
-    if result.marker_trus_m is None or result.marker_sigma_m is None:
-        raise RecordError(
-            f"{path}: the marker's position is not known, because the rig's face radius is not, or its data are "
-            "intensities only; calibrate with 'markerseek bank scan point.hdf5 --rig RIG.toml' and 'markerseek "
-            "calibrate point.hdf5', put face_radius_m into [probe] of the rig file, and search again"
-        )
-    return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
-
-
-def _json_result(path: Path) -> SearchResult:
-    try:
-        return msgspec.json.decode(read_input(path, most_bytes=_LARGEST_BYTES), type=SearchResult)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-        raise RecordError(
-            f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "
-            "search --json > result.json'"
-        ) from problem

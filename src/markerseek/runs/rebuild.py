@@ -14,7 +14,6 @@ from markerseek.rigs import (
     BenchRecipe,
     ReaderRecipe,
     Recipe,
-    ReplayedRecipe,
     Rig,
     SimulatedRecipe,
     SpareRecipe,
@@ -78,7 +77,13 @@ def rebuild_rig(configuration: Configuration, *, bench_settings: BenchSettings |
     if isinstance(recipe, SimulatedRecipe):
         rig = simulated(seed=recipe.seed, settings=recipe.settings, pace=recipe.pace)
     else:
-        rig = _replayed(recipe)
+        rig = replayed(
+            Path(recipe.path),
+            probe=recipe.probe,
+            reference_deg=recipe.reference_deg,
+            between=recipe.between,
+            table=recipe.table,
+        )
         # A simulated rig depends on the recipe alone; a recording is a file that can change.
         if rig.facts.fingerprint != configuration.facts.fingerprint:
             raise RecordError(
@@ -139,16 +144,6 @@ def _reader(imaging: bytes) -> Reader:
         case None:
             return IntensityReader()
     return ImageReader(recipe)
-
-
-def _replayed(recipe: ReplayedRecipe) -> Rig:
-    return replayed(
-        Path(recipe.path),
-        probe=recipe.probe,
-        reference_deg=recipe.reference_deg,
-        between=recipe.between,
-        table=recipe.table,
-    )
 
 
 def _reader_recipe(imaging: bytes) -> ReaderRecipe:

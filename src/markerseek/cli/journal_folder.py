@@ -1,4 +1,4 @@
-"""``markerseek journal prune``: removes old journals."""
+"""``markerseek journal list`` and ``markerseek journal prune``: journals of a folder, listed or removed."""
 
 from __future__ import annotations
 
@@ -7,26 +7,70 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
-from markerseek.cli.output_options import AsJson
+from markerseek.cli.options import AsJson
+from markerseek.cli.terminal import one_line, print_error, print_json, stdout
+from markerseek.core import MarkerseekError, RecordError
 
 if TYPE_CHECKING:
     from markerseek.records.journal import JournalSummary
 
-NAME = "prune"
-EXAMPLES = (
+LIST_EXAMPLES = "Examples:\n\n  markerseek journal list\n\n  markerseek journal list /data/runs --last 100 --json"
+PRUNE_EXAMPLES = (
     "Examples:\n\n  markerseek journal prune --keep 50\n\n"
     "  markerseek journal prune --older-than-days 90 --delete\n\n"
     "  markerseek journal prune /data/runs --keep 10 --older-than-days 30 --json"
 )
 
+_Folder = Annotated[
+    Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
+]
+
 _S_PER_DAY = 86_400.0
 
 
-def command(
-    folder: Annotated[
-        Path | None, typer.Argument(help="Folder of journals.", show_default="that of runs that named no journal")
-    ] = None,
+def list_journals(
+    folder: _Folder = None,
+    last: Annotated[int, typer.Option(min=1, help="Number of the newest journals to list.")] = 20,
+    as_json: AsJson = False,
+) -> None:
+    """List the journals of a folder, the newest last, with time, method, result and size.
+
+    Journals are never deleted automatically: markerseek journal prune deletes old ones.
+    """
+    from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
+
+    place = folder or journals_folder()
+    # Before the first search there is no such folder.
+    paths = journals_in(place) if folder is not None or place.exists() else []
+    total_bytes = sum(map(size_bytes_of, paths))
+    summaries = [summary(path) for path in paths[-last:]]
+    if as_json:
+        print_json({"folder": str(place), "count": len(paths), "total_bytes": total_bytes, "journals": summaries})
+        return
+    for each in summaries:
+        stdout.print(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
+    shown = "" if len(summaries) == len(paths) else f", the newest {len(summaries)} are listed (--last)"
+    stdout.print(f"{len(paths)} journals in {escape(str(place))}, {total_bytes / 1e6:.1f} MB{shown}")
+
+
+def _in_words(each: JournalSummary) -> str:
+    if each.method is None:
+        return f"{each.state}: {each.problem}"
+    begun = "not begun" if each.begun is None else f"{each.begun[:16].replace('T', ' ')} UTC"
+    end = each.answer or each.state
+    # Where nothing was detected, the angle is that of the noise; the paper's form has one then too.
+    if each.angle_deg is not None and each.answer != "not found":
+        end = f"{each.angle_deg:.3f}°" if each.as_published else f"{end} at {each.angle_deg:.3f}°"
+    form = " as published" if each.as_published else ""
+    emulated = f" with emulated {' and '.join(each.emulated)}" if each.emulated else ""
+    text = f"{begun}, {each.method}{form} on a {each.rig} rig{emulated}: {end}, {each.acquisitions} acquisitions"
+    return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
+
+
+def prune(
+    folder: _Folder = None,
     keep: Annotated[int | None, typer.Option(min=0, help="Number of the newest journals that stay.")] = None,
     older_than_days: Annotated[
         float | None, typer.Option(min=0, help="Remove only journals that were last changed before so many days.")
@@ -38,8 +82,6 @@ def command(
     as_json: AsJson = False,
 ) -> None:
     """List old journals, and delete them with --delete. A journal of a run that is going on is never deleted."""
-    from markerseek.cli.terminal import one_line, print_error, print_json, stdout
-    from markerseek.core import MarkerseekError, RecordError
     from markerseek.records.journal import Prunable, journals_folder, prunable, remove_journal
 
     place = folder or journals_folder()

@@ -1,0 +1,95 @@
+"""What a former search says of its marker, from its result or its journal: the intensity curve, and the position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from markerseek.core import ConfigError, Finished, Found, MarkerCurve, MarkerPosition, RecordError, SearchError
+from markerseek.files import MIB, read_input
+from markerseek.records import SearchResult
+from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
+
+_MOST_BYTES = 16 * MIB
+"""Largest result that is read; one of 500 acquisitions has 0.1 MiB."""
+
+
+class _Result(msgspec.Struct, frozen=True, kw_only=True):
+    """The only key of a result that a prior needs."""
+
+    curve: MarkerCurve | None = None
+
+
+_Kind = TypeVar("_Kind", _Result, SearchResult)
+
+
+def former_curve(path: Path) -> MarkerCurve:
+    """Intensity curve of the marker that a search found.
+
+    Parameters
+    ----------
+    path
+        The result of the search, as printed with --json, or its journal.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, or no marker was found.
+    """
+    held = _search(path, _Result)
+    if isinstance(held, RecordedRun):
+        answers = (entry.event.estimate for entry in held.entries if isinstance(entry.event, Finished))
+        curve = next((answer.curve for answer in answers if isinstance(answer, Found)), None)
+    else:
+        curve = held.curve
+    if curve is None:
+        raise RecordError(f"{path}: it found no marker whose curve it knows; name the result of a posterior that did")
+    return curve
+
+
+def read_marker(path: Path) -> MarkerPosition:
+    """Position of the marker in the TRUS frame, from a search's result.
+
+    Parameters
+    ----------
+    path
+        Journal of the search, or its result as JSON.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, or its search gave no position; the message says why.
+    """
+    held = _search(path, SearchResult)
+    try:
+        result = result_of(held)[1] if isinstance(held, RecordedRun) else held
+    except SearchError as problem:
+        raise RecordError(f"{path}: {problem}") from problem
+    if not result.found:
+        raise RecordError(
+            f"{path}: its search found no marker ({result.answer}: {result.reason}); search again, or leave it out"
+        )
+    if result.marker_trus_m is None or result.marker_sigma_m is None:
+        raise RecordError(
+            f"{path}: the marker's position is not known, because the rig's face radius is not, or its data are "
+            "intensities only; calibrate with 'markerseek bank scan point.hdf5 --rig RIG.toml' and 'markerseek "
+            "calibrate point.hdf5', put face_radius_m into [probe] of the rig file, and search again"
+        )
+    return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
+
+
+def _search(path: Path, result: type[_Kind]) -> RecordedRun | _Kind:
+    """The run of a journal, without its frames, or a result."""
+    try:
+        if is_journal(path):
+            return read_journal(path, frames=False)
+        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=result)
+    except OSError as problem:
+        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ConfigError) as problem:
+        raise RecordError(
+            f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "
+            "search --json > result.json'"
+        ) from problem
