@@ -17,7 +17,6 @@ from markerseek.core import ConfigError, DeviceError, is_finite
 from markerseek.wire.igtl_contents import (
     BUSY,
     EMULATOR,
-    HARDWARE_FAILURE,
     MOST_TEXT_BYTES,
     NOT_READY,
     OK,
@@ -39,7 +38,6 @@ from markerseek.wire.igtl_packing import HEADER_BYTES, KINDS, character_set, crc
 __all__ = [
     "BUSY",
     "EMULATOR",
-    "HARDWARE_FAILURE",
     "HEADER_BYTES",
     "KINDS",
     "MOST_TEXT_BYTES",
