@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from markerseek.bridges.ros2.interrupted import Interrupted
+from markerseek.bridges.ros2.serving import Interrupted, Served
 from markerseek.core import Clock, LimitError, MarkerseekError, Stage
 from markerseek.guard import Guard, State
-from markerseek.ros import MOST_AGE_S, RosNode, StampedCommands, degrees, joint_angle_deg, messages, topics
+from markerseek.ros import MOST_AGE_S, RosNode, degrees, joint_angle_deg, messages, topics
 from markerseek.scan import DeadMan
 
 _JOINT, _NUMBER, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Empty"
 _PUBLISH_S = 0.1
 """Time between two angles while the stage rests, in seconds; while it turns it has one reader, the driver."""
-
-_DIAGNOSE_S = 1.0
 
 _REFUSAL_S = 0.05
 """Least time between two answers to commands that are refused, in seconds."""
@@ -46,23 +44,17 @@ class _Wanted:
     servo: bool = False
 
 
-class StageNode:
+class StageNode(Served):
     """Serves a stage.
 
     Parameters
     ----------
-    node
-        Its node; messages are handled while it is spun.
-    stage, guard, clock
-        The stage, its guard, and their time.
-    by
-        Who has armed the guard.
+    node, guard, by, dead_man, simulated
+        As of `Served`; the lease is held during a move.
+    stage, clock
+        The stage, and its time.
     plain
         Topics of plain numbers; None for none.
-    dead_man
-        Lease of the stage, to be held during a move.
-    simulated
-        Whether the stage is simulated.
     """
 
     def __init__(
@@ -77,24 +69,20 @@ class StageNode:
         dead_man: DeadMan | None = None,
         simulated: bool = False,
     ) -> None:
-        self.node = node
-        self._stage, self._guard, self._clock, self._by = stage, guard, clock, by
-        self._plain, self._dead_man, self._simulated = plain, dead_man, simulated
-        self._commands = StampedCommands()
+        super().__init__(node=node, guard=guard, by=by, dead_man=dead_man, simulated=simulated)
+        self._stage, self._clock, self._plain = stage, clock, plain
         self._wanted: _Wanted | None = None
         self._moving: _Wanted | None = None
         self._renewed_s = -math.inf
         self._stopped = False
         self._refused = ("", 0)
         self._moves = self._stops = 0
-        self._active = True
         self._angle_deg = math.nan
-        self._due_s = self._diagnose_s = self._refusal_due_s = -math.inf
+        self._due_s = self._refusal_due_s = -math.inf
         for topic in (topics.MEASURED_JS, topics.SETPOINT_JS):
             node.advertise(topic, _JOINT)
         self._state_kind = messages.state_kind(node.kinds)
         node.advertise(topics.OPERATING_STATE, self._state_kind)
-        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
         node.subscribe(topics.MOVE_JP, _JOINT, lambda message: self._on_joint(message, servo=False))
         node.subscribe(topics.SERVO_JP, _JOINT, lambda message: self._on_joint(message, servo=True))
         node.subscribe(topics.STOP, _EMPTY, lambda _message: self.stop())
@@ -158,13 +146,6 @@ class StageNode:
         self._stopped = True
         self._stops += 1
 
-    def set_active(self, active: bool) -> None:
-        """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
-        if not active:
-            self._active = False
-            self.stop()
-            self._guard.disarm()
-
     def beat(self) -> None:
         """End the move if that is wanted; called while the stage turns, after the messages have been handled.
 
@@ -192,9 +173,7 @@ class StageNode:
         elif now_s >= self._due_s:
             self._due_s = now_s + _PUBLISH_S
             self._publish_angle()
-        if now_s >= self._diagnose_s:
-            self._diagnose_s = now_s + _DIAGNOSE_S
-            self._publish_diagnostics()
+        self._diagnose({"angle_deg": f"{self._angle_deg:.3f}", "moves": self._moves, "stops": self._stops})
 
     def _move(self, wanted: _Wanted) -> None:
         self._moving = wanted
@@ -205,13 +184,9 @@ class StageNode:
         try:
             self._turn(wanted.angle_deg)
         except Interrupted:
-            self._make_safe()
-            self._guard.disarm()
-            if self._active:
-                # In the name of the same person: a stop ends the move, not the session for which the node was armed.
-                self._guard.arm(by=self._by)
+            self._end_interrupted()
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
+            self._fail(error)
             self._make_safe()
         finally:
             self._moving = None
@@ -222,13 +197,8 @@ class StageNode:
 
     def _turn(self, angle_deg: float) -> None:
         self._guard.begin_move(angle_deg)
-        if self._dead_man is not None:
-            self._dead_man.hold()
-        try:
+        with self._lease_held():
             reached_deg = self._stage.move_to(angle_deg)
-        finally:
-            if self._dead_man is not None:
-                self._dead_man.release()
         self._guard.end_move(reached_deg)
 
     def _make_safe(self) -> None:
@@ -237,12 +207,7 @@ class StageNode:
         try:
             self._stage.stop()
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
-
-    def close(self) -> None:
-        """Stop the stage and disarm."""
-        self._guard.disarm()
-        self._make_safe()
+            self._fail(error)
 
     # What it tells.
 
@@ -251,7 +216,7 @@ class StageNode:
         try:
             self._angle_deg = self._guard.readback(self._stage.angle_deg)
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
+            self._fail(error)
             self._publish_state(is_busy=False)
             return
         now_s = self.node.now_s()
@@ -273,17 +238,3 @@ class StageNode:
             refused_ns=self._refused[1],
         )
         self.node.publish(topics.OPERATING_STATE, self._state_kind, messages.state(self.node.kinds, held))
-
-    def _publish_diagnostics(self) -> None:
-        facts = {
-            "state": self._guard.state.value,
-            "simulated": self._simulated,
-            "angle_deg": f"{self._angle_deg:.3f}",
-            "moves": self._moves,
-            "stops": self._stops,
-            **{f"dropped: {reason}": count for reason, count in self._commands.dropped.items()},
-        }
-        message = messages.diagnostics(
-            self.node.kinds, time_s=self.node.now_s(), name=self.node.name, fault=self._guard.fault, facts=facts
-        )
-        self.node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)
