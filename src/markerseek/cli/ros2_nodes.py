@@ -74,11 +74,11 @@ def ros_node(
     network: Network | None = None,
 ) -> Iterator[RosNode]:
     """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted."""
-    from markerseek.ros import RosNode, Security
+    from markerseek.ros import RosNode, require_keys
 
     enclave = f"/markerseek/{name}"
     if require_security:
-        Security.of_environment().require(enclave)
+        require_keys(enclave)
     with RosNode(name, parameters=parameters, enclave=enclave, on_active=on_active, network=network) as node:
         yield node
 

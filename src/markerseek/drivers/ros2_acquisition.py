@@ -82,12 +82,12 @@ class Ros2Acquisition:
         self._wait.until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
 
     def _on_state(self, message: Any) -> None:
-        state = messages.acquisition_state_of(message)
+        state = messages.decoded(message.data, messages.AcquisitionState)
         self._states += 1
         self.simulated = self.simulated or (state is not None and state.simulated)
 
     def _on_answer(self, message: Any) -> None:
-        answer = messages.acquired_of(message)
+        answer = messages.decoded(message.data, messages.Acquired)
         if answer is not None and answer.id.startswith(f"{self._session}."):
             self._answers[f"{answer.id} {answer.step}"] = answer
 

@@ -10,6 +10,9 @@ from markerseek.drivers._ros2_settings import RosStage
 from markerseek.drivers._ros2_wait import RosWait
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
+_MOST_WAITING = 200
+"""Most messages that are handled before a move, or before the angle is given."""
+
 
 class Ros2Stage:
     """A stage node of this or another program.
@@ -114,7 +117,7 @@ class Ros2Stage:
         DeviceTimeoutError
             If it is older than ``age_s``.
         """
-        self._wait.drain()
+        self._node.drain(_MOST_WAITING)
         age_s = self._settings.age_s
         if age_s is not None:
 
@@ -142,7 +145,7 @@ class Ros2Stage:
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-        self._wait.drain()
+        self._node.drain(_MOST_WAITING)
         self._was_busy, self._refused = False, None
         readings = self._readings
         sent_ns = self._send(angle_deg)

@@ -170,19 +170,15 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     refused_ns: int = 0
 
 
-def acquired_of(message: Any) -> Acquired | None:
-    """Answer in a std_msgs/String; None if it holds none."""
-    return _decoded(message.data, Acquired)
+_Held = TypeVar("_Held", bound=msgspec.Struct)
 
 
-def acquisition_state_of(message: Any) -> AcquisitionState | None:
-    """What an acquisition node is, from a std_msgs/String; None if it does not say."""
-    return _decoded(message.data, AcquisitionState)
-
-
-def request_of(message: Any) -> AcquireRequest | None:
-    """Request in a std_msgs/String; None if it holds none."""
-    return _decoded(message.data, AcquireRequest)
+def decoded(data: str, kind: type[_Held]) -> _Held | None:
+    """Value of this kind in the text of a std_msgs/String; None if it holds none."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        return None
 
 
 FRAMES_KIND = "tf2_msgs/msg/TFMessage"
@@ -212,20 +208,10 @@ def state(kinds: Any, held: OperatingState) -> Any:
 def state_of(message: Any) -> OperatingState | None:
     """State in a message; None if it holds none."""
     if hasattr(message, "data"):
-        return _decoded(message.data, OperatingState)
+        return decoded(message.data, OperatingState)
     return OperatingState(
         state=message.state, is_homed=message.is_homed, is_busy=message.is_busy, stamp_ns=stamp_ns(message)
     )
-
-
-_Held = TypeVar("_Held", bound=msgspec.Struct)
-
-
-def _decoded(data: str, kind: type[_Held]) -> _Held | None:
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
 
 
 def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:

@@ -109,6 +109,7 @@ class RosNode:
         self.network = network or Network(enclave)
         self.kinds = Kinds()
         self.name = name
+        from rcl_interfaces.msg import ParameterDescriptor
         from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
         notify = on_active or (lambda _active: None)
@@ -141,7 +142,8 @@ class RosNode:
             )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
-        self._declare(parameters or {})
+        for key, value in (parameters or {}).items():
+            self._node.declare_parameter(key, value, ParameterDescriptor(read_only=True))
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
@@ -150,12 +152,6 @@ class RosNode:
         self._node.trigger_configure()
         self._node.trigger_activate()
         self._open = True
-
-    def _declare(self, parameters: Mapping[str, float | str | int | bool]) -> None:
-        from rcl_interfaces.msg import ParameterDescriptor
-
-        for name, value in parameters.items():
-            self._node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
 
     def publish(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
         """Publish a message.
@@ -243,10 +239,13 @@ class RosNode:
         """Carry out what has arrived; waits for it at most so long."""
         self.network.executor.spin_once(timeout_sec=timeout_s)
 
-    @property
-    def handled(self) -> int:
-        """Number of messages that were received so far, also by other nodes of its network."""
-        return self.network.handled
+    def drain(self, most: int) -> None:
+        """Carry out what has arrived already, at most so many messages, without waiting."""
+        for _ in range(most):
+            before = self.network.handled
+            self.spin(0.0)
+            if self.network.handled == before:
+                break
 
     def wake(self) -> None:
         """Let `spin` return now; allowed in any thread."""

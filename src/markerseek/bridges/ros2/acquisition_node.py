@@ -58,7 +58,7 @@ class AcquisitionNode(Served):
         node.publish(topics.ACQUISITION_STATE, _TEXT, state, latched=True)
 
     def _on_request(self, message: Any) -> None:
-        request = messages.request_of(message)
+        request = messages.decoded(message.data, messages.AcquireRequest)
         if request is None:
             self._commands.drop("no request", "it holds no request")
             return

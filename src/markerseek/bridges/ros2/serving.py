@@ -136,11 +136,8 @@ class Beat:
 
     def __call__(self) -> None:
         """Handle a few messages, without waiting, and end what the device does if one asks for it."""
-        for _ in range(_MOST_MESSAGES if self.served else 0):
-            before = self.served[0].node.handled
-            self.served[0].node.spin(0.0)
-            if self.served[0].node.handled == before:
-                break
+        if self.served:
+            self.served[0].node.drain(_MOST_MESSAGES)
         for each in self.served:
             each.beat()
 
