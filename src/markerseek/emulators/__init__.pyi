@@ -1,8 +1,7 @@
 from .bench import EmulatedBench, ServingClock, require_pace, serve
-from .byte_device import ByteDevice, DirectPort
 from .kdc101 import Kdc101Settings
+from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
-from .pty_line import PtyLine
 
 __all__ = [
     "ByteDevice",

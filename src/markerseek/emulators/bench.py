@@ -19,8 +19,8 @@ from markerseek.acoustics import Digitiser
 from markerseek.core import Clock, ConfigError
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.plus import EmulatedPlus
-from markerseek.emulators.pty_line import PtyLine
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.rigs import draw_scene
 from markerseek.sim import SimulatedSettings, VirtualClock, World
