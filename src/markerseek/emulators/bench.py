@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.acoustics import Digitiser
-from markerseek.core import Clock, ConfigError
+from markerseek.core import Clock, ConfigError, require_range
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
@@ -212,14 +212,6 @@ def serve(
         writing.result()
 
 
-def require_pace(pace: float) -> float:
-    """Return the pace if it is possible.
-
-    Raises
-    ------
-    ConfigError
-        If it is no positive number of at most 1.
-    """
-    if not 0.01 <= pace <= 1:
-        raise ConfigError(f"pace is {pace}, it must lie between 0.01, a hundredth of the time, and 1, all of it")
-    return pace
+def require_pace(pace: float) -> None:
+    """Refuse a pace that is no number from 0.01, a hundredth of the time, to 1, all of it."""
+    require_range("pace", pace, low=0.01, high=1)

@@ -67,12 +67,9 @@ class Kdc101Settings:
     serial_number: int = 27000001
 
     def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("play_deg", 0, 5, "deg"),
-            ("zero_deg", -360, 360, "deg"),
-            ("turns", -10, 10, ""),
-        ):
-            require_range(f"emulated stage: {name}", getattr(self, name), low=low, high=high, unit=unit)
+        require_range("emulated stage: play_deg", self.play_deg, low=0, high=5, unit="deg")
+        require_range("emulated stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
+        require_range("emulated stage: turns", self.turns, low=-10, high=10)
 
 
 class Kdc101Emulator:
