@@ -263,8 +263,8 @@ def b_mode(kinds: Kinds, image: BModeImage, *, time_s: float) -> Any:
 
 def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
     """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
-    # The lower end is clipped before the logarithm, which has none of zero.
-    share = np.clip(values / brightest, 10 ** (-RANGE_DB / 20), 1.0)
+    # The lower end is clipped before the logarithm, which has none of zero; a frame without sound is black.
+    share = np.clip(values / (brightest or 1.0), 10 ** (-RANGE_DB / 20), 1.0)
     return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
 
 

@@ -96,7 +96,7 @@ class SampleTopics:
             self._brightest = max(self._brightest, float(image.envelope.max()))
             node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
             # White is the brightest so far: what will come is not known.
-            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest or 1.0)
+            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
             node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
         content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, "index": event.index}
         said = {**content, "role": event.role, **facts}
