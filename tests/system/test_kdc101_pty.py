@@ -22,7 +22,8 @@ from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=1.0), settings=Kdc101Settings(talking=True))
 with PtyLine(device=emulator, clock=SystemClock()) as line:
     print(line.path, flush=True)
-    line.serve(until=lambda: False)
+    while True:
+        line.serve_once(wait_s=2e-3)
 """
 
 # A busy machine answers late: what is late is tested in virtual time.

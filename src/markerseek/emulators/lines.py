@@ -94,7 +94,7 @@ class DirectPort:
 class PtyLine:
     """A pseudo-terminal pair: drivers open `path`, the emulator answers at the other end.
 
-    Use it as a context manager, and call `serve` in a thread or a process of its own.
+    Use it as a context manager, and call `serve_once` again and again, in a thread or a process of its own.
 
     Parameters
     ----------
@@ -130,19 +130,6 @@ class PtyLine:
     def path(self) -> str:
         """Name of the serial port for a driver."""
         return str(self._link or self._name)
-
-    def serve(self, *, until: Callable[[], bool], tick_s: float = 2e-3) -> None:
-        """Pass bytes and time to the device, and its answers back, until ``until`` is true.
-
-        Parameters
-        ----------
-        until
-            Called once a tick.
-        tick_s
-            Longest time between two polls of the device, in seconds.
-        """
-        while not until():
-            self.serve_once(wait_s=tick_s)
 
     def serve_once(self, *, wait_s: float) -> None:
         """Wait for bytes at most that many seconds, then advance the device once."""

@@ -184,20 +184,20 @@ def decoded(data: str, kind: type[_Held]) -> _Held | None:
 FRAMES_KIND = "tf2_msgs/msg/TFMessage"
 
 
-def frames_kind(kinds: Any) -> str:
+def frames_kind(kinds: Kinds) -> str:
     """Name of the message with transforms: that of tf2 where it is installed."""
-    return FRAMES_KIND if kinds.has(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
+    return FRAMES_KIND if FRAMES_KIND in kinds else "geometry_msgs/msg/TransformStamped"
 
 
 STATE_KIND = "crtk_msgs/msg/OperatingState"
 
 
-def state_kind(kinds: Any) -> str:
+def state_kind(kinds: Kinds) -> str:
     """Name of the message with the state: that of CRTK where it is installed."""
-    return STATE_KIND if kinds.has(STATE_KIND) else "std_msgs/msg/String"
+    return STATE_KIND if STATE_KIND in kinds else "std_msgs/msg/String"
 
 
-def state(kinds: Any, held: OperatingState) -> Any:
+def state(kinds: Kinds, held: OperatingState) -> Any:
     """Message with the state of a stage node."""
     if state_kind(kinds) != STATE_KIND:
         return text(kinds, held)
