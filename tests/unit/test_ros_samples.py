@@ -31,7 +31,7 @@ class Node:
     def advertise(self, topic, kind, **how):
         pass
 
-    def publish(self, topic, kind, message, **how):
+    def publish(self, topic, message):
         self.sent.setdefault(topic, []).append(message)
 
 

@@ -54,9 +54,9 @@ class Ros2Stage:
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
         joint = settings.message == "joint_state"
-        self._kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
-        node.advertise(settings.command_topic, self._kind)
-        node.subscribe(settings.reached_topic, self._kind, self._on_joint if joint else self._on_number)
+        kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
+        node.advertise(settings.command_topic, kind)
+        node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
         self._stop_topic = None if settings.state_topic is None else topics.STOP
         if self._stop_topic is not None:
             node.advertise(self._stop_topic, "std_msgs/msg/Empty")
@@ -172,13 +172,13 @@ class Ros2Stage:
         """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
         if self._settings.message == "float64":
             value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
-            self._node.publish(self._settings.command_topic, self._kind, messages.number(self._node.kinds, value))
+            self._node.publish(self._settings.command_topic, messages.number(self._node.kinds, value))
             return 0
         message = messages.joint_state(self._node.kinds, time_s=self._node.now_s(), angle_deg=angle_deg)
-        self._node.publish(self._settings.command_topic, self._kind, message)
+        self._node.publish(self._settings.command_topic, message)
         return messages.stamp_ns(message)
 
     def stop(self) -> None:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
         if self._stop_topic is not None and self._busy:
-            self._node.publish(self._stop_topic, "std_msgs/msg/Empty", messages.empty(self._node.kinds))
+            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))

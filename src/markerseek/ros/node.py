@@ -153,27 +153,21 @@ class RosNode:
         self._node.trigger_activate()
         self._open = True
 
-    def publish(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
-        """Publish a message.
+    def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
+        """Make a publisher, so that subscribers can find it before the first message.
 
         Parameters
         ----------
         topic, kind
             Topic, and name of the message, such as ``std_msgs/msg/String``.
-        message
-            The message.
         latched
-            Whether it is kept for subscribers that come later.
+            Whether the last message is kept for subscribers that come later.
         """
-        self.advertise(topic, kind, latched=latched)
-        self._publishers[topic].publish(message)
+        self._publishers[topic] = self._node.create_publisher(self.kinds.kind(kind), topic, _quality(latched=latched))
 
-    def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
-        """Make a publisher now, so that subscribers can find it before the first message."""
-        if topic not in self._publishers:
-            self._publishers[topic] = self._node.create_publisher(
-                self.kinds.kind(kind), topic, _quality(latched=latched)
-            )
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish a message on a topic that was advertised."""
+        self._publishers[topic].publish(message)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = False) -> None:
         """Call a function with each message of a topic, while the node is spun."""

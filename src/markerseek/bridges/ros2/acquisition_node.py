@@ -55,7 +55,8 @@ class AcquisitionNode(Served):
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
         node.subscribe(topics.ACQUIRE, _TEXT, self._on_request)
         state = messages.text(node.kinds, messages.AcquisitionState(simulated=simulated))
-        node.publish(topics.ACQUISITION_STATE, _TEXT, state, latched=True)
+        node.advertise(topics.ACQUISITION_STATE, _TEXT, latched=True)
+        node.publish(topics.ACQUISITION_STATE, state)
 
     def _on_request(self, message: Any) -> None:
         request = messages.decoded(message.data, messages.AcquireRequest)
@@ -136,7 +137,7 @@ class AcquisitionNode(Served):
         self._frames += 1
         now_s = self.node.now_s()
         image = messages.channels(self.node.kinds, frame.samples, time_s=now_s)
-        self.node.publish(topics.CHANNELS, "sensor_msgs/msg/Image", image)
+        self.node.publish(topics.CHANNELS, image)
         self._answer(
             request,
             step="frame",
@@ -149,7 +150,7 @@ class AcquisitionNode(Served):
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:
         self._errors += step == "error"
         answer = messages.Acquired(id=request.id, step=step, error=error, simulated=self._simulated, **facts)
-        self.node.publish(topics.ACQUIRED, _TEXT, messages.text(self.node.kinds, answer))
+        self.node.publish(topics.ACQUIRED, messages.text(self.node.kinds, answer))
 
     def _make_safe(self) -> None:
         self._acquiring = False

@@ -15,8 +15,6 @@ from markerseek.records.journal import Checked
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 from markerseek.ros import RosNode, messages, topics
 
-_TEXT = "std_msgs/msg/String"
-
 
 class SearchNode:
     """Runs searches as child processes, one at a time.
@@ -45,6 +43,7 @@ class SearchNode:
         self._counts = {"searches": 0, "acquisitions": 0, "refused": 0, "lost lines": 0, "lost frames": 0}
         self._fault: str | None = None
         self._diagnostics = Diagnostics(node)
+        node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
         node.serve(topics.RUN, self._on_run)
         node.serve(topics.CANCEL, self._on_cancel)
         self._publish_result({"state": "idle"})
@@ -126,4 +125,4 @@ class SearchNode:
         )
 
     def _publish_result(self, content: dict[str, Any]) -> None:
-        self.node.publish(topics.RESULT, _TEXT, messages.text(self.node.kinds, content), latched=True)
+        self.node.publish(topics.RESULT, messages.text(self.node.kinds, content))

@@ -44,7 +44,7 @@ class Diagnostics:
             self._due_s = now_s + _DIAGNOSE_S
             kinds, name = self._node.kinds, self._node.name
             message = messages.diagnostics(kinds, time_s=now_s, name=name, fault=fault, facts=facts)
-            self._node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)
+            self._node.publish(topics.DIAGNOSTICS, message)
 
 
 class Served(ABC):

@@ -81,8 +81,7 @@ class StageNode(Served):
         self._due_s = self._refusal_due_s = -math.inf
         for topic in (topics.MEASURED_JS, topics.SETPOINT_JS):
             node.advertise(topic, _JOINT)
-        self._state_kind = messages.state_kind(node.kinds)
-        node.advertise(topics.OPERATING_STATE, self._state_kind)
+        node.advertise(topics.OPERATING_STATE, messages.state_kind(node.kinds))
         node.subscribe(topics.MOVE_JP, _JOINT, lambda message: self._on_joint(message, servo=False))
         node.subscribe(topics.SERVO_JP, _JOINT, lambda message: self._on_joint(message, servo=True))
         node.subscribe(topics.STOP, _EMPTY, lambda _message: self.stop())
@@ -179,7 +178,7 @@ class StageNode(Served):
         self._moving = wanted
         self._moves += 1
         setpoint = messages.joint_state(self.node.kinds, time_s=self.node.now_s(), angle_deg=wanted.angle_deg)
-        self.node.publish(topics.SETPOINT_JS, _JOINT, setpoint)
+        self.node.publish(topics.SETPOINT_JS, setpoint)
         self._publish_state(is_busy=True)
         try:
             self._turn(wanted.angle_deg)
@@ -193,7 +192,7 @@ class StageNode(Served):
         self._publish_angle()
         if self._plain is not None:
             value = self._angle_deg if self._plain.unit == "deg" else math.radians(self._angle_deg)
-            self.node.publish(self._plain.reached, _NUMBER, messages.number(self.node.kinds, value))
+            self.node.publish(self._plain.reached, messages.number(self.node.kinds, value))
 
     def _turn(self, angle_deg: float) -> None:
         self._guard.begin_move(angle_deg)
@@ -221,7 +220,7 @@ class StageNode(Served):
             return
         now_s = self.node.now_s()
         message = messages.joint_state(self.node.kinds, time_s=now_s, angle_deg=self._angle_deg)
-        self.node.publish(topics.MEASURED_JS, _JOINT, message)
+        self.node.publish(topics.MEASURED_JS, message)
         self._publish_state(is_busy=False, stamp_ns=messages.time_ns(now_s))
 
     def _publish_state(self, *, is_busy: bool, stamp_ns: int | None = None) -> None:
@@ -237,4 +236,4 @@ class StageNode(Served):
             refused=self._refused[0],
             refused_ns=self._refused[1],
         )
-        self.node.publish(topics.OPERATING_STATE, self._state_kind, messages.state(self.node.kinds, held))
+        self.node.publish(topics.OPERATING_STATE, messages.state(self.node.kinds, held))
