@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
-from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.drivers.serial_port import SerialPort
 
 pytestmark = pytest.mark.real_time
 
@@ -41,12 +41,12 @@ def path() -> Iterator[str]:
 
 
 def test_it_moves_over_a_pseudo_terminal_from_another_process(path: str) -> None:
-    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+    with SerialPort(path, handshake=True) as port:
         stage = Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT)
         assert stage.angle_deg == pytest.approx(1.0, abs=1e-3)
         for target_deg in (4.0, -2.5):
             assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=1e-3)
         stage.stop()
     # Another program finds it where the first left it.
-    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+    with SerialPort(path, handshake=True) as port:
         assert Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT).angle_deg == pytest.approx(-2.5, abs=1e-3)

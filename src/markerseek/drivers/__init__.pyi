@@ -9,7 +9,7 @@ from .laserbox import LaserBox
 from .plus import PlusReceiver, connect_plus
 from .ros2_acquisition import Ros2Acquisition
 from .ros2_stage import Ros2Stage
-from .serial_port import SerialPort, SerialSettings
+from .serial_port import SerialPort
 from .settings import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 
@@ -29,7 +29,6 @@ __all__ = [
     "RosReceiver",
     "RosStage",
     "SerialPort",
-    "SerialSettings",
     "SonixDaqKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",
