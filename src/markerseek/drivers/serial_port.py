@@ -45,13 +45,7 @@ class SerialPort:
             self._shake_hands()
 
     def write(self, data: bytes) -> None:
-        """Send all of it.
-
-        Raises
-        ------
-        NotConnectedError
-            If the line is gone, or accepts no bytes.
-        """
+        """As `Port.write`; a line that accepts no bytes is gone too."""
         try:
             sent = self._line.write(data)
         except SERIAL_ERRORS as error:
@@ -61,13 +55,7 @@ class SerialPort:
             raise self._gone()
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes; fewer, perhaps none, after the timeout.
-
-        Raises
-        ------
-        NotConnectedError
-            If the line is gone.
-        """
+        """As `Port.read`."""
         try:
             self._line.timeout = timeout_s
             return bytes(self._line.read(size))

@@ -53,25 +53,13 @@ class DirectPort:
         self._open = True
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the device.
-
-        Raises
-        ------
-        NotConnectedError
-            If the port was closed.
-        """
+        """As `Port.write`; the line is gone when it was closed."""
         # Advance first: the device must be at the present time when it receives a command.
         self._poll()
         self._inbox += self._device.feed(data)
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes; fewer, perhaps none, after the timeout.
-
-        Raises
-        ------
-        NotConnectedError
-            If the port was closed.
-        """
+        """As `Port.read`."""
         ends_s = self._clock.now_s() + timeout_s
         self._poll()
         while len(self._inbox) < size and (left_s := ends_s - self._clock.now_s()) > 0:
