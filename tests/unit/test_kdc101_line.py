@@ -58,7 +58,12 @@ def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
     clock = SystemClock()
     done = threading.Event()
     with PtyLine(device=Echo(), clock=clock) as line:
-        serving = threading.Thread(target=line.serve, kwargs={"until": done.is_set})
+
+        def serve() -> None:
+            while not done.is_set():
+                line.serve_once(wait_s=2e-3)
+
+        serving = threading.Thread(target=serve)
         serving.start()
         try:
             with SerialPort(line.path, handshake=True) as port:
