@@ -49,7 +49,7 @@ def exposure_line(laser: LaserKeys) -> str:
     missing = [f"laser.{name}" for name, value in light.items() if value is None]
     if missing:
         return f"skin exposure: not shown, the rig file has no {', '.join(missing)}. {CAVEAT}"
-    pulse_j_m2 = light["pulse_energy_j"] / (math.pi * light["spot_diameter_m"] ** 2 / 4)
+    pulse_j_m2: float = light["pulse_energy_j"] / (math.pi * light["spot_diameter_m"] ** 2 / 4)
 
     def share(pulses: float, duration_s: float) -> float:
         return pulses * pulse_j_m2 / skin_limit_j_m2(wavelength_nm=light["wavelength_nm"], duration_s=duration_s)
