@@ -173,7 +173,7 @@ def test_a_node_that_is_deactivated_stops_and_takes_no_command(bench: Bench) -> 
     def deactivate() -> None:
         if bench.stage.angle_deg > 1.0 and not done:
             done.append(True)
-            bench.node.deactivate()
+            bench.node._node.trigger_deactivate()
         bench.beat()
 
     bench.clock._beat = deactivate

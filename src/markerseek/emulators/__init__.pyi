@@ -1,4 +1,4 @@
-from .bench import EmulatedBench, ServingClock, require_pace, serve
+from .bench import EmulatedBench, require_pace, serve
 from .kdc101 import Kdc101Settings
 from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
@@ -10,7 +10,6 @@ __all__ = [
     "EmulatedPlus",
     "Kdc101Settings",
     "PtyLine",
-    "ServingClock",
     "require_pace",
     "serve",
 ]

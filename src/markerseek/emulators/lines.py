@@ -16,6 +16,9 @@ import numpy as np
 from markerseek.core import Clock, ConfigError, NotConnectedError
 from markerseek.sim import Fault
 
+_POLL_S = 1e-3
+"""Time between two polls of an emulator in the same process while a reader waits, in seconds."""
+
 _UNREAD_LIMIT = 65536
 """Most bytes kept for a driver that does not read; later ones are lost, as on a wire."""
 
@@ -41,14 +44,11 @@ class DirectPort:
         The emulator.
     clock
         Clock of both ends.
-    step_s
-        Time between two polls of the device while a reader waits, in seconds.
     """
 
-    def __init__(self, *, device: ByteDevice, clock: Clock, step_s: float = 1e-3) -> None:
+    def __init__(self, *, device: ByteDevice, clock: Clock) -> None:
         self._device = device
         self._clock = clock
-        self._step_s = step_s
         self._inbox = bytearray()
         self._open = True
 
@@ -63,7 +63,7 @@ class DirectPort:
         ends_s = self._clock.now_s() + timeout_s
         self._poll()
         while len(self._inbox) < size and (left_s := ends_s - self._clock.now_s()) > 0:
-            self._clock.wait(min(self._step_s, left_s))
+            self._clock.wait(min(_POLL_S, left_s))
             self._poll()
         data = bytes(self._inbox[:size])
         del self._inbox[:size]

@@ -217,10 +217,6 @@ class RosNode:
         finally:
             self._node.destroy_client(client)
 
-    def deactivate(self) -> None:
-        """Deactivate it, as a lifecycle manager would."""
-        self._node.trigger_deactivate()
-
     def matched(self, topic: str) -> bool:
         """Whether somebody listens to a topic that this node publishes."""
         return bool(self._publishers[topic].get_subscription_count() > 0)
