@@ -173,7 +173,7 @@ def serve(
     lines: Sequence[PtyLine],
     clock: Clock,
     pace: float,
-    daq: EmulatedSonixDaq | EmulatedPlus | None,
+    daq: EmulatedSonixDaq | EmulatedPlus,
     until: Callable[[], bool],
 ) -> None:
     """Serve emulated devices until ``until`` is true.
@@ -195,14 +195,14 @@ def serve(
     ended = threading.Event()
 
     def acquire() -> None:
-        while daq is not None and not ended.is_set():
+        while not ended.is_set():
             daq.advance(clock.now_s() / pace)
             clock.wait(_TICK_S)
 
     with ThreadPoolExecutor(max_workers=1) as worker:
         writing = worker.submit(acquire)
         try:
-            while not until() and not (daq is not None and writing.done()):
+            while not until() and not writing.done():
                 for line in lines:
                     line.serve_once(wait_s=_TICK_S / len(lines))
                 if not lines:

@@ -40,8 +40,7 @@ class PlainTopics:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
     angle_deg: float
-    stamp_ns: int
-    servo: bool = False
+    servo: bool
 
 
 class StageNode(Served):
@@ -94,28 +93,26 @@ class StageNode(Served):
     def _on_joint(self, message: Any, *, servo: bool) -> None:
         stamp_ns = messages.stamp_ns(message)
         reason = self._commands.refusal(stamp_ns, now_s=self.node.now_s())
-        angle_deg = joint_angle_deg(message)
-        if reason is None and angle_deg is None:
-            reason = self._commands.drop("no angle", f"it is no position of the joint {messages.JOINT} alone")
-        if reason is None and angle_deg is not None:
-            reason = self._refusal_of(angle_deg, servo=servo)
-        if reason is not None:
-            self._refuse(reason, stamp_ns)
-            return
-        assert angle_deg is not None  # noqa: S101  without an angle there is a reason
-        self._take(_Wanted(angle_deg=angle_deg, stamp_ns=stamp_ns, servo=servo))
+        self._take(joint_angle_deg(message), reason, stamp_ns=stamp_ns, servo=servo)
 
     def _on_number(self, message: Any) -> None:
         assert self._plain is not None  # noqa: S101  its topic is subscribed to only then
-        angle_deg = message.data if self._plain.unit == "deg" else degrees(message.data)
-        reason = self._refusal_of(angle_deg, servo=False)
-        if reason is not None:
-            self._refuse(reason, 0)
-            return
-        self._take(_Wanted(angle_deg=angle_deg, stamp_ns=0))
+        self._take(message.data if self._plain.unit == "deg" else degrees(message.data), None, stamp_ns=0, servo=False)
 
-    def _refusal_of(self, angle_deg: float, *, servo: bool) -> str | None:
+    def _take(self, angle_deg: float | None, reason: str | None, *, stamp_ns: int, servo: bool) -> None:
+        """Note an angle that is wanted; if there is a reason against it, say so."""
+        if reason is None:
+            reason = self._refusal_of(angle_deg, servo=servo)
+        if reason is not None:
+            self._refuse(reason, stamp_ns)
+        elif angle_deg is not None:
+            self._wanted = _Wanted(angle_deg=angle_deg, servo=servo)
+            self._renewed_s = self.node.now_s()
+
+    def _refusal_of(self, angle_deg: float | None, *, servo: bool) -> str | None:
         """Why an angle is not gone to; None if it is."""
+        if angle_deg is None:
+            return self._commands.drop("no angle", f"it is no position of the joint {messages.JOINT} alone")
         if self._guard.state in (State.FAULT, State.DISARMED):
             fault = self._guard.fault
             return self._commands.drop("not armed", f"the stage node is {self._guard.state.value}: {fault or 'arm it'}")
@@ -126,10 +123,6 @@ class StageNode(Served):
         if self._moving is not None and not (servo and self._moving.servo):
             return self._commands.drop("busy", "the stage is turning; wait until it is idle, or stop it first")
         return None
-
-    def _take(self, wanted: _Wanted) -> None:
-        self._wanted = wanted
-        self._renewed_s = self.node.now_s()
 
     def _refuse(self, reason: str, stamp_ns: int) -> None:
         self._refused = (reason, stamp_ns)
