@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import select
@@ -15,7 +14,7 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
-from markerseek.core import ConfigError, Finished, Measured, SearchError
+from markerseek.core import ConfigError, Measured, SearchError
 from markerseek.records.journal import Interrupted, read_journal
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.runs import new_session, plan_on
@@ -55,17 +54,6 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
     assert outcome.exit_code == (0 if result.found else 3)
     assert outcome.answer["angle_deg"] == result.angle_deg
     assert [sample["angle_deg"] for sample in outcome.answer["samples"]] == [s.angle_deg for s in result.samples]
-
-
-def test_an_event_loop_reads_the_same_items() -> None:
-    async def read() -> tuple[list[StreamItem], int]:
-        child = ChildRun(["search", "--method", "ternary", "--acquisitions", "4", "--seed", "2", "--no-journal"])
-        items = [item async for item in child.items_async()]
-        return items, (await child.outcome_async()).exit_code
-
-    items, code = asyncio.run(read())
-    assert isinstance(events_of(items)[-1].event, Finished)
-    assert code in (0, 3)
 
 
 def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path: Path) -> None:

@@ -65,7 +65,12 @@ def measure(how: str) -> tuple[int, float]:
     box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None)
     ended = threading.Event()
     with PtyLine(device=box, clock=clock) as line:
-        serving = threading.Thread(target=lambda: line.serve(until=ended.is_set, tick_s=1e-3))
+
+        def serve() -> None:
+            while not ended.is_set():
+                line.serve_once(wait_s=1e-3)
+
+        serving = threading.Thread(target=serve)
         serving.start()
         control = subprocess.Popen(
             [sys.executable, "-c", CONTROL, line.path, str(PULSES), str(RATE_HZ)], stdout=subprocess.PIPE, text=True

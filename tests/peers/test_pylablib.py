@@ -33,7 +33,8 @@ probe = SimpleNamespace(angle_deg=5.0)
 emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(homed=False, play_deg=0.0))
 with PtyLine(device=emulator, clock=SystemClock()) as line:
     print(line.path, flush=True)
-    line.serve(until=lambda: False)
+    while True:
+        line.serve_once(wait_s=2e-3)
 """
 
 

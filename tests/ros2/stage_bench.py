@@ -99,7 +99,7 @@ class Bench:
 
     def send(self, topic: str, angle_deg: float, *, stamp_s: float | None = None) -> None:
         time_s = self.client.now_s() if stamp_s is None else stamp_s
-        self.client.publish(topic, JOINT, messages.joint_state(self.client.kinds, time_s=time_s, angle_deg=angle_deg))
+        self.client.publish(topic, messages.joint_state(self.client.kinds, time_s=time_s, angle_deg=angle_deg))
 
     @property
     def states(self) -> list[dict[str, Any]]:

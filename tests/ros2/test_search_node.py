@@ -44,9 +44,9 @@ class Listener:
         """Take what is still on its way: topics are not in step with one another."""
         silent = 0
         for _ in range(200):
-            before = self.node.handled
+            before = self.node.network.handled
             self.node.spin(0.1)
-            silent = silent + 1 if self.node.handled == before else 0
+            silent = silent + 1 if self.node.network.handled == before else 0
             # Diagnostics come once a second for ever.
             if silent == 4:
                 return

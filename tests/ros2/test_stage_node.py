@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
-from stage_bench import JOINT, NUMBER, Bench
+from stage_bench import Bench
 
 from markerseek.bridges.ros2 import Interrupted
 from markerseek.guard import State
@@ -65,7 +65,7 @@ def test_a_command_that_is_sent_twice_is_carried_out_once(bench: Bench) -> None:
 @pytest.mark.parametrize("angle_deg", [35.01, -90.0, math.nan, math.inf])
 def test_an_angle_outside_of_the_limits_is_refused_and_never_clamped(bench: Bench, angle_deg: float) -> None:
     bench.send(topics.MOVE_JP, angle_deg)
-    bench.client.publish("/goto", NUMBER, messages.number(bench.client.kinds, angle_deg))
+    bench.client.publish("/goto", messages.number(bench.client.kinds, angle_deg))
     bench.until(lambda: bool(bench.states[-1].get("refused")))
     bench.serve(0.3)
     assert bench.stage.asked == []
@@ -75,7 +75,7 @@ def test_an_angle_outside_of_the_limits_is_refused_and_never_clamped(bench: Benc
 def test_another_joint_is_refused(bench: Bench) -> None:
     message = messages.joint_state(bench.client.kinds, time_s=bench.client.now_s(), angle_deg=1.0)
     message.name = ["outer_yaw"]
-    bench.client.publish(topics.MOVE_JP, JOINT, message)
+    bench.client.publish(topics.MOVE_JP, message)
     bench.until(lambda: "no position of the joint trus_roll alone" in bench.states[-1].get("refused", ""))
     assert bench.stage.asked == []
 
@@ -88,7 +88,7 @@ def test_a_stop_ends_the_move_and_the_next_command_is_carried_out(bench: Bench) 
     def stop_soon() -> None:
         if bench.stage.angle_deg > 2.0 and not sent:
             sent.append(bench.stage.angle_deg)
-            bench.client.publish(topics.STOP, "std_msgs/msg/Empty", stop)
+            bench.client.publish(topics.STOP, stop)
         bench.beat()
 
     bench.clock._beat = stop_soon
@@ -149,7 +149,7 @@ def test_a_stage_that_fails_is_in_fault_and_no_message_leaves_it(bench: Bench) -
     bench.until(lambda: bench.states[-1]["state"] == "FAULT")
     bench.stage.stuck = False
     bench.send(topics.MOVE_JP, 5.0)
-    bench.client.publish(topics.STOP, "std_msgs/msg/Empty", messages.empty(bench.client.kinds))
+    bench.client.publish(topics.STOP, messages.empty(bench.client.kinds))
     bench.until(lambda: "it does not turn" in bench.states[-1].get("refused", ""))
     assert bench.stage.asked == [4.0]
     assert bench.guard.state is State.FAULT
@@ -161,7 +161,7 @@ def test_a_stage_that_fails_is_in_fault_and_no_message_leaves_it(bench: Bench) -
 
 
 def test_a_number_moves_as_a_whole_and_is_answered_with_the_angle_reached(bench: Bench) -> None:
-    bench.client.publish("/goto", NUMBER, messages.number(bench.client.kinds, 2.5))
+    bench.client.publish("/goto", messages.number(bench.client.kinds, 2.5))
     bench.until(lambda: bool(bench.heard["/angle"]))
     assert bench.heard["/angle"][-1].data == 2.5
 
@@ -173,7 +173,7 @@ def test_a_node_that_is_deactivated_stops_and_takes_no_command(bench: Bench) -> 
     def deactivate() -> None:
         if bench.stage.angle_deg > 1.0 and not done:
             done.append(True)
-            bench.node.deactivate()
+            bench.node._node.trigger_deactivate()
         bench.beat()
 
     bench.clock._beat = deactivate
@@ -187,7 +187,7 @@ def test_a_node_that_is_deactivated_stops_and_takes_no_command(bench: Bench) -> 
 
 
 def test_nothing_interrupts_a_stage_that_rests(bench: Bench) -> None:
-    bench.client.publish(topics.STOP, "std_msgs/msg/Empty", messages.empty(bench.client.kinds))
+    bench.client.publish(topics.STOP, messages.empty(bench.client.kinds))
     try:
         bench.serve(0.3)
     except Interrupted:

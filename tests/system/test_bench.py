@@ -17,7 +17,7 @@ import pytest
 from markerseek.core import Measured, Permit
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.laserbox import LaserBox
-from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.drivers.serial_port import SerialPort
 from markerseek.records.banks.frames import load_frame
 from markerseek.records.journal import Checked, RecordedRun, read_journal
 
@@ -205,7 +205,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell
 def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
     with emulation(tmp_path, seed=1, device="laser") as devices:
         clock = SystemClock()
-        with SerialPort(SerialSettings(path=str(tmp_path / "bench" / "laser"))) as port:
+        with SerialPort(str(tmp_path / "bench" / "laser")) as port:
             box = LaserBox(port=port, clock=clock)
             assert box.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=clock.now_s() + 5)) == 7
             box.disarm()

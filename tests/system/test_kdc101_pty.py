@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.drivers.clock import SystemClock
 from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
-from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.drivers.serial_port import SerialPort
 
 pytestmark = pytest.mark.real_time
 
@@ -22,7 +22,8 @@ from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=1.0), settings=Kdc101Settings(talking=True))
 with PtyLine(device=emulator, clock=SystemClock()) as line:
     print(line.path, flush=True)
-    line.serve(until=lambda: False)
+    while True:
+        line.serve_once(wait_s=2e-3)
 """
 
 # A busy machine answers late: what is late is tested in virtual time.
@@ -40,12 +41,12 @@ def path() -> Iterator[str]:
 
 
 def test_it_moves_over_a_pseudo_terminal_from_another_process(path: str) -> None:
-    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+    with SerialPort(path, handshake=True) as port:
         stage = Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT)
         assert stage.angle_deg == pytest.approx(1.0, abs=1e-3)
         for target_deg in (4.0, -2.5):
             assert stage.move_to(target_deg) == pytest.approx(target_deg, abs=1e-3)
         stage.stop()
     # Another program finds it where the first left it.
-    with SerialPort(SerialSettings(path=path, handshake=True)) as port:
+    with SerialPort(path, handshake=True) as port:
         assert Kdc101Stage(port=port, clock=SystemClock(), settings=PATIENT).angle_deg == pytest.approx(-2.5, abs=1e-3)

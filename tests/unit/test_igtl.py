@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pyigtl
@@ -222,3 +223,22 @@ def test_a_matrix_with_nan_is_refused_both_ways() -> None:
 def test_what_cannot_be_sent_is_refused_when_it_is_made(make: object, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         make()
+
+
+@given(st.lists(st.integers(0, 300), max_size=6))
+def test_messages_come_out_whole_however_the_bytes_are_cut(cuts: list[int]) -> None:
+    sent = [igtl.Message(device=name, content=igtl.Text(text=name)) for name in ("one", "", "three")]
+    whole = [igtl.encode(message) for message in sent]
+    stream = b"".join(whole)
+    ends = [0, *sorted(cuts), len(stream)]
+    framer, taken = igtl.Framer(most_bytes=100), []
+    for start, end in pairwise(ends):
+        taken += [len(body) for _, body in framer.feed(stream[start:end])]
+        assert framer.incomplete == (end not in (0, len(whole[0]), len(whole[0] + whole[1])) and end < len(stream))
+    assert taken == [len(message) - igtl.HEADER_BYTES for message in whole]
+
+
+def test_a_message_that_is_too_long_is_refused_at_its_header() -> None:
+    data = igtl.encode(igtl.Message(device="a", content=igtl.Text(text="b" * 1000)))
+    with pytest.raises(DeviceError, match=r"a body of 10.. bytes, at most 100"):
+        list(igtl.Framer(most_bytes=100).feed(data[: igtl.HEADER_BYTES]))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError
-from markerseek.emulators._motor import Motor
+from markerseek.emulators._prm1z8 import Motor
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.sim import StageMotion
 from markerseek.wire import apt

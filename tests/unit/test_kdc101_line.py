@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import ConfigError, NotConnectedError
 from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.serial_port import SerialPort, SerialSettings
+from markerseek.drivers.serial_port import SerialPort
 from markerseek.emulators import DirectPort, PtyLine
 from markerseek.sim import VirtualClock
 
@@ -58,10 +58,15 @@ def test_every_byte_crosses_a_pseudo_terminal_unchanged() -> None:
     clock = SystemClock()
     done = threading.Event()
     with PtyLine(device=Echo(), clock=clock) as line:
-        serving = threading.Thread(target=line.serve, kwargs={"until": done.is_set})
+
+        def serve() -> None:
+            while not done.is_set():
+                line.serve_once(wait_s=2e-3)
+
+        serving = threading.Thread(target=serve)
         serving.start()
         try:
-            with SerialPort(SerialSettings(path=line.path, handshake=True)) as port:
+            with SerialPort(line.path, handshake=True) as port:
                 every = bytes(range(256)) * 8
                 port.write(every)
                 received = port.read(len(every), timeout_s=5.0)
@@ -115,15 +120,15 @@ def test_no_question_is_answered_as_of_a_time_before_it_was_asked() -> None:
 def test_one_program_holds_the_port() -> None:
     with (
         PtyLine(device=Echo(), clock=SystemClock()) as line,
-        SerialPort(SerialSettings(path=line.path)),
+        SerialPort(line.path),
         pytest.raises(NotConnectedError, match="close other programs"),
     ):
-        SerialPort(SerialSettings(path=line.path))
+        SerialPort(line.path)
 
 
 def test_a_line_taken_away_is_gone() -> None:
     line = PtyLine(device=Echo(), clock=SystemClock())
-    port = SerialPort(SerialSettings(path=line.path))
+    port = SerialPort(line.path)
     line.close()
     line.close()
     with pytest.raises(NotConnectedError, match="gone"):
@@ -147,8 +152,8 @@ def test_a_link_names_the_port_and_is_removed_with_it(tmp_path: Path) -> None:
 
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(NotConnectedError, match="cannot be opened"):
-        SerialPort(SerialSettings(path=str(tmp_path / "none")))
+        SerialPort(str(tmp_path / "none"))
     with pytest.raises(ConfigError, match="path"):
-        SerialSettings(path="")
+        SerialPort("")
     with pytest.raises(ConfigError, match="baud"):
-        SerialSettings(path="/dev/ttyUSB0", baud=0)
+        SerialPort("/dev/ttyUSB0", baud=0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from kdc101_bench import TRAVEL, bench
 from markerseek.drivers._approach import DOWN, UP, plan_approach
 from markerseek.drivers._kdc101_move import MoveRules
-from markerseek.emulators._motor import Motor
+from markerseek.emulators._prm1z8 import Motor
 from markerseek.sim import StageMotion
 
 

@@ -19,12 +19,12 @@ from markerseek.drivers import BenchSettings, RosReceiver, RosStage
 from markerseek.rigs import BenchRecipe, read_rig_file
 from markerseek.ros import (
     RosNode,
-    Security,
     StampedCommands,
     degrees,
     joint_angle_deg,
     local_transport,
     messages,
+    require_keys,
     topics,
 )
 
@@ -109,9 +109,15 @@ def test_channel_data_survive_as_an_image_and_a_wrong_size_is_refused() -> None:
         assert messages.counts_of(SimpleNamespace(**{**vars(message), **wrong})) is None
 
 
+def test_shades_are_decibels_below_the_brightest_and_a_frame_without_sound_is_black() -> None:
+    values = np.array([[1.0, 10**-0.5, 0.01, 0.001]], np.float32)
+    assert messages.grey(values, brightest=1.0).tolist() == [[255, 191, 0, 0]]
+    assert messages.grey(0 * values, brightest=0.0).tolist() == [[0, 0, 0, 0]]
+
+
 @pytest.mark.parametrize("data", ["", "[]", "{", '{"id":1}', "[" * 10_000, "\ud800", '{"id":"a","pulses":1e99}'])
 def test_a_text_that_is_no_request_is_none(data: str) -> None:
-    assert messages.request_of(SimpleNamespace(data=data)) is None
+    assert messages.decoded(data, messages.AcquireRequest) is None
 
 
 def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
@@ -177,20 +183,20 @@ def test_security_that_is_required_and_not_there_is_refused(monkeypatch: pytest.
     for name in ("ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "ROS_SECURITY_KEYSTORE"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(ConfigError, match="set ROS_SECURITY_ENABLE=true, ROS_SECURITY_STRATEGY=Enforce"):
-        Security.of_environment().require("/markerseek/trus_stage")
+        require_keys("/markerseek/trus_stage")
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Permissive")
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
     with pytest.raises(ConfigError, match="ROS 2 would start without keys"):
-        Security.of_environment().require("/markerseek/trus_stage")
+        require_keys("/markerseek/trus_stage")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
     with pytest.raises(ConfigError, match=r"there are no keys for /markerseek/trus_stage in .*: cert\.pem, key\.pem"):
-        Security.of_environment().require("/markerseek/trus_stage")
+        require_keys("/markerseek/trus_stage")
     folder = tmp_path / "enclaves" / "markerseek" / "trus_stage"
     folder.mkdir(parents=True)
     for name in ("cert.pem", "key.pem", "governance.p7s", "permissions.p7s"):
         (folder / name).touch()
-    Security.of_environment().require("/markerseek/trus_stage")
+    require_keys("/markerseek/trus_stage")
 
 
 def test_the_security_policy_names_every_topic_of_the_nodes() -> None:

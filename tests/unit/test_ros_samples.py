@@ -31,12 +31,11 @@ class Node:
     def advertise(self, topic, kind, **how):
         pass
 
-    def publish(self, topic, kind, message, **how):
+    def publish(self, topic, message):
         self.sent.setdefault(topic, []).append(message)
 
 
-def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own(monkeypatch):
-    monkeypatch.setattr("markerseek.ros.messages.frames_kind", lambda kinds: "tf2_msgs/msg/TFMessage")
+def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
     rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(b_mode=True)))
     sample = rig.scanner.measure(5.0)
     node = Node()

@@ -6,14 +6,13 @@ nobody answers. It stops, with the laser off, when the pipe's reader ends, so al
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -104,19 +103,8 @@ class ChildRun:
         RecordError
             If the child sends something else.
         """
-        while (batch := self._batch()) is not None:
-            yield from batch
-
-    async def items_async(self) -> AsyncIterator[StreamItem]:
-        """`items` in an event loop, which is not held up."""
-        while (batch := await asyncio.to_thread(self._batch)) is not None:
-            for item in batch:
-                yield item
-
-    def _batch(self) -> list[StreamItem] | None:
-        """What has arrived, waiting for something; None at the end."""
-        data = os.read(self._reading, _READ_BYTES)
-        return self._decoder.feed(data) if data else None
+        while data := os.read(self._reading, _READ_BYTES):
+            yield from self._decoder.feed(data)
 
     def stop(self) -> None:
         """Stop the run; returns at once, and may be called twice, and by any thread.
@@ -154,10 +142,6 @@ class ChildRun:
                 os.close(self._reading)
                 self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=_object(text))
             return self._outcome
-
-    async def outcome_async(self) -> Outcome:
-        """`outcome` in an event loop, which is not held up."""
-        return await asyncio.to_thread(self.outcome)
 
     def __enter__(self) -> Self:
         return self

@@ -12,7 +12,7 @@ from markerseek.bridges.child import Outcome
 from markerseek.core import Measured, Reading, Sample, SearchError, SearchPlan
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.exports import series_of
-from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
+from markerseek.records.journal import JournalEvent, RecordedRun, is_journal, read_journal, result_of
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 from markerseek.rigs import Rig, replayed
 from markerseek.runs import configuration_of
@@ -83,18 +83,7 @@ def _journal_items(held: RecordedRun) -> Iterator[tuple[float, StreamItem]]:
     first_s = held.entries[0].clock_s if held.entries else 0.0
     yield first_s, StreamHead(configuration=held.configuration, frames=True)
     for entry in held.entries:
-        yield (
-            entry.clock_s,
-            StreamEvent(
-                number=entry.number,
-                written=entry.written,
-                clock_s=entry.clock_s,
-                event=entry.event,
-                header=None,
-                lost_lines=0,
-                lost_frames=0,
-            ),
-        )
+        yield _timed(entry.number, entry.clock_s, entry.event, written=entry.written)
 
 
 def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[float, StreamItem]]:
@@ -103,19 +92,15 @@ def _bank_items(rig: Rig, bank: IntensityBank | FrameBank) -> Iterator[tuple[flo
     plan = SearchPlan(method="exhaustive", start_deg=series.angles_deg[0], stay=True)
     yield series.times_s[0], StreamHead(configuration=configuration_of(rig, plan), frames=True)
     for number, (index, time_s) in enumerate(zip(series.order, series.times_s, strict=True), start=1):
-        sample = _sample(rig, bank, index)
-        yield (
-            time_s,
-            StreamEvent(
-                number=number,
-                written="",
-                clock_s=time_s,
-                event=Measured(role="search", index=number, sample=sample),
-                header=None,
-                lost_lines=0,
-                lost_frames=0,
-            ),
-        )
+        event = Measured(role="search", index=number, sample=_sample(rig, bank, index))
+        yield _timed(number, time_s, event)
+
+
+def _timed(number: int, clock_s: float, event: JournalEvent, *, written: str = "") -> tuple[float, StreamItem]:
+    item = StreamEvent(
+        number=number, written=written, clock_s=clock_s, event=event, header=None, lost_lines=0, lost_frames=0
+    )
+    return clock_s, item
 
 
 def _sample(rig: Rig, bank: IntensityBank | FrameBank, index: int) -> Sample:

@@ -53,7 +53,7 @@ def ros_node(
     """A node as of `markerseek.ros.RosNode`, with its keys checked where that is wanted."""
     enclave = f"/markerseek/{name}"
     if require_security:
-        ros.Security.of_environment().require(enclave)
+        ros.require_keys(enclave)
     with ros.RosNode(name, parameters=parameters, enclave=enclave, on_active=on_active, network=network) as node:
         yield node
 

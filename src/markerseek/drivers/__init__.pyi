@@ -1,3 +1,7 @@
+from ._kdc101_settings import StageKeys
+from ._plus_settings import PlusSettings
+from ._ros2_settings import RosLaser, RosReceiver, RosStage
+from ._sonixdaq_settings import SonixDaqKeys
 from .clock import SLICE_S, SystemClock
 from .exposure import exposure_line
 from .kdc101 import Kdc101Stage, StageSettings
@@ -5,19 +9,8 @@ from .laserbox import LaserBox
 from .plus import PlusReceiver, connect_plus
 from .ros2_acquisition import Ros2Acquisition
 from .ros2_stage import Ros2Stage
-from .serial_port import SerialPort, SerialSettings
-from .settings import (
-    BenchLaser,
-    BenchProbe,
-    BenchReceiver,
-    BenchSettings,
-    PlusSettings,
-    RosLaser,
-    RosReceiver,
-    RosStage,
-    SonixDaqKeys,
-    StageKeys,
-)
+from .serial_port import SerialPort
+from .settings import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 
 __all__ = [
@@ -36,7 +29,6 @@ __all__ = [
     "RosReceiver",
     "RosStage",
     "SerialPort",
-    "SerialSettings",
     "SonixDaqKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",

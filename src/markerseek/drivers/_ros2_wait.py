@@ -34,11 +34,3 @@ class RosWait:
             self.node.spin(_SLICE_S)
             self.clock.wait(0.0)
         return True
-
-    def drain(self) -> None:
-        """Carry out all that has arrived already, at most a few hundred messages."""
-        for _ in range(200):
-            before = self.node.handled
-            self.node.spin(0.0)
-            if self.node.handled == before:
-                return

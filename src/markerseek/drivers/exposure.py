@@ -6,7 +6,6 @@ It is shown when a rig of devices is armed, from the settings of its laser.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from markerseek.core import ConfigError
 from markerseek.drivers._light import LaserKeys
@@ -36,42 +35,6 @@ def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
     return 2e3 * c_a * duration_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SkinExposure:
-    """Exposure of skin to a train of equal pulses on one spot, as shares of the limits.
-
-    Attributes
-    ----------
-    wavelength_nm, pulse_s, energy_j, spot_m2
-        Wavelength in nm; duration of a pulse in seconds, its energy in joules, the lit area in m².
-    rate_hz, train_s
-        Pulses per second, and duration of the train in seconds.
-    """
-
-    wavelength_nm: float
-    pulse_s: float
-    energy_j: float
-    spot_m2: float
-    rate_hz: float
-    train_s: float
-
-    def __post_init__(self) -> None:
-        for name in ("energy_j", "spot_m2", "rate_hz"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"exposure: {name} is {getattr(self, name)}, it must be positive and finite")
-
-    @property
-    def pulse_share(self) -> float:
-        """Radiant exposure of one pulse as a share of its limit."""
-        return self.energy_j / self.spot_m2 / skin_limit_j_m2(wavelength_nm=self.wavelength_nm, duration_s=self.pulse_s)
-
-    @property
-    def train_share(self) -> float:
-        """Radiant exposure of the whole train as a share of its limit."""
-        limit_j_m2 = skin_limit_j_m2(wavelength_nm=self.wavelength_nm, duration_s=self.train_s)
-        return self.energy_j * self.rate_hz * self.train_s / self.spot_m2 / limit_j_m2
-
-
 _KEYS = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
 _LONG_S = 10.0
 """Duration in seconds from which the limit is a constant irradiance: longer trains have the same share."""
@@ -86,20 +49,13 @@ def exposure_line(laser: LaserKeys) -> str:
     missing = [f"laser.{name}" for name, value in light.items() if value is None]
     if missing:
         return f"skin exposure: not shown, the rig file has no {', '.join(missing)}. {CAVEAT}"
-    pulse_s, acquisition_s = light["pulse_width_s"], laser.pulses / laser.rate_hz
-    acquisition, unending = (
-        SkinExposure(
-            wavelength_nm=light["wavelength_nm"],
-            pulse_s=pulse_s,
-            energy_j=light["pulse_energy_j"],
-            spot_m2=math.pi * light["spot_diameter_m"] ** 2 / 4,
-            rate_hz=laser.rate_hz,
-            train_s=train_s,
-        )
-        for train_s in (acquisition_s, _LONG_S)
-    )
+    pulse_j_m2: float = light["pulse_energy_j"] / (math.pi * light["spot_diameter_m"] ** 2 / 4)
+
+    def share(pulses: float, duration_s: float) -> float:
+        return pulses * pulse_j_m2 / skin_limit_j_m2(wavelength_nm=light["wavelength_nm"], duration_s=duration_s)
+
     return (
-        f"skin exposure: a pulse is {acquisition.pulse_share:.1%} of its limit, an acquisition of {laser.pulses} "
-        f"pulses {acquisition.train_share:.1%}, {laser.rate_hz:g} Hz without a pause {unending.train_share:.1%}. "
-        f"{CAVEAT}"
+        f"skin exposure: a pulse is {share(1, light['pulse_width_s']):.1%} of its limit, an acquisition of "
+        f"{laser.pulses} pulses {share(laser.pulses, laser.pulses / laser.rate_hz):.1%}, {laser.rate_hz:g} Hz without "
+        f"a pause {share(laser.rate_hz * _LONG_S, _LONG_S):.1%}. {CAVEAT}"
     )

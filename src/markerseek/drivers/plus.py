@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -79,8 +79,7 @@ class PlusReceiver:
         connection.setblocking(False)
         self._connection, self._clock, self._settings, self._unix_s = connection, clock, settings, unix_s
         self._dark_triggers = dark_triggers
-        self._bytes = bytearray()
-        self._header: igtl.Header | None = None
+        self._framer = igtl.Framer(most_bytes=MOST_IMAGE_BYTES)
         self._armed: tuple[Permit, float, float] | None = None
         self._sequence = 0
         self.emulated = False
@@ -219,36 +218,21 @@ class PlusReceiver:
             if not data:
                 raise NotConnectedError("plus: the server has closed the connection; start it again")
             taken += len(data)
-            self._bytes += data
             try:
-                messages += self._decoded()
+                messages += self._decoded(data)
             except DeviceError as problem:
                 # No next message begins at a known place.
                 self._connection.close()
                 raise NotConnectedError(f"plus: {problem}; the connection is closed") from problem
         return messages
 
-    def _decoded(self) -> list[igtl.Message]:
-        images: list[igtl.Message] = []
-        while True:
-            if self._header is None:
-                if len(self._bytes) < igtl.HEADER_BYTES:
-                    return images
-                self._header = igtl.decode_header(self._taken(igtl.HEADER_BYTES), most_bytes=MOST_IMAGE_BYTES)
-            header = self._header
-            if len(self._bytes) < header.body_bytes:
-                return images
-            body, self._header = self._taken(header.body_bytes), None
+    def _decoded(self, data: bytes) -> Iterator[igtl.Message]:
+        for header, body in self._framer.feed(data):
             if (header.kind, header.device) == ("IMAGE", self._settings.device):
-                images.append(igtl.decode(header, body))
+                yield igtl.decode(header, body)
             elif header.kind == "STATUS":
                 said = igtl.decode(header, body).content
                 self.emulated |= isinstance(said, igtl.Status) and said.message == igtl.EMULATOR
-
-    def _taken(self, size: int) -> bytes:
-        taken = bytes(self._bytes[:size])
-        del self._bytes[:size]
-        return taken
 
 
 def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:

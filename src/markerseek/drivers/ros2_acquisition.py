@@ -82,12 +82,12 @@ class Ros2Acquisition:
         self._wait.until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
 
     def _on_state(self, message: Any) -> None:
-        state = messages.acquisition_state_of(message)
+        state = messages.decoded(message.data, messages.AcquisitionState)
         self._states += 1
         self.simulated = self.simulated or (state is not None and state.simulated)
 
     def _on_answer(self, message: Any) -> None:
-        answer = messages.acquired_of(message)
+        answer = messages.decoded(message.data, messages.Acquired)
         if answer is not None and answer.id.startswith(f"{self._session}."):
             self._answers[f"{answer.id} {answer.step}"] = answer
 
@@ -125,9 +125,7 @@ class Ros2Acquisition:
             angle_rad=math.radians(permit.angle_deg),
             stamp_ns=messages.time_ns(self._node.now_s()),
         )
-        self._node.publish(
-            self._settings.request_topic, "std_msgs/msg/String", messages.text(self._node.kinds, request)
-        )
+        self._node.publish(self._settings.request_topic, messages.text(self._node.kinds, request))
         answer = self._answered(permit, "fired", what="laser")
         if answer.error:
             raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
@@ -150,7 +148,7 @@ class Ros2Acquisition:
         """Ask the node to end what it does; allowed at any time, also twice."""
         self._armed = self._fired = None
         cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
-        self._node.publish(self._settings.request_topic, "std_msgs/msg/String", messages.text(self._node.kinds, cancel))
+        self._node.publish(self._settings.request_topic, messages.text(self._node.kinds, cancel))
 
     def settle(self) -> None:
         """Nothing to wait for: a frame names the request that it answers."""

@@ -10,6 +10,9 @@ from markerseek.drivers._ros2_settings import RosStage
 from markerseek.drivers._ros2_wait import RosWait
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
+_MOST_WAITING = 200
+"""Most messages that are handled before a move, or before the angle is given."""
+
 
 class Ros2Stage:
     """A stage node of this or another program.
@@ -51,9 +54,9 @@ class Ros2Stage:
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
         joint = settings.message == "joint_state"
-        self._kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
-        node.advertise(settings.command_topic, self._kind)
-        node.subscribe(settings.reached_topic, self._kind, self._on_joint if joint else self._on_number)
+        kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
+        node.advertise(settings.command_topic, kind)
+        node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
         self._stop_topic = None if settings.state_topic is None else topics.STOP
         if self._stop_topic is not None:
             node.advertise(self._stop_topic, "std_msgs/msg/Empty")
@@ -114,7 +117,7 @@ class Ros2Stage:
         DeviceTimeoutError
             If it is older than ``age_s``.
         """
-        self._wait.drain()
+        self._node.drain(_MOST_WAITING)
         age_s = self._settings.age_s
         if age_s is not None:
 
@@ -142,7 +145,7 @@ class Ros2Stage:
         """
         if angle_deg not in self.limits:
             raise LimitError(f"stage: {angle_deg:g} deg is outside its travel {self.limits}; nothing was moved")
-        self._wait.drain()
+        self._node.drain(_MOST_WAITING)
         self._was_busy, self._refused = False, None
         readings = self._readings
         sent_ns = self._send(angle_deg)
@@ -169,13 +172,13 @@ class Ros2Stage:
         """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
         if self._settings.message == "float64":
             value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
-            self._node.publish(self._settings.command_topic, self._kind, messages.number(self._node.kinds, value))
+            self._node.publish(self._settings.command_topic, messages.number(self._node.kinds, value))
             return 0
         message = messages.joint_state(self._node.kinds, time_s=self._node.now_s(), angle_deg=angle_deg)
-        self._node.publish(self._settings.command_topic, self._kind, message)
+        self._node.publish(self._settings.command_topic, message)
         return messages.stamp_ns(message)
 
     def stop(self) -> None:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
         if self._stop_topic is not None and self._busy:
-            self._node.publish(self._stop_topic, "std_msgs/msg/Empty", messages.empty(self._node.kinds))
+            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import TracebackType
 
 from markerseek.core import ConfigError, NotConnectedError, require_range
@@ -12,11 +11,10 @@ _WRITE_TIMEOUT_S = 0.5
 """A line that accepts no bytes for that long counts as gone."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SerialSettings:
-    """Settings of a serial port.
+class SerialPort:
+    """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
 
-    Attributes
+    Parameters
     ----------
     path
         Name of the port.
@@ -26,51 +24,28 @@ class SerialSettings:
         Parity bit: none, even or odd.
     handshake
         Whether RTS and CTS control the flow; ignored where the port has no such lines, as a pseudo-terminal.
-    """
-
-    path: str
-    baud: int = 115200
-    parity: Parity = "N"
-    handshake: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.path:
-            raise ConfigError("serial port: path is empty; name the port, for instance /dev/ttyUSB0")
-        require_range("serial port: baud", self.baud, low=300, high=4_000_000, unit="bits per second")
-
-
-class SerialPort:
-    """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
-
-    Parameters
-    ----------
-    settings
-        Its settings.
 
     Raises
     ------
+    ConfigError
+        If no port is named, or the baud rate is out of range.
     NotConnectedError
         If the port cannot be opened, or another program has it open.
     MissingExtraError
         If pyserial is not installed.
     """
 
-    def __init__(self, settings: SerialSettings) -> None:
-        self._path = settings.path
-        self._line = open_serial(
-            settings.path, baud=settings.baud, parity=settings.parity, write_timeout_s=_WRITE_TIMEOUT_S
-        )
-        if settings.handshake:
+    def __init__(self, path: str, *, baud: int = 115200, parity: Parity = "N", handshake: bool = False) -> None:
+        if not path:
+            raise ConfigError("serial port: path is empty; name the port, for instance /dev/ttyUSB0")
+        require_range("serial port: baud", baud, low=300, high=4_000_000, unit="bits per second")
+        self._path = path
+        self._line = open_serial(path, baud=baud, parity=parity, write_timeout_s=_WRITE_TIMEOUT_S)
+        if handshake:
             self._shake_hands()
 
     def write(self, data: bytes) -> None:
-        """Send all of it.
-
-        Raises
-        ------
-        NotConnectedError
-            If the line is gone, or accepts no bytes.
-        """
+        """As `Port.write`; a line that accepts no bytes is gone too."""
         try:
             sent = self._line.write(data)
         except SERIAL_ERRORS as error:
@@ -80,13 +55,7 @@ class SerialPort:
             raise self._gone()
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes; fewer, perhaps none, after the timeout.
-
-        Raises
-        ------
-        NotConnectedError
-            If the line is gone.
-        """
+        """As `Port.read`."""
         try:
             self._line.timeout = timeout_s
             return bytes(self._line.read(size))

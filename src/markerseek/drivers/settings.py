@@ -19,22 +19,6 @@ from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
 from markerseek.wire import sonixdaq
 
-__all__ = [
-    "BenchLaser",
-    "BenchProbe",
-    "BenchReceiver",
-    "BenchSettings",
-    "BenchStage",
-    "BenchSupervisor",
-    "LaserKeys",
-    "PlusSettings",
-    "RosLaser",
-    "RosReceiver",
-    "RosStage",
-    "SonixDaqKeys",
-    "StageKeys",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchStage(StageKeys):

@@ -1,8 +1,7 @@
-from .bench import EmulatedBench, ServingClock, require_pace, serve
-from .byte_device import ByteDevice, DirectPort
+from .bench import EmulatedBench, require_pace, serve
 from .kdc101 import Kdc101Settings
+from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
-from .pty_line import PtyLine
 
 __all__ = [
     "ByteDevice",
@@ -11,7 +10,6 @@ __all__ = [
     "EmulatedPlus",
     "Kdc101Settings",
     "PtyLine",
-    "ServingClock",
     "require_pace",
     "serve",
 ]

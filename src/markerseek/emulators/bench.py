@@ -16,11 +16,11 @@ from typing import Literal
 import numpy as np
 
 from markerseek.acoustics import Digitiser
-from markerseek.core import Clock, ConfigError
+from markerseek.core import Clock, ConfigError, require_range
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
+from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.plus import EmulatedPlus
-from markerseek.emulators.pty_line import PtyLine
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.rigs import draw_scene
 from markerseek.sim import SimulatedSettings, VirtualClock, World
@@ -173,7 +173,7 @@ def serve(
     lines: Sequence[PtyLine],
     clock: Clock,
     pace: float,
-    daq: EmulatedSonixDaq | EmulatedPlus | None,
+    daq: EmulatedSonixDaq | EmulatedPlus,
     until: Callable[[], bool],
 ) -> None:
     """Serve emulated devices until ``until`` is true.
@@ -195,14 +195,14 @@ def serve(
     ended = threading.Event()
 
     def acquire() -> None:
-        while daq is not None and not ended.is_set():
+        while not ended.is_set():
             daq.advance(clock.now_s() / pace)
             clock.wait(_TICK_S)
 
     with ThreadPoolExecutor(max_workers=1) as worker:
         writing = worker.submit(acquire)
         try:
-            while not until() and not (daq is not None and writing.done()):
+            while not until() and not writing.done():
                 for line in lines:
                     line.serve_once(wait_s=_TICK_S / len(lines))
                 if not lines:
@@ -212,14 +212,6 @@ def serve(
         writing.result()
 
 
-def require_pace(pace: float) -> float:
-    """Return the pace if it is possible.
-
-    Raises
-    ------
-    ConfigError
-        If it is no positive number of at most 1.
-    """
-    if not 0.01 <= pace <= 1:
-        raise ConfigError(f"pace is {pace}, it must lie between 0.01, a hundredth of the time, and 1, all of it")
-    return pace
+def require_pace(pace: float) -> None:
+    """Refuse a pace that is no number from 0.01, a hundredth of the time, to 1, all of it."""
+    require_range("pace", pace, low=0.01, high=1)

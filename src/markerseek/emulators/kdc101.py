@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, require_range
 from markerseek.emulators._kdc101_motion import (
     BACKLASH,
     HOME,
@@ -24,17 +25,51 @@ from markerseek.emulators._kdc101_motion import (
     VELOCITY,
     MotionControl,
 )
-from markerseek.emulators._kdc101_settings import Kdc101Settings
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
-from markerseek.emulators.faulty_line import FaultyLine
+from markerseek.emulators.lines import FaultyLine
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 
-__all__ = ["Kdc101Emulator", "Kdc101Settings"]
-
 _UPDATES_S = 0.1
 _FIRMWARE = (4, 0, 3, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kdc101Settings:
+    """State and mounting of an emulated stage before a driver connects.
+
+    Attributes
+    ----------
+    homed
+        Whether it was homed since it was switched on.
+    talking
+        Whether it sends its status ten times a second, unasked.
+    zero_deg
+        The stage's own angle at which the probe points at 0, in degrees.
+    turns
+        Whole turns that the position counter is ahead: with 1, a probe at -35 deg reads 325.
+    play_deg
+        Backlash between motor and probe, in degrees.
+    mirrored
+        Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows.
+    model, serial_number
+        Model and serial number that it reports.
+    """
+
+    homed: bool = True
+    talking: bool = False
+    zero_deg: float = 0.0
+    turns: int = 0
+    play_deg: float = 0.1
+    mirrored: bool = False
+    model: str = "KDC101"
+    serial_number: int = 27000001
+
+    def __post_init__(self) -> None:
+        require_range("emulated stage: play_deg", self.play_deg, low=0, high=5, unit="deg")
+        require_range("emulated stage: zero_deg", self.zero_deg, low=-360, high=360, unit="deg")
+        require_range("emulated stage: turns", self.turns, low=-10, high=10)
 
 
 class Kdc101Emulator:

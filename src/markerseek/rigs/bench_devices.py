@@ -23,7 +23,6 @@ from markerseek.drivers import (
     RosReceiver,
     RosStage,
     SerialPort,
-    SerialSettings,
     SonixDaqKeys,
     SonixDaqReceiver,
     SonixDaqSettings,
@@ -75,8 +74,8 @@ class OpenDevices:
                 self._ports = {line.name: self.supervisor.port(line.name) for line in lines}
             else:
                 for line in lines:
-                    serial = SerialSettings(path=line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
-                    self._ports[line.name] = opening.enter_context(SerialPort(serial))
+                    serial = SerialPort(line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
+                    self._ports[line.name] = opening.enter_context(serial)
             # Only now: if the second line fails to open, the first is closed by the inner stack.
             self._stack = opening.pop_all()
 

@@ -1,6 +1,6 @@
 from . import messages, topics
 from .node import Network, RosNode, local_transport
-from .security import Security
+from .security import require_keys
 from .stamps import MOST_AGE_S, MOST_AHEAD_S, StampedCommands, degrees, joint_angle_deg
 
 __all__ = [
@@ -8,11 +8,11 @@ __all__ = [
     "MOST_AHEAD_S",
     "Network",
     "RosNode",
-    "Security",
     "StampedCommands",
     "degrees",
     "joint_angle_deg",
     "local_transport",
     "messages",
+    "require_keys",
     "topics",
 ]

@@ -30,14 +30,6 @@ class Kinds(Mapping[str, Any]):
                 raise KeyError(name) from problem
         return self._classes[name]
 
-    def has(self, name: str) -> bool:
-        """Whether the package of a message is installed."""
-        try:
-            self.kind(name)
-        except KeyError:
-            return False
-        return True
-
     def __iter__(self) -> Iterator[str]:
         return iter(self._classes)
 

@@ -170,38 +170,34 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     refused_ns: int = 0
 
 
-def acquired_of(message: Any) -> Acquired | None:
-    """Answer in a std_msgs/String; None if it holds none."""
-    return _decoded(message.data, Acquired)
+_Held = TypeVar("_Held", bound=msgspec.Struct)
 
 
-def acquisition_state_of(message: Any) -> AcquisitionState | None:
-    """What an acquisition node is, from a std_msgs/String; None if it does not say."""
-    return _decoded(message.data, AcquisitionState)
-
-
-def request_of(message: Any) -> AcquireRequest | None:
-    """Request in a std_msgs/String; None if it holds none."""
-    return _decoded(message.data, AcquireRequest)
+def decoded(data: str, kind: type[_Held]) -> _Held | None:
+    """Value of this kind in the text of a std_msgs/String; None if it holds none."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        return None
 
 
 FRAMES_KIND = "tf2_msgs/msg/TFMessage"
 
 
-def frames_kind(kinds: Any) -> str:
+def frames_kind(kinds: Kinds) -> str:
     """Name of the message with transforms: that of tf2 where it is installed."""
-    return FRAMES_KIND if kinds.has(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
+    return FRAMES_KIND if FRAMES_KIND in kinds else "geometry_msgs/msg/TransformStamped"
 
 
 STATE_KIND = "crtk_msgs/msg/OperatingState"
 
 
-def state_kind(kinds: Any) -> str:
+def state_kind(kinds: Kinds) -> str:
     """Name of the message with the state: that of CRTK where it is installed."""
-    return STATE_KIND if kinds.has(STATE_KIND) else "std_msgs/msg/String"
+    return STATE_KIND if STATE_KIND in kinds else "std_msgs/msg/String"
 
 
-def state(kinds: Any, held: OperatingState) -> Any:
+def state(kinds: Kinds, held: OperatingState) -> Any:
     """Message with the state of a stage node."""
     if state_kind(kinds) != STATE_KIND:
         return text(kinds, held)
@@ -212,20 +208,10 @@ def state(kinds: Any, held: OperatingState) -> Any:
 def state_of(message: Any) -> OperatingState | None:
     """State in a message; None if it holds none."""
     if hasattr(message, "data"):
-        return _decoded(message.data, OperatingState)
+        return decoded(message.data, OperatingState)
     return OperatingState(
         state=message.state, is_homed=message.is_homed, is_busy=message.is_busy, stamp_ns=stamp_ns(message)
     )
-
-
-_Held = TypeVar("_Held", bound=msgspec.Struct)
-
-
-def _decoded(data: str, kind: type[_Held]) -> _Held | None:
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
 
 
 def diagnostics(kinds: Kinds, *, time_s: float, name: str, fault: str | None, facts: Mapping[str, object]) -> Any:
@@ -277,8 +263,8 @@ def b_mode(kinds: Kinds, image: BModeImage, *, time_s: float) -> Any:
 
 def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
     """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
-    # The lower end is clipped before the logarithm, which has none of zero.
-    share = np.clip(values / brightest, 10 ** (-RANGE_DB / 20), 1.0)
+    # The lower end is clipped before the logarithm, which has none of zero; a frame without sound is black.
+    share = np.clip(values / (brightest or 1.0), 10 ** (-RANGE_DB / 20), 1.0)
     return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
 
 

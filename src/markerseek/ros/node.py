@@ -109,6 +109,7 @@ class RosNode:
         self.network = network or Network(enclave)
         self.kinds = Kinds()
         self.name = name
+        from rcl_interfaces.msg import ParameterDescriptor
         from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
         notify = on_active or (lambda _active: None)
@@ -141,7 +142,8 @@ class RosNode:
             )
         except RuntimeError as problem:
             raise _as_config_error(problem) from problem
-        self._declare(parameters or {})
+        for key, value in (parameters or {}).items():
+            self._node.declare_parameter(key, value, ParameterDescriptor(read_only=True))
         self.network.executor.add_node(self._node)
         self.network.nodes += 1
         self._publishers: dict[str, Any] = {}
@@ -151,33 +153,21 @@ class RosNode:
         self._node.trigger_activate()
         self._open = True
 
-    def _declare(self, parameters: Mapping[str, float | str | int | bool]) -> None:
-        from rcl_interfaces.msg import ParameterDescriptor
-
-        for name, value in parameters.items():
-            self._node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
-
-    def publish(self, topic: str, kind: str, message: Any, *, latched: bool = False) -> None:
-        """Publish a message.
+    def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
+        """Make a publisher, so that subscribers can find it before the first message.
 
         Parameters
         ----------
         topic, kind
             Topic, and name of the message, such as ``std_msgs/msg/String``.
-        message
-            The message.
         latched
-            Whether it is kept for subscribers that come later.
+            Whether the last message is kept for subscribers that come later.
         """
-        self.advertise(topic, kind, latched=latched)
-        self._publishers[topic].publish(message)
+        self._publishers[topic] = self._node.create_publisher(self.kinds.kind(kind), topic, _quality(latched=latched))
 
-    def advertise(self, topic: str, kind: str, *, latched: bool = False) -> None:
-        """Make a publisher now, so that subscribers can find it before the first message."""
-        if topic not in self._publishers:
-            self._publishers[topic] = self._node.create_publisher(
-                self.kinds.kind(kind), topic, _quality(latched=latched)
-            )
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish a message on a topic that was advertised."""
+        self._publishers[topic].publish(message)
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = False) -> None:
         """Call a function with each message of a topic, while the node is spun."""
@@ -227,10 +217,6 @@ class RosNode:
         finally:
             self._node.destroy_client(client)
 
-    def deactivate(self) -> None:
-        """Deactivate it, as a lifecycle manager would."""
-        self._node.trigger_deactivate()
-
     def matched(self, topic: str) -> bool:
         """Whether somebody listens to a topic that this node publishes."""
         return bool(self._publishers[topic].get_subscription_count() > 0)
@@ -243,10 +229,13 @@ class RosNode:
         """Carry out what has arrived; waits for it at most so long."""
         self.network.executor.spin_once(timeout_sec=timeout_s)
 
-    @property
-    def handled(self) -> int:
-        """Number of messages that were received so far, also by other nodes of its network."""
-        return self.network.handled
+    def drain(self, most: int) -> None:
+        """Carry out what has arrived already, at most so many messages, without waiting."""
+        for _ in range(most):
+            before = self.network.handled
+            self.spin(0.0)
+            if self.network.handled == before:
+                break
 
     def wake(self) -> None:
         """Let `spin` return now; allowed in any thread."""

@@ -1,75 +1,31 @@
-"""Messages to and from a KDC101 or TDC001 with a PRM1Z8, as bytes.
+"""Messages to and from a KDC101 or TDC001 with a PRM1Z8, as bytes, and the units of their numbers.
 
-The messages are packed and parsed by thorlabs-apt-protocol.
+The messages are packed and parsed by thorlabs-apt-protocol. The units are of this stage with this controller, whose
+clock ticks every 2048/6e6 s: counts per degree, and words for speed and acceleration. They are rounded, never
+truncated.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from markerseek.core import DeviceError, MissingExtraError
+from markerseek.core import ConfigError, DeviceError, MissingExtraError
 from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
-from markerseek.wire.apt_values import (
-    ACCELERATION_WORD,
-    COUNTS_PER_DEG,
-    EMULATOR,
-    SPEED_WORD,
-    Answer,
-    Counts,
-    Info,
-    SoftLimits,
-    Status,
-    Velocity,
-    acceleration_word,
-    counts_of,
-    degrees_of,
-    speed_word,
-)
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import ModuleType
-
-__all__ = [
-    "ACCELERATION_WORD",
-    "BACKLASH",
-    "CHANNEL",
-    "COUNTS_PER_DEG",
-    "EMULATOR",
-    "INFO",
-    "LIMITS",
-    "SPEED_WORD",
-    "STATUS",
-    "TARGET",
-    "VELOCITY",
-    "Answer",
-    "Counts",
-    "Info",
-    "SoftLimits",
-    "Status",
-    "Velocity",
-    "acceleration_word",
-    "ask_backlash",
-    "ask_info",
-    "ask_limits",
-    "ask_status",
-    "ask_target",
-    "ask_velocity",
-    "counts_of",
-    "decode",
-    "degrees_of",
-    "move",
-    "set_backlash",
-    "set_limits",
-    "set_target",
-    "set_velocity",
-    "speed_word",
-    "stop",
-    "stop_updates",
-]
+# Thorlabs, "APT Communications Protocol", PRM1-Z8 with TDC001 or KDC101: 1919.64, 42941.66 and 14.66.
+COUNTS_PER_DEG = 1919.6418578623391
+SPEED_WORD = 42941.66
+"""Word for 1 deg/s: counts per sampling interval of 2048/6e6 s, times 65536."""
+ACCELERATION_WORD = 14.6574
+"""Word for 1 deg/s²: counts per sampling interval squared, times 65536."""
 
 CHANNEL = 1
+
+EMULATOR = "simulated by markerseek"
+"""Notes in the identity of an emulated controller."""
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
 """Identities of the answers that `decode` knows."""
@@ -89,6 +45,112 @@ _FAULTS = {
     "error": "error",
 }
 """Status bits that end a move, and their names. The limit switches are missing: a PRM1Z8 touches one at home."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Info:
+    """Identity of a controller: model, serial number, firmware, and the maker's notes."""
+
+    model: str
+    serial_number: int
+    firmware: str
+    notes: str = ""
+
+    @property
+    def emulated(self) -> bool:
+        """Whether it says of itself that it is the emulator, and no hardware."""
+        return self.notes == EMULATOR
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Velocity:
+    """Speed and acceleration, in the controller's words."""
+
+    acceleration: int
+    speed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoftLimits:
+    """Soft limits in counts, and the behaviour there and at the limit switches.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the range, in counts.
+    mode
+        At a soft limit: 1 ignores it, 2 stops at once, 3 decelerates.
+    switches
+        Behaviour of both limit switches: 4 makes on contact, and serves for homing only.
+    """
+
+    low: int
+    high: int
+    mode: int = 2
+    switches: int = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """Status of the stage.
+
+    Attributes
+    ----------
+    position
+        Position counter, signed.
+    moving, homing, homed
+        As the controller reports it. ``moving`` is false for a moment after a move was commanded.
+    faults
+        Names of the errors that it reports.
+    """
+
+    position: int
+    moving: bool
+    homing: bool
+    homed: bool
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counts:
+    """A stored number of counts: a target, or a backlash."""
+
+    counts: int
+
+
+Answer = Info | Velocity | SoftLimits | Status | Counts
+
+
+def counts_of(angle_deg: float) -> int:
+    """Encoder counts of an angle in degrees, rounded.
+
+    Raises
+    ------
+    ConfigError
+        If the angle is not finite, or has no 32-bit count.
+    """
+    return _word(angle_deg * COUNTS_PER_DEG, f"{angle_deg} deg")
+
+
+def degrees_of(counts: int) -> float:
+    """Angle in degrees of a number of encoder counts."""
+    return counts / COUNTS_PER_DEG
+
+
+def speed_word(speed_deg_s: float) -> int:
+    """Word for a speed in degrees per second, rounded."""
+    return _word(speed_deg_s * SPEED_WORD, f"{speed_deg_s} deg/s")
+
+
+def acceleration_word(acceleration_deg_s2: float) -> int:
+    """Word for an acceleration in degrees per second squared, rounded."""
+    return _word(acceleration_deg_s2 * ACCELERATION_WORD, f"{acceleration_deg_s2} deg/s^2")
+
+
+def _word(value: float, meaning: str) -> int:
+    if not (math.isfinite(value) and -_UNSIGNED // 2 <= round(value) < _UNSIGNED // 2):
+        raise ConfigError(f"{meaning} cannot be sent to the stage's controller, whose words have 32 bits")
+    return round(value)
 
 
 def stop_updates() -> bytes:
@@ -180,13 +242,19 @@ def decode(message: AptMessage) -> Answer | None:
     """
     if message.ident not in (INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS):
         return None
-    fields = _parsers()[message.ident](message.raw)
+    fields = _library().parsing.id_to_func[message.ident](message.raw)
     if message.ident == INFO:
         # The library skips the notes of the manufacturer, 60 bytes from byte 24 on.
         return _info(fields, notes=message.raw[24:84])
     if fields["chan_ident"] != CHANNEL:
         raise DeviceError(f"a stage's answer is of channel {fields['chan_ident']}, there is only channel {CHANNEL}")
-    return _DECODERS[message.ident](fields)
+    if message.ident == STATUS:
+        return _status(fields)
+    if message.ident == LIMITS:
+        return _limits(fields)
+    if message.ident == VELOCITY:
+        return Velocity(acceleration=fields["acceleration"], speed=fields["max_velocity"])
+    return Counts(counts=fields["backlash_distance" if message.ident == BACKLASH else "absolute_position"])
 
 
 def _info(fields: dict[str, Any], *, notes: bytes) -> Info:
@@ -201,10 +269,6 @@ def _info(fields: dict[str, Any], *, notes: bytes) -> Info:
         firmware=firmware,
         notes=notes.rstrip(b"\x00 ").decode("ascii", "replace"),
     )
-
-
-def _velocity(fields: dict[str, Any]) -> Velocity:
-    return Velocity(acceleration=fields["acceleration"], speed=fields["max_velocity"])
 
 
 def _limits(fields: dict[str, Any]) -> SoftLimits:
@@ -229,37 +293,23 @@ def _status(fields: dict[str, Any]) -> Status:
     )
 
 
-_DECODERS: dict[int, Callable[[dict[str, Any]], Answer]] = {
-    VELOCITY: _velocity,
-    LIMITS: _limits,
-    STATUS: _status,
-    BACKLASH: lambda fields: Counts(counts=fields["backlash_distance"]),
-    TARGET: lambda fields: Counts(counts=fields["absolute_position"]),
-}
-
-
 # The library packs soft limits unsigned, and a reading may lie below home: two's complement by hand.
 def _signed(word: int) -> int:
     return word - _UNSIGNED if word >= _UNSIGNED // 2 else word
 
 
 def _packed(name: str, **fields: int) -> bytes:
-    return bytes(getattr(_library("functions"), name)(CONTROLLER, HOST, **fields))
-
-
-def _parsers() -> dict[int, Callable[[bytes], dict[str, Any]]]:
-    parsers: dict[int, Callable[[bytes], dict[str, Any]]] = _library("parsing").id_to_func
-    return parsers
+    return bytes(getattr(_library().functions, name)(CONTROLLER, HOST, **fields))
 
 
 @cache
-def _library(part: str) -> ModuleType:
+def _library() -> Any:
     # Imported on first use: it is an optional package, and rigs without a Thorlabs stage run without it.
     try:
-        from thorlabs_apt_protocol import functions, parsing  # type: ignore[import-untyped, unused-ignore]
+        import thorlabs_apt_protocol.functions
+        import thorlabs_apt_protocol.parsing
     except ModuleNotFoundError as missing:
         raise MissingExtraError(
             package="thorlabs-apt-protocol", extra="devices", purpose="a Thorlabs stage"
         ) from missing
-    modules: dict[str, ModuleType] = {"functions": functions, "parsing": parsing}
-    return modules[part]
+    return thorlabs_apt_protocol

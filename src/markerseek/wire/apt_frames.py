@@ -72,8 +72,6 @@ class AptMessage:
     ----------
     ident
         Its kind.
-    first, second
-        Its two parameters; 0 where it has data.
     data
         Its data; empty in the form of six bytes.
     raw
@@ -81,8 +79,6 @@ class AptMessage:
     """
 
     ident: int
-    first: int
-    second: int
     data: bytes
     raw: bytes
 
@@ -119,7 +115,8 @@ class AptFramer:
                 continue
             if len(held) - at < size:
                 break
-            messages.append(_message(bytes(held[at : at + size])))
+            raw = bytes(held[at : at + size])
+            messages.append(AptMessage(ident=int.from_bytes(raw[:2], "little"), data=raw[HEADER_BYTES:], raw=raw))
             at += size
         del held[:at]
         return messages
@@ -141,10 +138,3 @@ class AptFramer:
         if wanted not in lengths or (to & _WITH_DATA and wanted == 0):
             return None
         return HEADER_BYTES + wanted
-
-
-def _message(raw: bytes) -> AptMessage:
-    ident, length, to, _source = _HEADER.unpack_from(raw)
-    if to & _WITH_DATA:
-        return AptMessage(ident=ident, first=0, second=0, data=raw[HEADER_BYTES:], raw=raw)
-    return AptMessage(ident=ident, first=length & 0xFF, second=length >> 8, data=b"", raw=raw)

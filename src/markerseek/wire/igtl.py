@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -17,7 +17,6 @@ from markerseek.core import ConfigError, DeviceError, is_finite
 from markerseek.wire.igtl_contents import (
     BUSY,
     EMULATOR,
-    HARDWARE_FAILURE,
     MOST_TEXT_BYTES,
     NOT_READY,
     OK,
@@ -39,7 +38,6 @@ from markerseek.wire.igtl_packing import HEADER_BYTES, KINDS, character_set, crc
 __all__ = [
     "BUSY",
     "EMULATOR",
-    "HARDWARE_FAILURE",
     "HEADER_BYTES",
     "KINDS",
     "MOST_TEXT_BYTES",
@@ -48,6 +46,7 @@ __all__ = [
     "UNKNOWN_ERROR",
     "Command",
     "Content",
+    "Framer",
     "Header",
     "Image",
     "Message",
@@ -220,6 +219,45 @@ def decode(header: Header, body: bytes) -> Message:
         )
     except (ConfigError, UnicodeDecodeError) as problem:
         raise DeviceError(f"{what}: {problem}") from problem
+
+
+class Framer:
+    """Splits a stream of bytes into messages, not decoded yet.
+
+    Parameters
+    ----------
+    most_bytes
+        Most bytes that the body of a message may have.
+    """
+
+    def __init__(self, *, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._received = bytearray()
+        self._header: Header | None = None
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a message has begun whose rest has not come."""
+        return bool(self._received) or self._header is not None
+
+    def feed(self, data: bytes) -> Iterator[tuple[Header, bytes]]:
+        """Header and body of each message that is complete with these bytes; errors as of `decode_header`."""
+        self._received += data
+        while True:
+            if self._header is None:
+                if len(self._received) < HEADER_BYTES:
+                    return
+                # Its length is limited here, before the body is awaited.
+                self._header = decode_header(self._taken(HEADER_BYTES), most_bytes=self._most_bytes)
+            if len(self._received) < self._header.body_bytes:
+                return
+            header, self._header = self._header, None
+            yield header, self._taken(header.body_bytes)
+
+    def _taken(self, size: int) -> bytes:
+        taken = bytes(self._received[:size])
+        del self._received[:size]
+        return taken
 
 
 def _name(field_: bytes, what: str) -> str:

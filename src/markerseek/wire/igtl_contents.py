@@ -18,7 +18,7 @@ COMMAND_NAME_BYTES, STATUS_NAME_BYTES = 128, 20
 EMULATOR = "simulated by markerseek"
 """What an emulated server says of itself in a STATUS, and in the metadata ``emulator`` of its images."""
 
-OK, UNKNOWN_ERROR, BUSY, NOT_READY, HARDWARE_FAILURE = 1, 2, 6, 13, 18
+OK, UNKNOWN_ERROR, BUSY, NOT_READY = 1, 2, 6, 13
 """Codes of a STATUS."""
 
 

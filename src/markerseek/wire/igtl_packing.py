@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -92,9 +92,7 @@ def _transform(content: bytes) -> contents.Transform:
 
 
 def _image(content: bytes) -> contents.Image:
-    if len(content) < _IMAGE.size:
-        raise ConfigError(f"{len(content)} bytes, the head of an IMAGE has {_IMAGE.size}")
-    _, components, scalar, order, system, *rest = _IMAGE.unpack_from(content)
+    _, components, scalar, order, system, *rest = _head(_IMAGE, content)
     size, first, part = rest[:3], rest[15:18], rest[18:]
     if components != 1 or scalar not in contents.SCALARS or order not in (1, 2) or system not in (1, 2):
         raise ConfigError(
@@ -137,39 +135,32 @@ def _position(content: bytes) -> contents.Position:
 
 
 def _string(content: bytes) -> contents.Text:
-    if len(content) < _STRING.size:
-        raise ConfigError(f"{len(content)} bytes, the head of a STRING has {_STRING.size}")
-    number, size = _STRING.unpack_from(content)
+    number, size = _head(_STRING, content)
     _require_size("STRING", content, _STRING.size + size)
     return contents.Text(text=text_of(content[_STRING.size :], number))
 
 
 def _status(content: bytes) -> contents.Status:
-    if len(content) < _STATUS.size:
-        raise ConfigError(f"{len(content)} bytes, the head of a STATUS has {_STATUS.size}")
-    code, subcode, name = _STATUS.unpack_from(content)
+    code, subcode, name = _head(_STATUS, content)
     message = content[_STATUS.size :]
     return contents.Status(code=code, subcode=subcode, name=_c_text(name), message=_c_text(message))
 
 
-def _command(content: bytes) -> contents.Command:
-    return _command_of(content, contents.Command)
-
-
-def _reply(content: bytes) -> contents.Command:
-    return _command_of(content, contents.Reply)
-
-
-def _command_of(content: bytes, kind: type[contents.Command]) -> contents.Command:
-    if len(content) < _COMMAND.size:
-        raise ConfigError(f"{len(content)} bytes, the head of a {kind.kind} has {_COMMAND.size}")
-    number, name, encoding, size = _COMMAND.unpack_from(content)
+def _command(kind: type[contents.Command], content: bytes) -> contents.Command:
+    number, name, encoding, size = _head(_COMMAND, content)
     _require_size(kind.kind, content, _COMMAND.size + size)
     return kind(number=number, name=_c_text(name), text=text_of(content[_COMMAND.size :], encoding))
 
 
 def _c_text(data: bytes) -> str:
     return data.partition(b"\0")[0].decode("utf-8")
+
+
+def _head(form: struct.Struct, content: bytes) -> tuple[Any, ...]:
+    """Fields at the beginning of a content."""
+    if len(content) < form.size:
+        raise ConfigError(f"{len(content)} bytes, its head alone has {form.size}")
+    return form.unpack_from(content)
 
 
 def _require_size(what: str, content: bytes, size: int) -> None:
@@ -184,8 +175,8 @@ _UNPACK: dict[str, Callable[[bytes], contents.Content]] = {
     "POSITION": _position,
     "STRING": _string,
     "STATUS": _status,
-    "COMMAND": _command,
-    "RTS_COMMAND": _reply,
+    "COMMAND": partial(_command, contents.Command),
+    "RTS_COMMAND": partial(_command, contents.Reply),
 }
 
 KINDS = tuple(_UNPACK)

@@ -31,67 +31,140 @@ Within any minute a box sends `MOST_PULSES_PER_MINUTE` pulses at most (refusal `
 from __future__ import annotations
 
 import binascii
-from typing import get_args
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from markerseek.core import ConfigError, LaserError
-from markerseek.wire.laserbox_messages import (
-    EMULATOR,
-    LEASE_MS,
-    LIGHT_LATE_US,
-    LINE_BYTES,
-    MOST_COUNT,
-    MOST_EXPIRY_MS,
-    MOST_PULSES,
-    MOST_PULSES_PER_MINUTE,
-    MOST_RATE_HZ,
-    VERSION,
-    Beat,
-    Command,
-    Disarm,
-    Disarmed,
-    Done,
-    Fire,
-    Greeting,
-    Hello,
-    PermitPulses,
-    Permitted,
-    Refusal,
-    RefusalReason,
-    Reply,
-)
 
-__all__ = [
-    "EMULATOR",
-    "LEASE_MS",
-    "LIGHT_LATE_US",
-    "LINE_BYTES",
-    "MOST_COUNT",
-    "MOST_EXPIRY_MS",
-    "MOST_PULSES",
-    "MOST_PULSES_PER_MINUTE",
-    "MOST_RATE_HZ",
-    "VERSION",
-    "Beat",
-    "Command",
-    "Disarm",
-    "Disarmed",
-    "Done",
-    "Fire",
-    "Greeting",
-    "Hello",
-    "Lines",
-    "PermitPulses",
-    "Permitted",
-    "Refusal",
-    "RefusalReason",
-    "Reply",
-    "crc16",
-    "decode_command",
-    "decode_reply",
-    "encode",
+VERSION = 1
+"""Version of the protocol."""
+
+EMULATOR = "emulator"
+"""Identity of an emulated box."""
+
+LEASE_MS = 100
+"""Longest lease of a box, in milliseconds."""
+
+LINE_BYTES = 80
+"""Longest line, its end included."""
+
+MOST_PULSES, MOST_RATE_HZ, MOST_EXPIRY_MS, MOST_COUNT = 1024, 1000, 60_000, 2**31 - 1
+"""Largest numbers of a permit that a box accepts, and of a token, a step or a count of the photodiode."""
+
+MOST_PULSES_PER_MINUTE = 6000
+"""Most pulses that a box sends within any minute, whatever is permitted.
+
+A laser at the usual 100 Hz cannot reach it: 6,000 pulses in a minute are 100 Hz without a pause, and a search moves the
+probe in between (16 to 128 pulses an acquisition, a few thousand a minute at most). At 1,000 Hz it is a tenth.
+"""
+
+LIGHT_LATE_US = 1000
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it."""
+
+RefusalReason: TypeAlias = Literal[
+    "CRC",  # the line came damaged
+    "FORM",  # it is no command, or a number is missing, too many, or out of its range
+    "TOKEN",  # a permit's token that is not above all before, or a firing without a permit of that token
+    "STEP",  # a beat whose step is not above the one before
+    "INTERLOCK",  # the interlock is open
+    "BUSY",  # a permit or HELLO before a train of triggers has ended
+    "BUDGET",  # the permit's pulses would be more than the box sends within a minute
 ]
 
-_REASONS: tuple[RefusalReason, ...] = get_args(RefusalReason)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hello:
+    """Asks for the identity; voids any permit, and steps may begin at 1 again."""
+
+    head: ClassVar[str] = "HELLO"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PermitPulses:
+    """Permits a number of pulses at a rate in Hz until an expiry in milliseconds, with a number of triggers in all."""
+
+    head: ClassVar[str] = "PERMIT"
+    token: int
+    pulses: int
+    rate_hz: int
+    expiry_ms: int
+    triggers: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beat:
+    """Renews the lease; the step is the control loop's own counter."""
+
+    head: ClassVar[str] = "BEAT"
+    step: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fire:
+    """Uses the permit of that token."""
+
+    head: ClassVar[str] = "FIRE"
+    token: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disarm:
+    """Voids any permit, also while it fires."""
+
+    head: ClassVar[str] = "DISARM"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Greeting:
+    """Answer to `Hello`: identity, version of the protocol, lease in milliseconds, and the last token used.
+
+    ``seen`` is how many pulses of light the photodiode has seen since power-up.
+    """
+
+    head: ClassVar[str] = "OK HELLO"
+    identity: str
+    version: int
+    lease_ms: int
+    last_token: int
+    seen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Permitted:
+    """Answer to `PermitPulses`; ``seen`` is how many pulses of light the photodiode has seen since power-up."""
+
+    head: ClassVar[str] = "OK PERMIT"
+    token: int
+    seen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """A train has ended: pulses sent to the laser, and pulses that the photodiode saw."""
+
+    head: ClassVar[str] = "DONE"
+    token: int
+    sent: int
+    photodiode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disarmed:
+    """Answer to `Disarm`."""
+
+    head: ClassVar[str] = "OK DISARM"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """The command was refused, and any permit is void."""
+
+    head: ClassVar[str] = "ERR"
+    reason: RefusalReason
+
+
+Command: TypeAlias = Hello | PermitPulses | Beat | Fire | Disarm
+Reply: TypeAlias = Greeting | Permitted | Done | Disarmed | Refusal
 
 
 def crc16(data: bytes) -> int:
@@ -110,8 +183,7 @@ def encode(message: Command | Reply) -> bytes:
     """
     # Parsed again before it is sent, so that one set of rules holds for both ends.
     words = _words(message)
-    understood = _command(words) if isinstance(message, Command) else _reply(words)
-    if understood != message:
+    if _parsed(words, (type(message),)) != message:
         raise ConfigError(f"laser box: {message} cannot be sent, a number or word is out of its range")
     text = " ".join(words).encode("ascii")
     return text + b"*%04X\n" % crc16(text)
@@ -122,7 +194,8 @@ def decode_command(line: bytes) -> Command | Refusal:
     text = _checked(line)
     if text is None:
         return Refusal(reason="CRC")
-    return _command(text.split(" ")) or Refusal(reason="FORM")
+    command: Command | None = _parsed(text.split(" "), get_args(Command))
+    return command or Refusal(reason="FORM")
 
 
 def decode_reply(line: bytes) -> Reply:
@@ -134,7 +207,7 @@ def decode_reply(line: bytes) -> Reply:
         If the line is damaged or no reply.
     """
     text = _checked(line)
-    reply = None if text is None else _reply(text.split(" "))
+    reply: Reply | None = None if text is None else _parsed(text.split(" "), get_args(Reply))
     if reply is None:
         what = "damaged (its CRC does not fit)" if text is None else "no reply of a laser box"
         raise LaserError(f"laser box: the line {line[:LINE_BYTES]!r} is {what}; check cable, port and firmware")
@@ -160,36 +233,6 @@ class Lines:
         return lines
 
 
-def _words(message: Command | Reply) -> list[str]:
-    match message:
-        case Hello():
-            return ["HELLO"]
-        case PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=triggers):
-            return ["PERMIT", *map(str, (token, pulses, rate_hz, expiry_ms, triggers))]
-        case Beat(step=step):
-            return ["BEAT", str(step)]
-        case Fire(token=token):
-            return ["FIRE", str(token)]
-        case Disarm():
-            return ["DISARM"]
-        case _:
-            return _reply_words(message)
-
-
-def _reply_words(message: Reply) -> list[str]:
-    match message:
-        case Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token, seen=seen):
-            return ["OK", "HELLO", identity, *map(str, (version, lease_ms, last_token, seen))]
-        case Permitted(token=token, seen=seen):
-            return ["OK", "PERMIT", str(token), str(seen)]
-        case Done(token=token, sent=sent, photodiode=photodiode):
-            return ["DONE", *map(str, (token, sent, photodiode))]
-        case Disarmed():
-            return ["OK", "DISARM"]
-        case Refusal(reason=reason):
-            return ["ERR", reason]
-
-
 def _checked(line: bytes) -> str | None:
     """Text of a line whose CRC fits, else None."""
     text, star, crc = line.rpartition(b"*")
@@ -198,22 +241,28 @@ def _checked(line: bytes) -> str | None:
     return text.decode("ascii")
 
 
-def _command(words: list[str]) -> Command | None:
-    verb, numbers = words[0], [_number(word) for word in words[1:]]
-    match verb, numbers:
-        case "HELLO", []:
-            return Hello()
-        case "PERMIT", [int(token), int(pulses), int(rate_hz), int(expiry_ms), int(triggers)]:
-            permit = PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=triggers)
-            return permit if _acceptable(permit) else None
-        case "BEAT", [int(step)]:
-            return Beat(step=step)
-        case "FIRE", [int(token)]:
-            return Fire(token=token)
-        case "DISARM", []:
-            return Disarm()
-        case _:
-            return None
+def _words(message: Command | Reply) -> list[str]:
+    return [*message.head.split(" "), *(str(getattr(message, field.name)) for field in fields(message))]
+
+
+def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
+    """Message of one of these kinds: its head, then its fields in their order; None if the words are none."""
+    for kind in kinds:
+        head, names = kind.head.split(" "), [field.name for field in fields(kind)]
+        if words[: len(head)] == head and len(words) == len(head) + len(names):
+            values = {name: _value(name, word) for name, word in zip(names, words[len(head) :], strict=True)}
+            message = None if None in values.values() else kind(**values)
+            return None if isinstance(message, PermitPulses) and not _acceptable(message) else message
+    return None
+
+
+def _value(name: str, word: str) -> str | int | None:
+    """Value of a field; None if the word is none."""
+    if name == "reason":
+        return word if word in get_args(RefusalReason) else None
+    if name == "identity":
+        return word if word.isalnum() and len(word) <= 16 else None
+    return _number(word)
 
 
 def _acceptable(permit: PermitPulses) -> bool:
@@ -226,46 +275,6 @@ def _acceptable(permit: PermitPulses) -> bool:
         # In whole numbers, as the firmware computes it: a division would round differently.
         and 1000 * permit.triggers <= permit.rate_hz * MOST_EXPIRY_MS
     )
-
-
-def _reply(words: list[str]) -> Reply | None:
-    match words:
-        case ["OK", "HELLO", identity, *rest]:
-            return _greeting(identity, [_number(word) for word in rest])
-        case ["OK", "PERMIT", *rest]:
-            return _permitted([_number(word) for word in rest])
-        case ["OK", "DISARM"]:
-            return Disarmed()
-        case ["DONE", *rest]:
-            return _done([_number(word) for word in rest])
-        case ["ERR", word]:
-            return next((Refusal(reason=reason) for reason in _REASONS if reason == word), None)
-        case _:
-            return None
-
-
-def _greeting(identity: str, numbers: list[int | None]) -> Greeting | None:
-    match numbers:
-        case [int(version), int(lease_ms), int(last_token), int(seen)] if identity.isalnum() and len(identity) <= 16:
-            return Greeting(identity=identity, version=version, lease_ms=lease_ms, last_token=last_token, seen=seen)
-        case _:
-            return None
-
-
-def _permitted(numbers: list[int | None]) -> Permitted | None:
-    match numbers:
-        case [int(token), int(seen)]:
-            return Permitted(token=token, seen=seen)
-        case _:
-            return None
-
-
-def _done(numbers: list[int | None]) -> Done | None:
-    match numbers:
-        case [int(token), int(sent), int(photodiode)]:
-            return Done(token=token, sent=sent, photodiode=photodiode)
-        case _:
-            return None
 
 
 def _number(word: str) -> int | None:

@@ -92,23 +92,18 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
     if len(head) < HEADER_BYTES:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; acquire it again")
     first, second, third = struct.unpack("<3i", head[:HEADER_BYTES])
-    new = DaqHeader(length=12, frames=second, samples=third, channel=first)
-    old = DaqHeader(length=8, frames=first, samples=second)
-    number_fits = 0 <= first < CHANNELS
-    fitting = [
-        header
-        for header, possible in ((new, number_fits), (old, True))
-        if possible and header.frames > 0 and header.samples > 0 and header.file_bytes == size
-    ]
+    layouts = [(DaqHeader(length=8, frames=first, samples=second), "an earlier SDK")]
+    if 0 <= first < CHANNELS:
+        layouts.insert(0, (DaqHeader(length=12, frames=second, samples=third, channel=first), "SDK 6 and later"))
+    possible = [(header, sdk) for header, sdk in layouts if header.frames > 0 and header.samples > 0]
+    fitting = [header for header, _ in possible if header.file_bytes == size]
     # Both layouts can fit one size by chance; then the channel in the header must agree with the file's name.
     if len(fitting) == 2 and first != file_number(name):
-        return old
+        return fitting[1]
     if fitting:
         return fitting[0]
     expected = [
-        f"{header.file_bytes} bytes by a header of {sdk}"
-        for header, possible, sdk in ((new, number_fits, "SDK 6 and later"), (old, True, "an earlier SDK"))
-        if possible and header.frames > 0 and 0 < header.samples <= MOST_SAMPLES
+        f"{header.file_bytes} bytes by a header of {sdk}" for header, sdk in possible if header.samples <= MOST_SAMPLES
     ]
     if not expected:
         raise RecordError(

@@ -1,4 +1,4 @@
-from .commands import Answer, Request, read_request
+from .commands import Answer, Request
 from .server import PORT, IgtlServer
 from .service import SearchService
 from .streams import Stream, Streams
@@ -11,5 +11,4 @@ __all__ = [
     "SearchService",
     "Stream",
     "Streams",
-    "read_request",
 ]

@@ -25,11 +25,10 @@ _PREFIX = "CMD_"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """A command: its name, its values by name, and the message that asked for it."""
+    """A command: its name, and its values by name."""
 
     name: str
     values: Mapping[str, str]
-    message: igtl.Message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,15 +41,9 @@ class Answer:
 
 def is_command(message: igtl.Message) -> bool:
     """Whether a message is a command in either form."""
-    match message.content:
-        case igtl.Text():
-            return message.device.startswith(_PREFIX)
-        case igtl.Reply():
-            return False
-        case igtl.Command():
-            return True
-        case _:
-            return False
+    if isinstance(message.content, igtl.Text):
+        return message.device.startswith(_PREFIX)
+    return isinstance(message.content, igtl.Command) and not isinstance(message.content, igtl.Reply)
 
 
 def read_request(message: igtl.Message) -> Request:
@@ -78,7 +71,7 @@ def read_request(message: igtl.Message) -> Request:
         raise ConfigError(f"the command is named {named!r} and {name!r}; send one name")
     if not name:
         raise ConfigError('the command has no name; send <Command Name="StartSearch" />')
-    return Request(name=name, values=values, message=message)
+    return Request(name=name, values=values)
 
 
 def answer_message(asked: igtl.Message, answer: Answer, *, time_s: float) -> igtl.Message:

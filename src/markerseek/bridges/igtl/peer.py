@@ -43,8 +43,7 @@ class Peer(asyncio.Protocol):
     ) -> None:
         self._on_open, self._on_message, self._on_close = on_open, on_message, on_close
         self._waiting: dict[Key, bytes] = {}
-        self._received = bytearray()
-        self._header: igtl.Header | None = None
+        self._framer = igtl.Framer(most_bytes=MOST_BODY_BYTES)
         self._full = False
         self._sending: asyncio.TimerHandle | None = None
         self._receiving: asyncio.TimerHandle | None = None
@@ -111,39 +110,20 @@ class Peer(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take bytes; whatever is no message ends the connection."""
-        self._received += data
         try:
-            while (message := self._next()) is not None:
-                self._on_message(self, message)
+            for header, body in self._framer.feed(data):
+                self._on_message(self, igtl.decode(header, body))
+                if not self._open:
+                    return
         except DeviceError as problem:
             self._refuse(str(problem))
             return
         _cancel(self._receiving)
         self._receiving = None
-        if self._open and (self._received or self._header is not None):
+        if self._open and self._framer.incomplete:
             self._receiving = asyncio.get_running_loop().call_later(
                 SLOW_S, self.drop, f"its message was not complete within {SLOW_S:g} s"
             )
-
-    def _next(self) -> igtl.Message | None:
-        """The next message that has come whole."""
-        if not self._open:
-            return None
-        if self._header is None:
-            if len(self._received) < igtl.HEADER_BYTES:
-                return None
-            head = self._taken(igtl.HEADER_BYTES)
-            # Its length is limited here, before the body is awaited.
-            self._header = igtl.decode_header(head, most_bytes=MOST_BODY_BYTES)
-        if len(self._received) < self._header.body_bytes:
-            return None
-        header, self._header = self._header, None
-        return igtl.decode(header, self._taken(header.body_bytes))
-
-    def _taken(self, size: int) -> bytes:
-        taken = bytes(self._received[:size])
-        del self._received[:size]
-        return taken
 
     def _refuse(self, sentence: str) -> None:
         """Say why, if it listens, and end the connection: after damaged bytes no message begins at a known place."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
-from typing import Literal
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from typing import Literal, TypeVar
 
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.igtl.commands import Answer, Request, search_request
@@ -120,10 +120,8 @@ class SearchService:
         """
         loop = asyncio.get_running_loop()
         self._begin()
-        items = recording.items()
         began_s = loop.time()
-        while (timed := await asyncio.to_thread(next, items, None)) is not None:
-            after_s, item = timed
+        async for after_s, item in _each(recording.items()):
             await asyncio.sleep(began_s + pace * after_s - loop.time())
             await self._show(item)
         self._publish(self._streams.ended(recording.outcome))
@@ -152,14 +150,14 @@ class SearchService:
             child.stop()
             raise
         await reading
-        outcome = await child.outcome_async()
+        outcome = await asyncio.to_thread(child.outcome)
         self._on_note(outcome.message)
         self._publish(self._streams.ended(outcome))
 
     async def _read(self, child: ChildRun, items: asyncio.Queue[StreamItem | None]) -> None:
         """Read the stream while images are made, so that it loses none."""
         try:
-            async for item in child.items_async():
+            async for item in _each(child.items()):
                 await items.put(item)
         except RecordError as problem:
             self._on_note(str(problem))
@@ -169,3 +167,12 @@ class SearchService:
     async def _show(self, item: StreamItem) -> None:
         # In a thread: an image takes milliseconds, in which no client must wait.
         self._publish(await asyncio.to_thread(self._streams.after, item))
+
+
+_Item = TypeVar("_Item")
+
+
+async def _each(items: Iterator[_Item]) -> AsyncIterator[_Item]:
+    """Items that are waited for in a thread, so that the event loop is not held up."""
+    while (item := await asyncio.to_thread(next, items, None)) is not None:
+        yield item

@@ -1,9 +1,8 @@
 from .acquisition_node import AcquisitionNode
-from .interrupted import Interrupted
 from .player import play
 from .sample_topics import publish_registration
 from .search_node import SearchNode
-from .serving import Beat, Served, serve
+from .serving import Beat, Interrupted, Served, serve
 from .stage_node import PlainTopics, StageNode
 
 __all__ = [

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from markerseek.bridges.ros2.interrupted import Interrupted
+from markerseek.bridges.ros2.serving import Interrupted, Served
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -13,32 +12,24 @@ from markerseek.core import (
     Laser,
     LimitError,
     MarkerseekError,
-    Permit,
     Receiver,
 )
 from markerseek.guard import Guard
-from markerseek.ros import RosNode, StampedCommands, degrees, messages, topics
+from markerseek.ros import RosNode, degrees, messages, topics
 from markerseek.scan import DeadMan
 
 _TEXT = "std_msgs/msg/String"
-_DIAGNOSE_S = 1.0
 
 
-class AcquisitionNode:
+class AcquisitionNode(Served):
     """Serves a laser and its receiver: one request fires at most the pulses of a permit of the guard here, and records.
 
     Parameters
     ----------
-    node
-        Its node.
-    laser, receiver, guard, clock
-        The devices, their guard, and their time.
-    by
-        Who has armed the guard.
-    dead_man
-        Lease of the laser, to be held while it fires.
-    simulated
-        Whether laser and receiver are simulated.
+    node, guard, by, dead_man, simulated
+        As of `Served`; the lease is held while the laser fires.
+    laser, receiver, clock
+        The devices, and their time.
     """
 
     def __init__(
@@ -53,32 +44,28 @@ class AcquisitionNode:
         dead_man: DeadMan | None = None,
         simulated: bool = False,
     ) -> None:
-        self.node = node
-        self._laser, self._receiver, self._guard, self._clock, self._by = laser, receiver, guard, clock, by
-        self._dead_man, self._simulated = dead_man, simulated
-        self._commands = StampedCommands()
+        super().__init__(node=node, guard=guard, by=by, dead_man=dead_man, simulated=simulated)
+        self._laser, self._receiver, self._clock = laser, receiver, clock
         self._wanted: messages.AcquireRequest | None = None
         self._acquiring = False
         self._cancelled = False
         self._settled = False
-        self._active = True
         self._frames = self._errors = 0
-        self._diagnose_s = -math.inf
         node.advertise(topics.ACQUIRED, _TEXT)
         node.advertise(topics.CHANNELS, "sensor_msgs/msg/Image")
-        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
         node.subscribe(topics.ACQUIRE, _TEXT, self._on_request)
         state = messages.text(node.kinds, messages.AcquisitionState(simulated=simulated))
-        node.publish(topics.ACQUISITION_STATE, _TEXT, state, latched=True)
+        node.advertise(topics.ACQUISITION_STATE, _TEXT, latched=True)
+        node.publish(topics.ACQUISITION_STATE, state)
 
     def _on_request(self, message: Any) -> None:
-        request = messages.request_of(message)
+        request = messages.decoded(message.data, messages.AcquireRequest)
         if request is None:
             self._commands.drop("no request", "it holds no request")
             return
         if request.pulses == -1:
             # Needs no stamp: light that ends too early harms nobody.
-            self._wanted, self._cancelled = None, self._acquiring
+            self.stop()
             return
         reason = self._commands.refusal(request.stamp_ns, now_s=self.node.now_s())
         if reason is None and (self._acquiring or self._wanted is not None):
@@ -88,12 +75,9 @@ class AcquisitionNode:
             return
         self._wanted = request
 
-    def set_active(self, active: bool) -> None:
-        """Follow the lifecycle: a node that is deactivated ends its acquisition, and is disarmed until a new start."""
-        if not active:
-            self._active = False
-            self._wanted, self._cancelled = None, self._acquiring
-            self._guard.disarm()
+    def stop(self) -> None:
+        """End the acquisition; what was asked for and not begun is forgotten."""
+        self._wanted, self._cancelled = None, self._acquiring
 
     def beat(self) -> None:
         """End the acquisition if that is wanted; called while a device works, after the messages have been handled.
@@ -112,26 +96,21 @@ class AcquisitionNode:
         request, self._wanted = self._wanted, None
         if request is not None:
             self._serve(request)
-        if self.node.now_s() >= self._diagnose_s:
-            self._diagnose_s = self.node.now_s() + _DIAGNOSE_S
-            self._publish_diagnostics()
+        facts = {"pulses permitted": self._guard.pulses_permitted, "frames": self._frames, "errors": self._errors}
+        self._diagnose(facts)
 
     def _serve(self, request: messages.AcquireRequest) -> None:
         self._acquiring = True
         try:
             self._acquire(request)
         except Interrupted:
-            self._make_safe()
-            self._guard.disarm()
-            if self._active:
-                # In the name of the same person: a cancellation does not end the session for which the node was armed.
-                self._guard.arm(by=self._by)
+            self._end_interrupted()
             self._answer(request, error="it was cancelled")
         except (AcquisitionError, LimitError) as error:
             # The state is unchanged: the frame may be taken again, and a refused request fired nothing.
             self._answer(request, error=str(error))
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
+            self._fail(error)
             self._make_safe()
             self._answer(request, error=str(error))
         finally:
@@ -147,7 +126,8 @@ class AcquisitionNode:
         permit = self._guard.issue(angle_deg=angle_deg, pulses=request.pulses, now_s=self._clock.now_s())
         self._receiver.arm(permit)
         self._guard.redeem(permit, angle_deg=angle_deg, now_s=self._clock.now_s())
-        fired = self._fire(permit)
+        with self._lease_held():
+            fired = self._laser.fire(permit)
         self._guard.end_fire(fired)
         self._answer(request, step="fired", pulses=fired)
         frame = self._receiver.acquire(permit)
@@ -157,7 +137,7 @@ class AcquisitionNode:
         self._frames += 1
         now_s = self.node.now_s()
         image = messages.channels(self.node.kinds, frame.samples, time_s=now_s)
-        self.node.publish(topics.CHANNELS, "sensor_msgs/msg/Image", image)
+        self.node.publish(topics.CHANNELS, image)
         self._answer(
             request,
             step="frame",
@@ -167,42 +147,14 @@ class AcquisitionNode:
             stamp_ns=messages.time_ns(now_s),
         )
 
-    def _fire(self, permit: Permit) -> int:
-        if self._dead_man is not None:
-            self._dead_man.hold()
-        try:
-            return self._laser.fire(permit)
-        finally:
-            if self._dead_man is not None:
-                self._dead_man.release()
-
     def _answer(self, request: messages.AcquireRequest, *, error: str = "", step: Any = "error", **facts: Any) -> None:
         self._errors += step == "error"
         answer = messages.Acquired(id=request.id, step=step, error=error, simulated=self._simulated, **facts)
-        self.node.publish(topics.ACQUIRED, _TEXT, messages.text(self.node.kinds, answer))
+        self.node.publish(topics.ACQUIRED, messages.text(self.node.kinds, answer))
 
     def _make_safe(self) -> None:
         self._acquiring = False
         try:
             self._laser.disarm()
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
-
-    def close(self) -> None:
-        """Disarm guard and laser."""
-        self._guard.disarm()
-        self._make_safe()
-
-    def _publish_diagnostics(self) -> None:
-        facts = {
-            "state": self._guard.state.value,
-            "simulated": self._simulated,
-            "pulses permitted": self._guard.pulses_permitted,
-            "frames": self._frames,
-            "errors": self._errors,
-            **{f"dropped: {reason}": count for reason, count in self._commands.dropped.items()},
-        }
-        message = messages.diagnostics(
-            self.node.kinds, time_s=self.node.now_s(), name=self.node.name, fault=self._guard.fault, facts=facts
-        )
-        self.node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)
+            self._fail(error)

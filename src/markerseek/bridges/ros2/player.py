@@ -65,5 +65,5 @@ def play(recording: Recording, node: RosNode, *, pace: float, until: Callable[[]
                 played += 1
         node.spin(0.0)
     result = messages.text(node.kinds, {"state": "played", "acquisitions": played})
-    node.publish(topics.RESULT, "std_msgs/msg/String", result, latched=True)
+    node.publish(topics.RESULT, result)
     return played

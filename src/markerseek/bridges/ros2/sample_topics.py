@@ -60,7 +60,7 @@ class SampleTopics:
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
         message = messages.text(self._node.kinds, {**known, **facts, "picture_range_db": messages.RANGE_DB})
-        self._node.publish(topics.BANK, _TEXT, message, latched=True)
+        self._node.publish(topics.BANK, message)
 
     def publish(self, event: Measured, **facts: object) -> None:
         """Publish one acquisition, stamped now.
@@ -80,7 +80,7 @@ class SampleTopics:
         if isinstance(frame, ChannelFrame | RFFrame) and self._imaging is not None:
             image = self._imaging.picture(frame)
         if self._publishes_angle:
-            node.publish(topics.MEASURED_JS, _JOINT, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
+            node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
         turned = messages.transforms(
             kinds,
@@ -91,25 +91,25 @@ class SampleTopics:
         )
         publish_frames(node, topics.FRAMES, turned)
         if b_mode is not None:
-            node.publish(topics.BMODE, "sensor_msgs/msg/Image", messages.b_mode(kinds, b_mode, time_s=now_s))
+            node.publish(topics.BMODE, messages.b_mode(kinds, b_mode, time_s=now_s))
         if image is not None:
             self._brightest = max(self._brightest, float(image.envelope.max()))
-            node.publish(topics.ENVELOPE, "sensor_msgs/msg/Image", messages.envelope(kinds, image, time_s=now_s))
+            node.publish(topics.ENVELOPE, messages.envelope(kinds, image, time_s=now_s))
             # White is the brightest so far: what will come is not known.
-            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest or 1.0)
-            node.publish(topics.PICTURE, "sensor_msgs/msg/Image", picture)
+            picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
+            node.publish(topics.PICTURE, picture)
         content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, "index": event.index}
         said = {**content, "role": event.role, **facts}
-        node.publish(topics.SAMPLE, _TEXT, messages.text(kinds, said))
+        node.publish(topics.SAMPLE, messages.text(kinds, said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
-            node.publish(topics.INTENSITY, "std_msgs/msg/Float64", messages.number(kinds, intensity))
+            node.publish(topics.INTENSITY, messages.number(kinds, intensity))
 
 
-def publish_frames(node: RosNode, topic: str, transforms: list[Any], *, latched: bool = False) -> None:
+def publish_frames(node: RosNode, topic: str, transforms: list[Any]) -> None:
     """Publish transforms on ``/tf`` or ``/tf_static``, in one message where tf2_msgs is installed."""
     kind = messages.frames_kind(node.kinds)
     for message in [node.kinds[kind](transforms=transforms)] if kind == messages.FRAMES_KIND else transforms:
-        node.publish(topic, kind, message, latched=latched)
+        node.publish(topic, message)
 
 
 def publish_registration(node: RosNode, registration: KnownRegistration) -> None:
@@ -117,5 +117,7 @@ def publish_registration(node: RosNode, registration: KnownRegistration) -> None
     message = messages.registered(
         node.kinds, registration.davinci_to_trus, time_s=node.now_s(), simulated=registration.simulated
     )
-    node.publish(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", message, latched=True)
-    publish_frames(node, topics.STATIC_FRAMES, [message], latched=True)
+    node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
+    node.advertise(topics.STATIC_FRAMES, messages.frames_kind(node.kinds), latched=True)
+    node.publish(topics.REGISTRATION, message)
+    publish_frames(node, topics.STATIC_FRAMES, [message])

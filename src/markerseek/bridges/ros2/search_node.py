@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 from typing import Any
 
 from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.ros2.sample_topics import SampleTopics
+from markerseek.bridges.ros2.serving import Diagnostics
 from markerseek.bridges.searches import Searches, SearchRequest
 from markerseek.core import Failed, Measured, RecordError, Refused, SearchError
 from markerseek.records.journal import Checked
 from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 from markerseek.ros import RosNode, messages, topics
-
-_TEXT = "std_msgs/msg/String"
-_DIAGNOSE_S = 1.0
 
 
 class SearchNode:
@@ -45,8 +42,8 @@ class SearchNode:
         self._items: queue.SimpleQueue[StreamItem | Outcome] = queue.SimpleQueue()
         self._counts = {"searches": 0, "acquisitions": 0, "refused": 0, "lost lines": 0, "lost frames": 0}
         self._fault: str | None = None
-        self._diagnose_s = -math.inf
-        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+        self._diagnostics = Diagnostics(node)
+        node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
         node.serve(topics.RUN, self._on_run)
         node.serve(topics.CANCEL, self._on_cancel)
         self._publish_result({"state": "idle"})
@@ -97,9 +94,7 @@ class SearchNode:
             except queue.Empty:
                 break
             self._publish(item)
-        if self.node.now_s() >= self._diagnose_s:
-            self._diagnose_s = self.node.now_s() + _DIAGNOSE_S
-            self._publish_diagnostics()
+        self._diagnostics.step(fault=self._fault, facts={"running": self.running, **self._counts})
 
     def close(self) -> None:
         """Stop the search that is running, and wait for its end."""
@@ -126,23 +121,8 @@ class SearchNode:
         self._child, self.outcome = None, outcome
         self._fault = outcome.message if outcome.exit_code not in (0, 3, 4, 130, 143) else None
         self._publish_result(
-            {
-                "state": "ended",
-                "exit_code": outcome.exit_code,
-                "message": outcome.message,
-                "result": outcome.answer,
-            }
+            {"state": "ended", "exit_code": outcome.exit_code, "message": outcome.message, "result": outcome.answer}
         )
 
     def _publish_result(self, content: dict[str, Any]) -> None:
-        self.node.publish(topics.RESULT, _TEXT, messages.text(self.node.kinds, content), latched=True)
-
-    def _publish_diagnostics(self) -> None:
-        message = messages.diagnostics(
-            self.node.kinds,
-            time_s=self.node.now_s(),
-            name=self.node.name,
-            fault=self._fault,
-            facts={"running": self.running, **self._counts},
-        )
-        self.node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)
+        self.node.publish(topics.RESULT, messages.text(self.node.kinds, content))

@@ -2,32 +2,127 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
-from markerseek.ros import RosNode
+from markerseek.core import MarkerseekError
+from markerseek.guard import Guard
+from markerseek.ros import RosNode, StampedCommands, messages, topics
+from markerseek.scan import DeadMan
 
 _IDLE_S = 0.02
 _MOST_MESSAGES = 4
 """Most messages handled in one beat of a device: more would hold up its lease."""
 
+_DIAGNOSE_S = 1.0
 
-class Served(Protocol):
-    """A node of a device."""
 
-    node: RosNode
+class Interrupted(BaseException):
+    """A step of a device is ended from outside, as by Ctrl-C: no error, so that no driver takes it for one."""
 
+
+class Diagnostics:
+    """Publishes diagnostics of a node once a second.
+
+    Parameters
+    ----------
+    node
+        The node.
+    """
+
+    def __init__(self, node: RosNode) -> None:
+        self._node = node
+        self._due_s = -math.inf
+        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+
+    def step(self, *, fault: str | None, facts: Mapping[str, object]) -> None:
+        """Publish them if they are due."""
+        now_s = self._node.now_s()
+        if now_s >= self._due_s:
+            self._due_s = now_s + _DIAGNOSE_S
+            kinds, name = self._node.kinds, self._node.name
+            message = messages.diagnostics(kinds, time_s=now_s, name=name, fault=fault, facts=facts)
+            self._node.publish(topics.DIAGNOSTICS, message)
+
+
+class Served(ABC):
+    """A node of a device under a guard of its own.
+
+    Parameters
+    ----------
+    node
+        Its node; messages are handled while it is spun.
+    guard
+        The guard of the device.
+    by
+        Who has armed the guard.
+    dead_man
+        Lease of the device, to be held while it works.
+    simulated
+        Whether the device is simulated.
+    """
+
+    def __init__(self, *, node: RosNode, guard: Guard, by: str, dead_man: DeadMan | None, simulated: bool) -> None:
+        self.node = node
+        self._guard, self._by, self._dead_man, self._simulated = guard, by, dead_man, simulated
+        self._commands = StampedCommands()
+        self._diagnostics = Diagnostics(node)
+        self._active = True
+
+    @abstractmethod
     def beat(self) -> None:
         """End what the device does, by `Interrupted`, if a message asks for it."""
 
+    @abstractmethod
     def step(self) -> None:
         """Carry out what was asked for, and publish what is due."""
 
+    @abstractmethod
+    def stop(self) -> None:
+        """End what the device does; what was asked for and not begun is forgotten."""
+
+    @abstractmethod
+    def _make_safe(self) -> None:
+        """Stop the device, or switch it off; an error is a fault of the guard."""
+
     def set_active(self, active: bool) -> None:
-        """Follow the lifecycle."""
+        """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
+        if not active:
+            self._active = False
+            self.stop()
+            self._guard.disarm()
 
     def close(self) -> None:
-        """Make the device safe, and disarm."""
+        """Disarm, and make the device safe."""
+        self._guard.disarm()
+        self._make_safe()
+
+    @contextmanager
+    def _lease_held(self) -> Iterator[None]:
+        if self._dead_man is not None:
+            self._dead_man.hold()
+        try:
+            yield
+        finally:
+            if self._dead_man is not None:
+                self._dead_man.release()
+
+    def _end_interrupted(self) -> None:
+        self._make_safe()
+        self._guard.disarm()
+        if self._active:
+            # In the name of the same person: a stop ends what the device does, not the session that was armed.
+            self._guard.arm(by=self._by)
+
+    def _fail(self, error: MarkerseekError) -> None:
+        self._guard.fail(f"{type(error).__name__}: {error}")
+
+    def _diagnose(self, facts: Mapping[str, object]) -> None:
+        known = {"state": self._guard.state.value, "simulated": self._simulated, **facts}
+        dropped = {f"dropped: {reason}": count for reason, count in self._commands.dropped.items()}
+        self._diagnostics.step(fault=self._guard.fault, facts=known | dropped)
 
 
 class Beat:
@@ -41,11 +136,8 @@ class Beat:
 
     def __call__(self) -> None:
         """Handle a few messages, without waiting, and end what the device does if one asks for it."""
-        for _ in range(_MOST_MESSAGES if self.served else 0):
-            before = self.served[0].node.handled
-            self.served[0].node.spin(0.0)
-            if self.served[0].node.handled == before:
-                break
+        if self.served:
+            self.served[0].node.drain(_MOST_MESSAGES)
         for each in self.served:
             each.beat()
 

@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from markerseek.bridges.ros2.interrupted import Interrupted
+from markerseek.bridges.ros2.serving import Interrupted, Served
 from markerseek.core import Clock, LimitError, MarkerseekError, Stage
 from markerseek.guard import Guard, State
-from markerseek.ros import MOST_AGE_S, RosNode, StampedCommands, degrees, joint_angle_deg, messages, topics
+from markerseek.ros import MOST_AGE_S, RosNode, degrees, joint_angle_deg, messages, topics
 from markerseek.scan import DeadMan
 
 _JOINT, _NUMBER, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "std_msgs/msg/Empty"
 _PUBLISH_S = 0.1
 """Time between two angles while the stage rests, in seconds; while it turns it has one reader, the driver."""
-
-_DIAGNOSE_S = 1.0
 
 _REFUSAL_S = 0.05
 """Least time between two answers to commands that are refused, in seconds."""
@@ -42,27 +40,20 @@ class PlainTopics:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
     angle_deg: float
-    stamp_ns: int
-    servo: bool = False
+    servo: bool
 
 
-class StageNode:
+class StageNode(Served):
     """Serves a stage.
 
     Parameters
     ----------
-    node
-        Its node; messages are handled while it is spun.
-    stage, guard, clock
-        The stage, its guard, and their time.
-    by
-        Who has armed the guard.
+    node, guard, by, dead_man, simulated
+        As of `Served`; the lease is held during a move.
+    stage, clock
+        The stage, and its time.
     plain
         Topics of plain numbers; None for none.
-    dead_man
-        Lease of the stage, to be held during a move.
-    simulated
-        Whether the stage is simulated.
     """
 
     def __init__(
@@ -77,24 +68,19 @@ class StageNode:
         dead_man: DeadMan | None = None,
         simulated: bool = False,
     ) -> None:
-        self.node = node
-        self._stage, self._guard, self._clock, self._by = stage, guard, clock, by
-        self._plain, self._dead_man, self._simulated = plain, dead_man, simulated
-        self._commands = StampedCommands()
+        super().__init__(node=node, guard=guard, by=by, dead_man=dead_man, simulated=simulated)
+        self._stage, self._clock, self._plain = stage, clock, plain
         self._wanted: _Wanted | None = None
         self._moving: _Wanted | None = None
         self._renewed_s = -math.inf
         self._stopped = False
         self._refused = ("", 0)
         self._moves = self._stops = 0
-        self._active = True
         self._angle_deg = math.nan
-        self._due_s = self._diagnose_s = self._refusal_due_s = -math.inf
+        self._due_s = self._refusal_due_s = -math.inf
         for topic in (topics.MEASURED_JS, topics.SETPOINT_JS):
             node.advertise(topic, _JOINT)
-        self._state_kind = messages.state_kind(node.kinds)
-        node.advertise(topics.OPERATING_STATE, self._state_kind)
-        node.advertise(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+        node.advertise(topics.OPERATING_STATE, messages.state_kind(node.kinds))
         node.subscribe(topics.MOVE_JP, _JOINT, lambda message: self._on_joint(message, servo=False))
         node.subscribe(topics.SERVO_JP, _JOINT, lambda message: self._on_joint(message, servo=True))
         node.subscribe(topics.STOP, _EMPTY, lambda _message: self.stop())
@@ -107,28 +93,26 @@ class StageNode:
     def _on_joint(self, message: Any, *, servo: bool) -> None:
         stamp_ns = messages.stamp_ns(message)
         reason = self._commands.refusal(stamp_ns, now_s=self.node.now_s())
-        angle_deg = joint_angle_deg(message)
-        if reason is None and angle_deg is None:
-            reason = self._commands.drop("no angle", f"it is no position of the joint {messages.JOINT} alone")
-        if reason is None and angle_deg is not None:
-            reason = self._refusal_of(angle_deg, servo=servo)
-        if reason is not None:
-            self._refuse(reason, stamp_ns)
-            return
-        assert angle_deg is not None  # noqa: S101  without an angle there is a reason
-        self._take(_Wanted(angle_deg=angle_deg, stamp_ns=stamp_ns, servo=servo))
+        self._take(joint_angle_deg(message), reason, stamp_ns=stamp_ns, servo=servo)
 
     def _on_number(self, message: Any) -> None:
         assert self._plain is not None  # noqa: S101  its topic is subscribed to only then
-        angle_deg = message.data if self._plain.unit == "deg" else degrees(message.data)
-        reason = self._refusal_of(angle_deg, servo=False)
-        if reason is not None:
-            self._refuse(reason, 0)
-            return
-        self._take(_Wanted(angle_deg=angle_deg, stamp_ns=0))
+        self._take(message.data if self._plain.unit == "deg" else degrees(message.data), None, stamp_ns=0, servo=False)
 
-    def _refusal_of(self, angle_deg: float, *, servo: bool) -> str | None:
+    def _take(self, angle_deg: float | None, reason: str | None, *, stamp_ns: int, servo: bool) -> None:
+        """Note an angle that is wanted; if there is a reason against it, say so."""
+        if reason is None:
+            reason = self._refusal_of(angle_deg, servo=servo)
+        if reason is not None:
+            self._refuse(reason, stamp_ns)
+        elif angle_deg is not None:
+            self._wanted = _Wanted(angle_deg=angle_deg, servo=servo)
+            self._renewed_s = self.node.now_s()
+
+    def _refusal_of(self, angle_deg: float | None, *, servo: bool) -> str | None:
         """Why an angle is not gone to; None if it is."""
+        if angle_deg is None:
+            return self._commands.drop("no angle", f"it is no position of the joint {messages.JOINT} alone")
         if self._guard.state in (State.FAULT, State.DISARMED):
             fault = self._guard.fault
             return self._commands.drop("not armed", f"the stage node is {self._guard.state.value}: {fault or 'arm it'}")
@@ -139,10 +123,6 @@ class StageNode:
         if self._moving is not None and not (servo and self._moving.servo):
             return self._commands.drop("busy", "the stage is turning; wait until it is idle, or stop it first")
         return None
-
-    def _take(self, wanted: _Wanted) -> None:
-        self._wanted = wanted
-        self._renewed_s = self.node.now_s()
 
     def _refuse(self, reason: str, stamp_ns: int) -> None:
         self._refused = (reason, stamp_ns)
@@ -157,13 +137,6 @@ class StageNode:
         self._wanted = None
         self._stopped = True
         self._stops += 1
-
-    def set_active(self, active: bool) -> None:
-        """Follow the lifecycle: a node that is deactivated stops, and is disarmed until a person starts it again."""
-        if not active:
-            self._active = False
-            self.stop()
-            self._guard.disarm()
 
     def beat(self) -> None:
         """End the move if that is wanted; called while the stage turns, after the messages have been handled.
@@ -192,43 +165,32 @@ class StageNode:
         elif now_s >= self._due_s:
             self._due_s = now_s + _PUBLISH_S
             self._publish_angle()
-        if now_s >= self._diagnose_s:
-            self._diagnose_s = now_s + _DIAGNOSE_S
-            self._publish_diagnostics()
+        self._diagnose({"angle_deg": f"{self._angle_deg:.3f}", "moves": self._moves, "stops": self._stops})
 
     def _move(self, wanted: _Wanted) -> None:
         self._moving = wanted
         self._moves += 1
         setpoint = messages.joint_state(self.node.kinds, time_s=self.node.now_s(), angle_deg=wanted.angle_deg)
-        self.node.publish(topics.SETPOINT_JS, _JOINT, setpoint)
+        self.node.publish(topics.SETPOINT_JS, setpoint)
         self._publish_state(is_busy=True)
         try:
             self._turn(wanted.angle_deg)
         except Interrupted:
-            self._make_safe()
-            self._guard.disarm()
-            if self._active:
-                # In the name of the same person: a stop ends the move, not the session for which the node was armed.
-                self._guard.arm(by=self._by)
+            self._end_interrupted()
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
+            self._fail(error)
             self._make_safe()
         finally:
             self._moving = None
         self._publish_angle()
         if self._plain is not None:
             value = self._angle_deg if self._plain.unit == "deg" else math.radians(self._angle_deg)
-            self.node.publish(self._plain.reached, _NUMBER, messages.number(self.node.kinds, value))
+            self.node.publish(self._plain.reached, messages.number(self.node.kinds, value))
 
     def _turn(self, angle_deg: float) -> None:
         self._guard.begin_move(angle_deg)
-        if self._dead_man is not None:
-            self._dead_man.hold()
-        try:
+        with self._lease_held():
             reached_deg = self._stage.move_to(angle_deg)
-        finally:
-            if self._dead_man is not None:
-                self._dead_man.release()
         self._guard.end_move(reached_deg)
 
     def _make_safe(self) -> None:
@@ -237,12 +199,7 @@ class StageNode:
         try:
             self._stage.stop()
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
-
-    def close(self) -> None:
-        """Stop the stage and disarm."""
-        self._guard.disarm()
-        self._make_safe()
+            self._fail(error)
 
     # What it tells.
 
@@ -251,12 +208,12 @@ class StageNode:
         try:
             self._angle_deg = self._guard.readback(self._stage.angle_deg)
         except MarkerseekError as error:
-            self._guard.fail(f"{type(error).__name__}: {error}")
+            self._fail(error)
             self._publish_state(is_busy=False)
             return
         now_s = self.node.now_s()
         message = messages.joint_state(self.node.kinds, time_s=now_s, angle_deg=self._angle_deg)
-        self.node.publish(topics.MEASURED_JS, _JOINT, message)
+        self.node.publish(topics.MEASURED_JS, message)
         self._publish_state(is_busy=False, stamp_ns=messages.time_ns(now_s))
 
     def _publish_state(self, *, is_busy: bool, stamp_ns: int | None = None) -> None:
@@ -272,18 +229,4 @@ class StageNode:
             refused=self._refused[0],
             refused_ns=self._refused[1],
         )
-        self.node.publish(topics.OPERATING_STATE, self._state_kind, messages.state(self.node.kinds, held))
-
-    def _publish_diagnostics(self) -> None:
-        facts = {
-            "state": self._guard.state.value,
-            "simulated": self._simulated,
-            "angle_deg": f"{self._angle_deg:.3f}",
-            "moves": self._moves,
-            "stops": self._stops,
-            **{f"dropped: {reason}": count for reason, count in self._commands.dropped.items()},
-        }
-        message = messages.diagnostics(
-            self.node.kinds, time_s=self.node.now_s(), name=self.node.name, fault=self._guard.fault, facts=facts
-        )
-        self.node.publish(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", message)
+        self.node.publish(topics.OPERATING_STATE, messages.state(self.node.kinds, held))
