@@ -172,8 +172,8 @@ def _print(section: Section, duration: Duration) -> None:
     own = _errors_of_own_bank(section)
     if own is not None:
         names = [name for name in own.columns if name in _SHOWN]
-        headings = [_SHOWN[name] for name in names]
-        table = new_table(*headings, left=headings[:1])
+        titles = [_SHOWN[name] for name in names]
+        table = new_table(*titles, left=titles[:1])
         for row in own.rows:
             table.add_row(*(escape(shown(row[name])) for name in names))
         stdout.print(table)
