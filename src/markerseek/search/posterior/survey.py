@@ -7,7 +7,7 @@ taken at θ_i, exceeds the level L_i that noise reaches there, or that other sou
 
 The share of the range that has been surveyed is the mean of 1 − h over it. Amplitude and curve are those of markers
 drawn from the posterior, so that both are as uncertain as the samples leave them; every second curve is narrower,
-because that of a source at another depth may be.
+because that of a smaller source or of one at another depth may be.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ SURVEYED = 0.99
 SURVEY_TARGET = 0.993
 """Share at which a search ends; more than `SURVEYED`, because one more sample changes the amplitude by a little."""
 
-NARROWER_STEPS = 5
-"""Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower: to 0.6 of its width."""
+NARROWER_STEPS, NARROW_WIDTH = 5, 7
+"""Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower, to 0.6 of its width; and the
+number of the width, 4 degrees, that it does not exceed: a small source beside a large one is that narrow."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
@@ -160,10 +161,10 @@ def undetected(
     drawn = np.linspace(0, posterior.theta_deg.size - 1, SURVEY_PARTICLES).astype(np.int64)
     steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
     away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
-    # Every second one as narrow as that of a source at another depth may be.
-    usual = posterior.member[drawn]
-    narrower = usual - NARROWER_STEPS * (np.arange(SURVEY_PARTICLES) % 2)
-    member = np.maximum(narrower, usual // WIDTHS_DEG.size * WIDTHS_DEG.size)
+    # Every second one as narrow as that of another source may be.
+    kind, width = np.divmod(posterior.member[drawn], WIDTHS_DEG.size)
+    width[1::2] = np.clip(width[1::2] - NARROWER_STEPS, 0, NARROW_WIDTH)
+    member = kind * WIDTHS_DEG.size + width
     log_curve = shapes.log_curve[member[:, None, None], away]
     log_height = posterior.log_snr[drawn, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
