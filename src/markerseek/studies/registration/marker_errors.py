@@ -25,7 +25,6 @@ KEPT = "marker_errors.csv"
 SEARCHES = {
     "plastisol-phantom": range(1, 301),
     "liver": range(1, 81),
-    "muscle-icg": range(1, 51),
     "chicken-breast": range(1, 51),
 }
 """Materials and seeds of these searches."""
