@@ -62,7 +62,7 @@ class PointRow:
 
 
 def read_points(path: Path) -> list[PointRow]:
-    """Rows of a CSV with the columns of `COLUMNS` and ``name``; other columns are ignored.
+    """Rows of a CSV with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains sigma.
 
     Parameters
     ----------
@@ -97,6 +97,7 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
     doubled = next((name for name in heading if heading.count(name) > 1), None)
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
+    _require_known_sigmas(path, heading)
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[PointRow] = []
     for line, cells in enumerate(lines, start=2):
@@ -112,6 +113,17 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> list[PointRow]:
             )
         rows.append(PointRow(name=row.get("name", "").strip() or str(len(rows) + 1), **numbers))
     return rows
+
+
+def _require_known_sigmas(path: Path, heading: Sequence[str]) -> None:
+    """Refuse a misspelt standard deviation: without it all points would count alike, and nobody would be told."""
+    known = [name for names in COLUMNS.values() for name in names if "sigma" in name]
+    unknown = next((name for name in heading if "sigma" in name.casefold() and name not in known), None)
+    if unknown is not None:
+        raise RecordError(
+            f"{path}, line 1: the column {unknown} is unknown; name a standard deviation {', '.join(known[:-1])} or "
+            f"{known[-1]}, or leave it out"
+        )
 
 
 def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:
