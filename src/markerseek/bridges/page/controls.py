@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from nicegui import ui
@@ -47,7 +48,7 @@ class SettingsRow:
         *,
         on_change: Callable[[PageSettings], None] | None = None,
     ) -> None:
-        self.settings = settings
+        self._values = asdict(settings)
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
             "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
@@ -62,13 +63,24 @@ class SettingsRow:
         for name in names:
             made[name]()
 
+    @property
+    def settings(self) -> PageSettings:
+        """What the fields show.
+
+        Raises
+        ------
+        ConfigError
+            If a search with them would be refused.
+        """
+        return PageSettings(**self._values)
+
     def _as_published(self) -> None:
-        box = ui.checkbox("as published", value=self.settings.as_published)
+        box = ui.checkbox("as published", value=self._values["as_published"])
         box.on_value_change(lambda event: self._set("as_published", event.value))
         box.props("dense").tooltip("the paper's form of the method, which always answers")
 
     def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
-        value = getattr(self.settings, name)
+        value = self._values[name]
         known = dict(options)
         if value not in options:
             # A link may hold a value that is not in the list.
@@ -77,18 +89,20 @@ class SettingsRow:
         field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
     def _number(self, name: str, label: str, width_px: int) -> None:
-        field = ui.number(label, value=getattr(self.settings, name))
+        field = ui.number(label, value=self._values[name])
         field.on_value_change(lambda event: self._set(name, _number(name, event.value)))
         field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
 
     def _set(self, name: str, value: object) -> None:
+        # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
+        self._values[name] = value
         try:
-            self.settings = self.settings.changed(name, value)
-        except (ConfigError, TypeError) as problem:
+            settings = self.settings
+        except ConfigError as problem:
             ui.notify(str(problem), type="negative", multi_line=True)
             return
         if self._on_change is not None:
-            self._on_change(self.settings)
+            self._on_change(settings)
 
 
 class SearchControls:
@@ -111,11 +125,6 @@ class SearchControls:
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
         frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
         frame.on_click(self._pause, self._pause_or_go_on)
-
-    @property
-    def settings(self) -> PageSettings:
-        """The settings now."""
-        return self._row.settings
 
     def update(self) -> None:
         """Show what can be pressed now."""

@@ -64,8 +64,7 @@ class Frame:
             with ui.element("nav").props('aria-label="pages"'):
                 for target, name in _PAGES.items():
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
-            ui.element("span").classes("ms-grow")
-            self.status = ui.label("").classes("ms-status").props('role="status"').mark("status")
+            self._status_label = ui.label("").classes("ms-status").props('role="status"').mark("status")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')
             # Plain HTML and a plain request: it works while the connection of the page is busy or broken.
             ui.element("button").classes("ms-stop").props('type="button" title="stops everything (Escape)"').on(
@@ -81,6 +80,13 @@ class Frame:
             self._shown_kind = kind
             self._banner.set_text(_BANNERS[kind])
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
+
+    def show_status(self, text: str) -> None:
+        """Say in one line what happens, or how it ended."""
+        if text != self._status_label.text:
+            # Two lines of it are seen; the pointer shows the rest.
+            self._status_label.props["title"] = text
+            self._status_label.set_text(text)
 
     def run(self, update: Callable[[], None]) -> None:
         """Call a function after news, and at least once in `TICK_S`; it must send only what has changed."""

@@ -139,6 +139,8 @@ class LiveRun:
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
         finally:
+            if self.run is not None and not self.run.snapshots[-1].over:
+                self.run.cut_off(self.message)
             self._ended.set()
             self._on_change()
 

@@ -39,6 +39,7 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
         "high": facts.search.high_deg,
         "face": FACE_SHARE,
         "probe": snapshot.probe_deg,
+        "said": probe_text(snapshot),
         "target": snapshot.target_deg,
         # A new number begins a new movement of the needle.
         "move": snapshot.number,
@@ -54,6 +55,17 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
         "choice_deg": _rounded(belief.choice_deg, 3) if belief else [],
         "choice_sigma": _rounded(belief.choice_sigma_deg, 4) if belief else [],
     }
+
+
+def probe_text(snapshot: Snapshot) -> str:
+    """Where the probe is, and whether that was measured."""
+    if snapshot.probe_deg is None:
+        return ""
+    if snapshot.target_deg is not None:
+        return f"expected, on its way to {snapshot.target_deg:.2f}°"
+    # A move that was cut short has ended anywhere.
+    last = "last " if snapshot.phase in {"stopped", "fault"} else ""
+    return f"{last}read back: {snapshot.probe_deg:.2f}°"
 
 
 def mean_deg(snapshot: Snapshot) -> float | None:
@@ -299,6 +311,8 @@ def answer_text(snapshot: Snapshot) -> str:
     """What is claimed: an angle counts as found only once the search is over and says so."""
     if snapshot.belief is None:
         return "" if snapshot.points else "nothing measured yet"
+    if not snapshot.belief.claims:
+        return "claim: none: the paper's form of a method always answers, also where there is no marker"
     reason = getattr(snapshot.belief.estimate, "reason", None)
     text = snapshot.belief.answer + (f": {reason}" if reason else "")
     return text if snapshot.phase == "finished" else f"so far {text}"

@@ -83,7 +83,7 @@ class ReplayPage:
             self._run = self._live.run
             self._message = self._live.message or self._live.status
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
-        self._frame.status.set_text(self._message)
+        self._frame.show_status(self._message)
         self._results.show(self._answer, self._journal)
         if self._run is not None:
             self._frame.show_kind(self._run.configuration.facts.kind)

@@ -31,7 +31,7 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
     def update() -> None:
         controls.update()
         live = desk.search
-        frame.status.set_text(status_text(live))
+        frame.show_status(status_text(live))
         if live is None or live.run is None:
             return
         run = live.run

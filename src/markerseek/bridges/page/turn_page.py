@@ -114,11 +114,11 @@ class TurnPage:
         self._show.set_enabled(self._score is not None and not self._desk.busy)
         self._help.set_text(HELP if self._score is None else score_text(self._score))
         if self._turn is None:
-            self._frame.status.set_text("a scene of its own: nothing is sent to a rig")
+            self._frame.show_status("a scene of its own: nothing is sent to a rig")
             return
         watched = self._turn.run
         snapshot = watched.snapshots[-1]
-        self._frame.status.set_text(snapshot.phase)
+        self._frame.show_status(snapshot.phase)
         self._panels.show(watched, snapshot, reveal=self._score is not None)
 
 

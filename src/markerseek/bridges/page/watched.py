@@ -71,6 +71,10 @@ class WatchedRun:
                 self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
                 on_change()
 
+    def cut_off(self, reason: str) -> None:
+        """Note that no more events will come, though the run has not said that it is over."""
+        self.snapshots.append(self._state.cut_off(reason))
+
     def picture(self, snapshot: Snapshot) -> Picture | None:
         """The newest image at a snapshot; it says at which angle it was taken."""
         newest = max((number for number in tuple(self.pictures) if number <= snapshot.number), default=None)

@@ -208,7 +208,7 @@ export default {
       ray(deg, g.near, g.far);
       c.setLineDash([]);
       c.fillStyle = colour.ink;
-      c.fillText(measured ? `read back: ${deg.toFixed(2)}°` : `expected, on its way to ${this.view.target.toFixed(2)}°`, g.x, g.y + 22);
+      c.fillText(this.view.said, g.x, g.y + 22);
     },
   },
 };
