@@ -128,6 +128,14 @@ def test_only_the_angle_of_a_marker_that_was_found_is_said(answer: str, reason: 
     assert outcome.message == said
 
 
+def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
+    answer = {"answer": "found", "angle_deg": 1.7, "reason": None, "as_published": True}
+    message = Outcome(exit_code=0, answer=answer).message
+    assert message == "angle 1.700 deg, nothing is claimed: the paper's form always answers"
+    killed = Outcome(exit_code=137, answer=None).message
+    assert killed == "the command ended with exit code 137, by SIGKILL"
+
+
 def test_an_error_is_one_sentence(tmp_path: Path) -> None:
     with ChildRun(["search", "--rig", str(tmp_path / "none.toml")]) as child:
         assert list(child.items()) == []

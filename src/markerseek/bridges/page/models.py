@@ -46,7 +46,7 @@ def fan_model(snapshot: Snapshot, facts: RigFacts, *, duration_s: float, known_d
         "duration": round(duration_s, 3),
         "angles": _rounded(belief.angles_deg, 3) if belief else [],
         "density": _rounded(belief.density_per_deg, 5) if belief else [],
-        "points": _fan_points(snapshot.points),
+        "points": _fan_points(snapshot),
         "mean": mean_deg(snapshot),
         "others": other_angles_deg(snapshot),
         "interval": belief.interval95_deg if belief else None,
@@ -84,17 +84,25 @@ def other_angles_deg(snapshot: Snapshot) -> list[float]:
     return sorted(each for each in others_deg if abs(each - estimate.mean_deg) > 0.01)
 
 
-def _fan_points(points: tuple[Point, ...]) -> list[dict[str, Any]]:
-    most = max((point.intensity for point in points), default=0.0)
+def _fan_points(snapshot: Snapshot) -> list[dict[str, Any]]:
+    most = max((point.intensity for point in snapshot.points), default=0.0)
     return [
         {
             "deg": round(point.angle_deg, 3),
             "share": round(point.intensity / most, 4) if most > 0 else 0.0,
-            "number": point.number,
+            "text": _mark(point, snapshot),
             "role": point.role,
         }
-        for point in points
+        for point in snapshot.points
     ]
+
+
+def _mark(point: Point, snapshot: Snapshot) -> str:
+    """Number of an acquisition; of a confirmation a tick once it has confirmed a marker, and nothing before."""
+    if point.role != "confirmation":
+        return str(point.number)
+    found = snapshot.phase == "finished" and snapshot.belief is not None and snapshot.belief.is_found
+    return "✓" if found else ""
 
 
 def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, float] | None) -> dict[str, Any]:
@@ -179,10 +187,9 @@ def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
     """One acquisition; in a weighted average its size is its weight."""
     confirms = point.role == "confirmation"
     weights = snapshot.belief.weights if snapshot.belief else ()
-    number = point.number
-    size = 4 + 10 * weights[number - 1] if weights and not confirms else 13 if confirms else 9
+    size = 4 + 10 * weights[point.number - 1] if weights and not confirms else 13 if confirms else 9
     return {
-        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), "✓" if confirms else number],
+        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), _mark(point, snapshot)],
         "symbol": "rect" if confirms else "circle",
         "symbolSize": size,
     }
@@ -224,11 +231,8 @@ def _line(angle_deg: float, text: str, colour: str, kind: str, position: str) ->
 def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
     floor = snapshot.belief.estimate.floor if snapshot.belief else None
     level = None if floor is None else floor.level
-    data = (
-        []
-        if level is None
-        else [{"yAxis": level, "label": {"formatter": "floor", "color": GREY, "position": "insideEndTop"}}]
-    )
+    label = {"formatter": "floor", "color": GREY, "position": "insideEndTop"}
+    data = [] if level is None else [{"yAxis": level, "label": label}]
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
 
 

@@ -167,7 +167,7 @@ export default {
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        numbered.push([x, y - 7, point.role === "confirmation" ? "✓" : String(point.number)]);
+        if (point.text) numbered.push([x, y - 7, point.text]);
       });
       // The newest first; a number that would cover another one is left out.
       const drawn = [];
