@@ -72,8 +72,14 @@ def stream():
 
 
 def test_events_become_snapshots(stream):
-    told = []
-    live = LiveRun(lambda _: ScriptedChild(stream), ["search"], on_change=lambda: told.append(live.status))
+    told, begun = [], threading.Event()
+
+    def launch(_):
+        begun.wait(30)
+        return ScriptedChild(stream)
+
+    live = LiveRun(launch, ["search"], on_change=lambda: told.append(live.status))
+    begun.set()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
     # Of the head, of each event, and of the end: no viewer has to wait for a timer.

@@ -11,11 +11,11 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges.page.belief import Belief, PolicyMirror, answer_in_words, is_claimed
+from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.models import (
     angle_text,
     answer_text,
     background_model,
-    curve_options,
     fan_model,
     image_model,
     number_rows,
@@ -187,12 +187,16 @@ def test_published_form_claims_nothing():
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
     session, events = finished_run("posterior")
     state = RunState(session.configuration)
-    said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[:9]]
+    second = next(
+        n
+        for n, (event, _) in enumerate(events)
+        if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
+    )
+    said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
     read_back = f"read back: {state.snapshot.probe_deg:.2f}°"
-    assert isinstance(events[8][0], Asked)
-    assert said[-2:] == [read_back, f"expected, on its way to {events[8][0].angle_deg:.2f}°"]
+    assert said[-2:] == [read_back, f"expected, on its way to {events[second][0].angle_deg:.2f}°"]
     cut_off = state.cut_off("killed")
-    assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", 10, "killed")
+    assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
     assert probe_text(cut_off) == f"last {read_back}"
 
 

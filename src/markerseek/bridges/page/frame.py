@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -71,14 +71,13 @@ class Frame:
                 "click", js_handler="() => window.markerseekStop()"
             ).mark("stop").props('innerHTML="STOP"')
         self._banner = ui.label("").mark("banner")
-        self._shown_kind: RigKind | None = None
         self.show_kind("simulated" if desk.rig.simulated else "bench")
 
-    def show_kind(self, kind: RigKind) -> None:
-        """Say in the banner what kind of rig is shown."""
-        if kind != self._shown_kind:
-            self._shown_kind = kind
-            self._banner.set_text(_BANNERS[kind])
+    def show_kind(self, kind: RigKind, *, emulated: Sequence[str] = ()) -> None:
+        """Say in the banner what kind of rig is shown, and which of its devices are emulated."""
+        text = (f"EMULATED {' and '.join(emulated)}. " if emulated else "") + _BANNERS[kind]
+        if text != self._banner.text:
+            self._banner.set_text(text)
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
 
     def show_status(self, text: str) -> None:

@@ -51,10 +51,19 @@ class ReplayPage:
                 search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._panels = Panels()
-        self._timeline = Timeline(playable=True)
+        self._shown = ui.element("div")
+        self._show_nothing()
         self._results = ResultRow()
         self._frame.run(self._update)
+
+    def _show_nothing(self) -> None:
+        """Empty panels: what is known of another recording must not stand below the name of this one."""
+        self._run = self._live = self._answer = self._journal = None
+        self._frame.show_kind("replayed")
+        self._shown.clear()
+        with self._shown:
+            self._panels = Panels()
+            self._timeline = Timeline(playable=True)
 
     async def _choose(self) -> None:
         path = self._recordings.get(self._chosen.value)
@@ -62,7 +71,7 @@ class ReplayPage:
             return
         is_run = path.is_file() and is_journal(path)
         self._methods.visible = not is_run
-        self._run = self._live = self._answer = self._journal = None
+        self._show_nothing()
         self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
         if not is_run:
             return
@@ -76,6 +85,7 @@ class ReplayPage:
             self._message = str(problem)
 
     def _search_bank(self) -> None:
+        self._show_nothing()
         self._live = self._desk.replay(self._chosen.value, self._row.settings)
 
     def _update(self) -> None:
@@ -86,7 +96,9 @@ class ReplayPage:
         self._frame.show_status(self._message)
         self._results.show(self._answer, self._journal)
         if self._run is not None:
-            self._frame.show_kind(self._run.configuration.facts.kind)
+            facts = self._run.configuration.facts
+            # Nothing moves here, also where the recording is one of devices.
+            self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
             self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
 
 

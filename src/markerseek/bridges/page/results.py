@@ -93,7 +93,7 @@ class ResultRow:
         if journal is None:
             return
         if journal not in self._reports:
-            ui.notify("the report is being drawn, which takes some seconds")
+            ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
             try:
                 made = await run.io_bound(make_report, journal)
             except (MarkerseekError, OSError) as problem:

@@ -35,6 +35,7 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
         if live is None or live.run is None:
             return
         run = live.run
+        frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
         snapshot = timeline.snapshot(run)
         panels.show(run, snapshot, reveal=run.snapshots[-1].phase == "finished")
         results.show(None if live.outcome is None else live.outcome.answer, live.journal)

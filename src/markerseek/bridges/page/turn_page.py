@@ -51,8 +51,8 @@ class TurnPage:
             self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
             self._slider.props('aria-label="angle of the probe in degrees"')
         ui.keyboard(on_key=self._key)
-        self._panels = Panels()
         self._help = ui.label(HELP).classes("ms-help")
+        self._panels = Panels()
         self._desk = desk
         self._frame.run(self._update)
 
