@@ -50,7 +50,10 @@ class Outcome:
     def message(self) -> str:
         """One sentence for whoever asked."""
         if self.exit_code == 4:
-            return "not armed: nothing moved and nothing was fired; a person must arm the rig where the bridge runs"
+            return (
+                "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the bridge "
+                "or page"
+            )
         answer = self.answer or {}
         if "error" in answer:
             return str(answer["error"])

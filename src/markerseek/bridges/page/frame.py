@@ -80,11 +80,12 @@ class Frame:
             self._banner.set_text(text)
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
 
-    def show_status(self, text: str) -> None:
-        """Say in one line what happens, or how it ended."""
+    def show_status(self, text: str, *, alarms: bool = False) -> None:
+        """Say in one line what happens, or how it ended; in bold red where a person must see to it."""
         if text != self._status_label.text:
             # Two lines of it are seen; the pointer shows the rest.
             self._status_label.props["title"] = text
+            self._status_label.classes(replace="ms-status ms-alarm" if alarms else "ms-status")
             self._status_label.set_text(text)
 
     def run(self, update: Callable[[], None]) -> None:

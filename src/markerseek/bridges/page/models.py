@@ -9,7 +9,7 @@ import numpy as np
 
 from markerseek.bridges.page.belief import angles_text
 from markerseek.bridges.page.picture import Picture, drawn_background
-from markerseek.bridges.page.state import Point, Snapshot
+from markerseek.bridges.page.state import Phase, Point, Snapshot
 from markerseek.core import Ambiguous, NotFound, RigFacts
 
 FACE_SHARE = 0.28
@@ -177,12 +177,18 @@ def angle_text(snapshot: Snapshot) -> str:
     return f"{angles_text(belief.estimate) or '–'}{sigma}"
 
 
+_ENDED: dict[Phase, str] = {"fault": "ended by a fault", "stopped": "stopped"}
+"""How a run ended that gave no answer."""
+
+
 def answer_text(snapshot: Snapshot) -> str:
     """What is claimed: an angle counts as found only once the search is over and says so."""
     if snapshot.belief is None:
         return "" if snapshot.points else "nothing measured yet"
     if not snapshot.belief.claims:
         return "claim: none: the paper's form of a method always answers, also where there is no marker"
+    if snapshot.phase in _ENDED:
+        return f"{_ENDED[snapshot.phase]}; until then {snapshot.belief.answer}"
     reason = getattr(snapshot.belief.estimate, "reason", None)
     text = snapshot.belief.answer + (f": {reason}" if reason else "")
     return text if snapshot.phase == "finished" else f"so far {text}"

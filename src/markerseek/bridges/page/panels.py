@@ -28,9 +28,14 @@ class FanPanel:
     """The fan alone, with the angle below it."""
 
     def __init__(self) -> None:
-        empty = Snapshot(rig="simulated")
-        self.fan = Fan(fan_model(empty, _NO_FACTS, duration_s=0.0, known_deg=None)).classes("ms-fan")
+        self._empty = fan_model(Snapshot(rig="simulated"), _NO_FACTS, duration_s=0.0, known_deg=None)
+        self.fan = Fan(self._empty).classes("ms-fan")
         self._shown: tuple[object, ...] = ()
+
+    def clear(self) -> None:
+        """Show the fan alone."""
+        self._shown = ()
+        self.fan.show(self._empty)
 
     def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""

@@ -39,7 +39,10 @@ class Lane:
     def show(self, live: LiveRun, *, reveal: bool) -> None:
         """Show where the racer is."""
         if live.run is None:
+            self._fan.clear()
             self._counts.set_text(live.message or live.status)
+            self._angle.set_text("–")
+            self._answer.set_text("")
             return
         snapshot = live.run.snapshots[-1]
         self._fan.show(live.run, snapshot, reveal=reveal)

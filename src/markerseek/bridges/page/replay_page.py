@@ -13,10 +13,9 @@ from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
-from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.timeline import Timeline
+from markerseek.bridges.page.timeline import RunView
 from markerseek.bridges.page.watched import WatchedRun, watched_journal
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import is_journal, read_journal, result_of, run_state
@@ -51,19 +50,16 @@ class ReplayPage:
                 search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._shown = ui.element("div")
+        self._view = RunView(playable=True)
         self._show_nothing()
         self._results = ResultRow()
         self._frame.run(self._update)
 
     def _show_nothing(self) -> None:
-        """Empty panels: what is known of another recording must not stand below the name of this one."""
+        """Forget the recording before."""
         self._run = self._live = self._answer = self._journal = None
         self._frame.show_kind("replayed")
-        self._shown.clear()
-        with self._shown:
-            self._panels = Panels()
-            self._timeline = Timeline(playable=True)
+        self._view.clear()
 
     async def _choose(self) -> None:
         path = self._recordings.get(self._chosen.value)
@@ -99,7 +95,7 @@ class ReplayPage:
             facts = self._run.configuration.facts
             # Nothing moves here, also where the recording is one of devices.
             self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
-            self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
+            self._view.show(self._run, reveal=True)
 
 
 def _read(path: Path) -> tuple[WatchedRun, dict[str, Any] | None]:

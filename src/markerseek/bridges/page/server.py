@@ -148,9 +148,11 @@ def serve(
     with address.listening() as listener:
         port = listener.getsockname()[1]
         names = _LOOPBACK_NAMES if address.host in _LOOPBACK_NAMES else {address.host}
+        # Browsers leave the usual port of a scheme out of the Host header.
+        usual = port == {"http": 80, "https": 443}[address.scheme]
         access = Access(
             token=token,
-            hosts=frozenset(f"{name}:{port}" for name in names),
+            hosts=frozenset(name if usual else f"{name}:{port}" for name in names),
             scheme=address.scheme,
             cookie=f"markerseek_{port}",
         )
