@@ -198,7 +198,7 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
     cut_off = state.cut_off("killed")
     assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
     assert probe_text(cut_off) == f"last {read_back}"
-    assert answer_text(cut_off) == "stopped; until then unsure"
+    assert answer_text(cut_off) == f"stopped; until then {cut_off.belief.answer}"
 
 
 def test_angle_counts_as_found_only_at_the_end():

@@ -51,8 +51,8 @@ class Outcome:
         """One sentence for whoever asked."""
         if self.exit_code == 4:
             return (
-                "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the bridge "
-                "or page"
+                "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
+                "bridge or page"
             )
         answer = self.answer or {}
         if "error" in answer:
