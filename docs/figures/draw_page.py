@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
@@ -29,11 +30,11 @@ It runs slower than a rig would, so that a busy computer has the time to take al
 EVENT = 16
 """Event that the still picture shows: the posterior has found a side, and the probe is on its way."""
 
-STEP_S, SHOWN_MS, LAST_MS = 1.25, 160, 3000
+STEP_S, SHOWN_MS, LAST_MS = 1.6, 180, 3000
 """Time from one picture to the next in the recording in s, and for which each, and the last, is shown in the GIF in ms:
 five times faster than the rig."""
 
-GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 96, 2_000_000
+GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 128, 2_000_000
 
 
 @contextmanager
@@ -74,7 +75,8 @@ def save_gif(shots: list[Image.Image], path: Path) -> None:
     """One loop of the screenshots."""
     small = [each.convert("RGB").resize((GIF_WIDTH, GIF_WIDTH * each.height // each.width)) for each in shots]
     # One palette for all: with one each, still parts of the picture would flicker.
-    palette = small[-1].quantize(GIF_COLOURS)
+    few = [np.asarray(each) for each in small[:: max(1, len(small) // 6)]]
+    palette = Image.fromarray(np.vstack([*few, np.asarray(small[-1])])).quantize(GIF_COLOURS)
     frames = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in small]
     durations_ms = [SHOWN_MS] * (len(frames) - 1) + [LAST_MS]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, optimize=True)

@@ -51,14 +51,14 @@ class SettingsRow:
         self._values = asdict(settings)
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 186),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 128),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 84),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 158),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 76),
             "seed": lambda: self._number("seed", "seed", 66),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
-            "pace": lambda: self._select("pace", PACES, "speed", 150),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 156),
+            "pace": lambda: self._select("pace", PACES, "speed", 128),
         }
         for name in names:
             made[name]()
@@ -84,7 +84,7 @@ class SettingsRow:
         known = dict(options)
         if value not in options:
             # A link may hold a value that is not in the list.
-            known[value] = f"{1 / value:.3g} × faster" if name == "pace" else f"{value:g} s"
+            known[value] = _pace_text(value) if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
         field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
@@ -149,6 +149,10 @@ def _hold_in_link(settings: PageSettings) -> None:
 
 def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
     return {None: "as the rig", **options}
+
+
+def _pace_text(pace: float) -> str:
+    return f"{1 / pace:.3g} × faster" if pace < 1 else f"{pace:.3g} × slower"
 
 
 def _number(name: str, value: float | None) -> float | int | None:
