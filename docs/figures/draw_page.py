@@ -34,7 +34,7 @@ STEP_S, SHOWN_MS, LAST_MS = 1.6, 180, 3000
 """Time from one picture to the next in the recording in s, and for which each, and the last, is shown in the GIF in ms:
 five times faster than the rig."""
 
-GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 128, 2_000_000
+GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 200, 2_000_000
 
 
 @contextmanager

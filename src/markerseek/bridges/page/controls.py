@@ -17,7 +17,7 @@ from markerseek.sim import TISSUES
 PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
 """Speeds that can be chosen for a simulated rig, by their pace."""
 
-READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ (10 s)", REAL_TIME_READOUT_S: "real-time receiver"}
+READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "real time, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
 
@@ -52,13 +52,13 @@ class SettingsRow:
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
             "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 186),
-            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
+            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 88),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 158),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 76),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 164),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
             "seed": lambda: self._number("seed", "seed", 66),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 156),
-            "pace": lambda: self._select("pace", PACES, "speed", 128),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 146),
+            "pace": lambda: self._select("pace", PACES, "speed", 148),
         }
         for name in names:
             made[name]()

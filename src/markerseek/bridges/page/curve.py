@@ -43,7 +43,8 @@ def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, flo
             "splitLine": {"show": False},
         },
         "yAxis": [
-            _axis("intensity [a.u.]", gap_px=46),
+            # Room above the largest for its number, below the angles.
+            _axis("intensity [a.u.]", gap_px=46) | {"boundaryGap": ["0%", "12%"]},
             # Only the posterior has one.
             _axis("probability [1/deg]", gap_px=36)
             | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg.size)},

@@ -35,7 +35,8 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
         if shown is not None and live is not None and live.journal != shown.journal:
             view.clear()
         shown = live
-        results.show(None if live is None or live.outcome is None else live.outcome.answer, live and live.journal)
+        outcome = None if live is None else live.outcome
+        results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
         frame.show_status(status_text(live, simulated=desk.rig.simulated), alarms=live is not None and live.failed)
         if live is None or live.run is None:
             return
