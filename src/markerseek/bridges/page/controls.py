@@ -54,10 +54,10 @@ class SettingsRow:
             "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 186),
             "acquisitions": lambda: self._number("acquisitions", "acquisitions", 88),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 164),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 168),
             "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
             "seed": lambda: self._number("seed", "seed", 66),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 146),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
             "pace": lambda: self._select("pace", PACES, "speed", 148),
         }
         for name in names:

@@ -89,7 +89,7 @@ class ReplayPage:
             self._run = self._live.run
             self._message = self._live.message or self._live.status
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
-        self._frame.show_status(self._message)
+        self._frame.show_status(self._message, alarms=self._live is not None and self._live.failed)
         self._results.show(self._answer, self._journal)
         if self._run is not None:
             facts = self._run.configuration.facts
