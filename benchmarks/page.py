@@ -190,13 +190,13 @@ def unnoticed(searches: int) -> None:
 
 def leases(searches: int) -> None:
     """Searches over emulated devices with one viewer and with three of whom one has stopped: whether a lease lapses."""
-    from tests.system.test_bench import emulation
+    from tests.emulated import fixed_bench
 
     for viewers in (1, 3):
         for seed in range(1, searches + 1):
             with (
                 tempfile.TemporaryDirectory() as folder,
-                emulation(Path(folder), seed=seed) as devices,
+                fixed_bench(Path(folder), seed=seed) as devices,
                 armed_page(Path(folder), devices.rig) as page,
                 watching(page.link, viewers, method="weighted-average", acquisitions=8, as_published=1) as started,
             ):

@@ -12,6 +12,9 @@ import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
+# Helpers that several folders of tests share are modules of `tests`, also where pytest is not started by python -m.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
 
 # A program started with signals ignored (by nohup, or in the background) would hand that on to those that tests strike.

@@ -16,23 +16,25 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 HERE = Path(__file__).parent
-QUERY = "&seed=3&pace=0.06"
-"""A search whose marker is near an end of the range, a second of the page for 17 of the rig."""
+QUERY = "&seed=3&readout_s=0.1&pace=1.6"
+"""A search whose marker is near an end of the range, with a receiver that streams, so that the probe is seen to turn.
+It runs slower than a rig would, so that a busy computer has the time to take all pictures."""
 
 EVENT = 16
 """Event that the still picture shows: the posterior has found a side, and the probe is on its way."""
 
-GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 96, 2_000_000
+STEP_S, SHOWN_MS, LAST_MS = 1.6, 180, 3000
+"""Time from one picture to the next in the recording in s, and for which each, and the last, is shown in the GIF in ms:
+five times faster than the rig."""
 
-LONGEST_MS = 1200
-"""Longest time that one picture of the GIF stays, in ms: a busy machine takes pictures late."""
+GIF_WIDTH, GIF_COLOURS, MOST_BYTES = 900, 200, 2_000_000
 
 
 @contextmanager
@@ -56,27 +58,28 @@ def served(folder: str) -> Iterator[str]:
         process.wait(20)
 
 
-def record(tab: Page) -> list[tuple[float, Image.Image]]:
-    """Screenshots from the start of a search to its end, with their times."""
+def record(tab: Page) -> list[Image.Image]:
+    """Screenshots from the start of a search to its end, one in `STEP_S`."""
     tab.get_by_role("button", name="Start", exact=True).click()
+    began_s = time.monotonic()
     shots = []
-    while not tab.locator("text=copy the angle").is_visible():
-        shots.append((time.monotonic(), Image.open(io.BytesIO(tab.screenshot()))))
-    shots.append((time.monotonic(), Image.open(io.BytesIO(tab.screenshot()))))
+    over = False
+    while not over:
+        over = tab.locator("text=copy the angle").is_visible()
+        shots.append(Image.open(io.BytesIO(tab.screenshot())))
+        tab.wait_for_timeout(1000 * max(0.0, began_s + STEP_S * len(shots) - time.monotonic()))
     return shots
 
 
-def save_gif(shots: list[tuple[float, Image.Image]], path: Path) -> None:
-    """One loop of the screenshots, each picture once; the last one stays for three seconds."""
-    # Pillow would join equal pictures to one that stays as long as all of them.
-    shots = [shots[0], *(now for before, now in pairwise(shots) if now[1].tobytes() != before[1].tobytes())]
-    times_s = [at_s for at_s, _ in shots]
-    durations_ms = [min(round(1000 * (end - begin)), LONGEST_MS) for begin, end in pairwise(times_s)]
-    small = [each.convert("RGB").resize((GIF_WIDTH, GIF_WIDTH * each.height // each.width)) for _, each in shots]
+def save_gif(shots: list[Image.Image], path: Path) -> None:
+    """One loop of the screenshots."""
+    small = [each.convert("RGB").resize((GIF_WIDTH, GIF_WIDTH * each.height // each.width)) for each in shots]
     # One palette for all: with one each, still parts of the picture would flicker.
-    palette = small[-1].quantize(GIF_COLOURS)
+    few = [np.asarray(each) for each in small[:: max(1, len(small) // 6)]]
+    palette = Image.fromarray(np.vstack([*few, np.asarray(small[-1])])).quantize(GIF_COLOURS)
     frames = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in small]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=[*durations_ms, 3000], loop=0, optimize=True)
+    durations_ms = [SHOWN_MS] * (len(frames) - 1) + [LAST_MS]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, optimize=True)
     if path.stat().st_size > MOST_BYTES:
         sys.exit(f"{path} has {path.stat().st_size} bytes, more than {MOST_BYTES}; lower GIF_WIDTH or GIF_COLOURS")
 

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.emulated import emulation
 
 from markerseek import rigs
 from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
@@ -94,20 +95,9 @@ def test_a_child_whose_bridge_is_killed_stops_the_search(tmp_path: Path) -> None
 
 def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path: Path) -> None:
     # The child's standard input is that of the tests, which is no terminal.
-    emulator = subprocess.Popen(
-        [sys.executable, "-m", "markerseek", "emulate", "bench", "--dir", str(tmp_path), "--pace", "0.01"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        stdin=subprocess.DEVNULL,
-        text=True,
-    )
-    with emulator:
-        while "Ctrl-C" not in emulator.stdout.readline():
-            pass
-        with ChildRun(["search", "--rig", str(tmp_path / "rig.toml"), "--no-journal"]) as child:
-            items = list(child.items())
-            outcome = child.outcome()
-        emulator.send_signal(signal.SIGTERM)
+    with emulation(tmp_path) as devices, ChildRun(["search", "--rig", str(devices.rig), "--no-journal"]) as child:
+        items = list(child.items())
+        outcome = child.outcome()
     assert items == []
     assert outcome.exit_code == 4
     assert outcome.message.startswith("not armed: nothing moved and nothing was fired; a person must arm the rig")
@@ -124,6 +114,14 @@ def test_a_bench_that_nobody_arms_ends_with_exit_code_4_and_a_sentence(tmp_path:
 def test_only_the_angle_of_a_marker_that_was_found_is_said(answer: str, reason: str | None, said: str) -> None:
     outcome = Outcome(exit_code=0, answer={"answer": answer, "angle_deg": 1.7, "reason": reason})
     assert outcome.message == said
+
+
+def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
+    answer = {"answer": "found", "angle_deg": 1.7, "reason": None, "as_published": True}
+    message = Outcome(exit_code=0, answer=answer).message
+    assert message == "angle 1.700 deg, nothing is claimed: the paper's form always answers"
+    killed = Outcome(exit_code=137, answer=None).message
+    assert killed == "the command ended with exit code 137, by SIGKILL"
 
 
 def test_an_error_is_one_sentence(tmp_path: Path) -> None:

@@ -33,23 +33,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.emulated import emulation, markerseek
+
 LEASE_S = 0.1
 PROMISED_S = 0.01
-WORLD = """kind = "simulated"
-[marker]
-angle_deg = 6.4
-[stage]
-speed_deg_s = 25.0
-acceleration_deg_s2 = 25.0
-"""
 DARK_FRAMES = 3
 """Firings without light that every search begins with."""
 
 BUSY = "while True: pass"
-
-
-def markerseek(*words: object) -> list[str]:
-    return [sys.executable, "-P", "-c", "from markerseek.cli import main; main()", *map(str, words)]
 
 
 @dataclass(kw_only=True)
@@ -177,35 +168,24 @@ def _watch_writes(path: str) -> int:
 @contextlib.contextmanager
 def bench(folder: Path, *, lease_s: float) -> Iterator[Bench]:
     """Emulated devices, with the relay in the laser's line."""
-    world = folder / "world.toml"
-    world.write_text(WORLD)
-    emulation = subprocess.Popen(
-        markerseek("emulate", "bench", "--dir", folder / "bench", "--rig", world, "--seed", 1, "--pace", 0.01),
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
     far, near = os.openpty()
     tty.setraw(near)
     try:
-        assert emulation.stdout is not None
-        for line in emulation.stdout:
-            if "Ctrl-C ends it" in line:
-                break
-        described = (folder / "bench" / "rig.toml").read_text()
-        laser = described[described.index("[laser]") :]
-        port = laser[laser.index("port = ") :].split('"')[1]
-        rig = folder / "bench" / "relayed.toml"
-        described = described.replace(port, os.ttyname(near))
-        rig.write_text(described.replace("lease_s = 1.0", f"lease_s = {lease_s}"))
-        box = os.open(port, os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(box)
-        writes = Writes(notices=_watch_writes(os.ttyname(near)))
-        # Not joined: it waits for the next write until the program ends.
-        threading.Thread(target=writes.watch, daemon=True).start()
-        yield Bench(folder=folder, relay=Relay(box=box, far=far), writes=writes, rig=rig)
-        os.close(box)
+        with emulation(folder) as devices:
+            described = devices.rig.read_text()
+            laser = described[described.index("[laser]") :]
+            port = laser[laser.index("port = ") :].split('"')[1]
+            rig = devices.folder / "relayed.toml"
+            described = described.replace(port, os.ttyname(near))
+            rig.write_text(described.replace("lease_s = 1.0", f"lease_s = {lease_s}"))
+            box = os.open(port, os.O_RDWR | os.O_NOCTTY)
+            tty.setraw(box)
+            writes = Writes(notices=_watch_writes(os.ttyname(near)))
+            # Not joined: it waits for the next write until the program ends.
+            threading.Thread(target=writes.watch, daemon=True).start()
+            yield Bench(folder=folder, relay=Relay(box=box, far=far), writes=writes, rig=rig)
+            os.close(box)
     finally:
-        emulation.kill()
-        emulation.communicate()
         os.close(far)
         os.close(near)
 

@@ -2,20 +2,55 @@
 
 from __future__ import annotations
 
+import queue
 import socket
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Self
 
 from markerseek.wire import igtl
 
 MOST_BYTES = 1 << 26
 
+LONGEST_S = 120.0
+"""Longest wait for anything, in seconds: a busy machine is no fault."""
+
 
 class IgtlClient:
-    """Connects; reads and writes whole messages."""
+    """Connects; reads and writes whole messages.
 
-    def __init__(self, port: int, *, timeout_s: float = 60.0) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=timeout_s)
+    Parameters
+    ----------
+    port
+        Of the server, on this computer.
+    reads_ahead
+        Whether a thread takes what comes at once, as other people's clients do: the server drops who does not for 2 s,
+        which a test on a busy machine may need to look at one message.
+    """
+
+    def __init__(self, port: int, *, reads_ahead: bool = True) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=LONGEST_S)
+        self._receive: Callable[[int], bytes] = self.socket.recv
+        if reads_ahead:
+            self._arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+            self._rest = b""
+            self._receive = self._arrived_bytes
+            threading.Thread(target=self._read_ahead, daemon=True).start()
+
+    def _read_ahead(self) -> None:
+        data = b"x"
+        while data:
+            try:
+                data = self.socket.recv(1 << 20)
+            except OSError:
+                data = b""
+            self._arrived.put(data)
+
+    def _arrived_bytes(self, most: int) -> bytes:
+        data = self._rest or self._arrived.get(timeout=LONGEST_S)
+        self._rest = data[most:]
+        return data[:most]
 
     def read(self) -> igtl.Message | None:
         """The next message; None at the end."""
@@ -30,7 +65,7 @@ class IgtlClient:
         data = b""
         while len(data) < size:
             try:
-                part = self.socket.recv(size - len(data))
+                part = self._receive(size - len(data))
             except ConnectionResetError:
                 return None
             if not part:
@@ -65,4 +100,11 @@ class IgtlClient:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the connection."""
+        # Wakes the thread that reads, without which the connection would stay open.
+        with suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
         self.socket.close()

@@ -16,6 +16,7 @@ import pyigtl
 import pytest
 from igtl_bridge import bridge, compiled_peer
 from igtl_client import IgtlClient
+from tests.emulated import emulation
 
 from markerseek.records.exports import probe_to_probe_home
 from markerseek.runs import point_pairs, register_pairs
@@ -95,22 +96,15 @@ def test_a_bridge_that_is_killed_in_mid_search_takes_the_search_with_it(tmp_path
 
 
 def test_a_bench_that_nobody_arms_is_not_armed_by_a_message(tmp_path: Path) -> None:
-    emulator = subprocess.Popen(
-        [sys.executable, "-m", "markerseek", "emulate", "bench", "--dir", str(tmp_path), "--pace", "0.01"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        stdin=subprocess.DEVNULL,
-        text=True,
-    )
-    with emulator:
-        while "Ctrl-C" not in emulator.stdout.readline():
-            pass
-        with bridge("--rig", str(tmp_path / "rig.toml")) as running, IgtlClient(running.port) as client:
-            assert "has no Arm" in client.ask('<Command Name="StartSearch" Arm="true" />')
-            assert "there is no command 'Arm'" in client.ask('<Command Name="Arm" />', name="2")
-            client.ask('<Command Name="StartSearch" />', name="3")
-            messages = client.until(over)
-        emulator.send_signal(signal.SIGTERM)
+    with (
+        emulation(tmp_path) as devices,
+        bridge("--rig", str(devices.rig)) as running,
+        IgtlClient(running.port) as client,
+    ):
+        assert "has no Arm" in client.ask('<Command Name="StartSearch" Arm="true" />')
+        assert "there is no command 'Arm'" in client.ask('<Command Name="Arm" />', name="2")
+        client.ask('<Command Name="StartSearch" />', name="3")
+        messages = client.until(over)
     last = json.loads(messages[-1].content.text)
     assert last["exit_code"] == 4
     assert last["message"].startswith("not armed: nothing moved and nothing was fired")

@@ -11,21 +11,24 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from igtl_client import IgtlClient
+from igtl_client import LONGEST_S, IgtlClient
 
 from markerseek.bridges.igtl import Answer, IgtlServer, Request, Stream
+from markerseek.bridges.igtl.peer import Peer
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
 
 
 class Served:
-    """A server in an event loop of its own thread."""
+    """A server in an event loop of its own thread, whose clock only a test sets: no load makes a client slow."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
         self.changed = threading.Condition()
         self.requests: list[Request] = []
         self.loop = asyncio.new_event_loop()
+        self._now_s = 0.0
+        self.loop.time = lambda: self._now_s
         self.server = IgtlServer(on_request=self._asked, on_note=self._note)
         self.port = self.loop.run_until_complete(self.server.open("127.0.0.1", 0))
         self._thread = threading.Thread(target=self.loop.run_forever)
@@ -40,7 +43,15 @@ class Served:
             self.notes.append(sentence)
             self.changed.notify_all()
 
-    def noted(self, part: str, *, timeout_s: float = 30.0) -> bool:
+    def forward(self, seconds: float) -> None:
+        """Set the clock of the server forward."""
+
+        def work() -> None:
+            self._now_s += seconds
+
+        self.within(work)
+
+    def noted(self, part: str, *, timeout_s: float = LONGEST_S) -> bool:
         """Whether a sentence with that part was, or will be, noted."""
         with self.changed:
             return self.changed.wait_for(lambda: any(part in note for note in self.notes), timeout_s)
@@ -55,10 +66,10 @@ class Served:
         async def run() -> None:
             work()
 
-        asyncio.run_coroutine_threadsafe(run(), self.loop).result(30)
+        asyncio.run_coroutine_threadsafe(run(), self.loop).result(LONGEST_S)
 
     def close(self) -> None:
-        asyncio.run_coroutine_threadsafe(self.server.close(), self.loop).result(30)
+        asyncio.run_coroutine_threadsafe(self.server.close(), self.loop).result(LONGEST_S)
         self.loop.call_soon_threadsafe(self.loop.stop)
         self._thread.join()
         self.loop.close()
@@ -66,11 +77,14 @@ class Served:
 
 @contextmanager
 def serving() -> Iterator[Served]:
-    served = Served()
-    try:
-        yield served
-    finally:
-        served.close()
+    with pytest.MonkeyPatch.context() as patch:
+        # The same limit in the operating system, for a cable that was pulled; its clock cannot be set.
+        patch.delattr(socket, "TCP_USER_TIMEOUT", raising=False)
+        served = Served()
+        try:
+            yield served
+        finally:
+            served.close()
 
 
 def number(value: int) -> igtl.Text:
@@ -158,17 +172,21 @@ def test_a_hostile_message_hurts_its_sender_only_and_is_refused_with_a_sentence(
         assert "heard" in bystander.ask('<Command Name="A" />')
 
 
-@pytest.mark.real_time
 def test_thirty_bytes_and_then_silence_end_that_connection_after_two_seconds() -> None:
     with serving() as served, IgtlClient(served.port) as bystander, IgtlClient(served.port) as silent:
+        # Once it has been answered, the server reads what it sends before what others send later.
+        assert "heard" in silent.ask('<Command Name="A" />')
         silent.socket.sendall(b"\0" * 30)
         assert "heard" in bystander.ask('<Command Name="A" />')
+        served.forward(1.99)
+        assert "heard" in bystander.ask('<Command Name="B" />')
+        assert not any("gone" in note for note in served.notes)
+        served.forward(0.02)
         assert list(silent.messages()) == []
         assert served.noted("its message was not complete within 2 s")
-        assert "heard" in bystander.ask('<Command Name="B" />')
+        assert "heard" in bystander.ask('<Command Name="C" />')
 
 
-@pytest.mark.real_time
 def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_nothing() -> None:
     count = 60
     with serving() as served, IgtlClient(served.port) as prompt:
@@ -176,7 +194,7 @@ def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_noth
         # Small, so that the system takes little of what the slow client does not read.
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         slow.connect(("127.0.0.1", served.port))
-        killed = IgtlClient(served.port)
+        killed = IgtlClient(served.port, reads_ahead=False)
         received: list[igtl.Message] = []
         taken = threading.Semaphore(0)
 
@@ -198,19 +216,22 @@ def test_of_three_clients_one_is_slow_and_one_is_killed_and_the_third_loses_noth
                 # As when it is killed: reset, without a farewell.
                 killed.socket.close()
             # A search has seconds between two images; here the prompt client sets the pace.
-            assert taken.acquire(timeout=10)
-        assert served.noted("it is too slow: a message was not taken within 2 s")
+            assert taken.acquire(timeout=LONGEST_S)
+            if value == count // 2:
+                served.forward(1.99)
+                assert not any("too slow" in note for note in served.notes)
+                served.forward(0.02)
+                assert served.noted("it is too slow: a message was not taken within 2 s")
         served.publish("End", number(0))
-        reading.join(30)
+        reading.join(LONGEST_S)
         slow.close()
     for device in ("PA_Reference", "SearchState"):
         numbers = [int(each.metadata["sequence"]) for each in received if each.device == device]
         assert numbers == list(range(1, count + 1))
 
 
-@pytest.mark.real_time
 def test_only_the_newest_message_of_a_stream_waits_for_a_slow_client() -> None:
-    with serving() as served, IgtlClient(served.port) as client:
+    with serving() as served, IgtlClient(served.port, reads_ahead=False) as client:
         for value in range(40):
             served.publish("PA_Reference", picture(value))
             served.publish("SearchState", number(value))
@@ -222,6 +243,18 @@ def test_only_the_newest_message_of_a_stream_waits_for_a_slow_client() -> None:
     assert images[-1] == states[-1] == 40
     assert len(images) < 20
     assert images == sorted(images)
+
+
+def test_a_client_that_the_operating_system_gave_up_was_too_slow() -> None:
+    reasons: list[str] = []
+    peer = Peer(
+        on_open=lambda _peer: None,
+        on_message=lambda _peer, _message: None,
+        on_close=lambda _peer, reason: reasons.append(reason),
+    )
+    # What asyncio hands on where TCP_USER_TIMEOUT has ended the connection.
+    peer.connection_lost(TimeoutError(110, "Connection timed out"))
+    assert reasons == ["it is too slow: a message was not taken within 2 s"]
 
 
 def test_a_client_that_reads_no_answers_is_dropped() -> None:
@@ -244,7 +277,7 @@ def test_more_than_sixteen_clients_are_refused() -> None:
             assert one_more.read() is None
         assert served.noted("16 clients are served already")
         for client in clients:
-            client.socket.close()
+            client.close()
 
 
 def test_a_taken_port_is_a_sentence() -> None:

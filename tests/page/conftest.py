@@ -10,7 +10,7 @@ import pytest
 
 BANK = "examples/simulated_scan.csv"
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "system")]
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

@@ -147,10 +147,21 @@ def test_link_that_cannot_be_used_is_said(opened):
     assert watched.tab.get_by_label("seed").input_value() == "1"
 
 
-def test_setting_that_cannot_be_used_is_said(opened):
+def test_setting_that_cannot_be_used_is_said(opened, page):
     watched = opened()
     watched.tab.get_by_label("acquisitions").fill("1")
     watched.tab.wait_for_selector("text=at least 2 are needed")
+    # Nor is another search started than the one that is shown.
+    watched.tab.get_by_label("acquisitions").fill("")
+    watched.tab.get_by_role("checkbox").click()
+    watched.tab.wait_for_selector("text=it is markerseek's own")
+    before = page.journals()
+    watched.press("Start")
+    # What is done later is looked at later.
+    watched.tab.get_by_label("method").click()
+    watched.tab.get_by_role("option", name="ternary").click()
+    watched.tab.wait_for_url("**/?method=ternary&as_published=1")
+    assert (page.children(), page.journals()) == ([], before)
 
 
 def test_escape_stops(opened, page):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from page_browser import needs_browser, open_tab, served
-from test_bench import emulation
+from tests.emulated import fixed_bench
 
 from markerseek.records.journal import Interrupted, read_journal
 
@@ -22,7 +22,7 @@ VIEWER = Path(__file__).with_name("page_viewer.py")
 
 
 def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
-    with emulation(tmp_path, seed=3) as devices:
+    with fixed_bench(tmp_path, seed=3) as devices:
         with served(tmp_path, "--rig", str(devices.rig)) as page:
             watched = open_tab(browser, page)
             assert watched.text(".ms-banner").startswith("A RIG OF DEVICES")
@@ -38,7 +38,7 @@ def test_nobody_at_the_terminal_is_not_armed(browser, tmp_path):
 
 def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
     terminal, inside = os.openpty()
-    with emulation(tmp_path, seed=3) as devices:
+    with fixed_bench(tmp_path, seed=3) as devices:
         with served(tmp_path, "--rig", str(devices.rig), stdin=inside) as page:
             watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
             others = [subprocess.Popen([sys.executable, str(VIEWER), page.link]) for _ in range(2)]

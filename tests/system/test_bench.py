@@ -6,13 +6,12 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.emulated import emulation, fixed_bench, markerseek
 
 from markerseek.core import Measured, Permit
 from markerseek.drivers.clock import SystemClock
@@ -27,71 +26,15 @@ pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 
-WORLD = """kind = "simulated"
-[marker]
-angle_deg = 6.4
-[stage]
-speed_deg_s = 25.0
-acceleration_deg_s2 = 25.0
-"""
-"""As fast as the stage can be; all else as usual."""
-
 METHOD = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--json")
 SEARCH = (*METHOD, "--no-journal")
-
-
-class Emulation:
-    """Emulated devices in another process."""
-
-    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
-        self.process = process
-        self.rig = folder / "rig.toml"
-
-    def end(self) -> tuple[float, float, int]:
-        """Ctrl-C; the truth comes back: lowest and highest angle of the probe in degrees, and pulses of light."""
-        self.process.send_signal(signal.SIGINT)
-        _, printed = self.process.communicate(timeout=20)
-        assert self.process.returncode == 0, printed
-        low, high = re.findall(r"probe was between (\S+) and (\S+) deg", printed)[0]
-        return float(low), float(high), int(re.findall(r"(\d+) pulses of light", printed)[0])
-
-
-def markerseek(*words: object) -> list[str]:
-    return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
-
-
-@contextmanager
-def emulation(folder: Path, *, seed: int, device: str = "bench") -> Iterator[Emulation]:
-    world = folder / "world.toml"
-    world.write_text(WORLD)
-    process = subprocess.Popen(
-        markerseek("emulate", device, "--dir", folder / "bench", "--rig", world, "--seed", seed, "--pace", 0.01),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if "Ctrl-C ends it" in line:
-                break
-        assert process.poll() is None, process.communicate()
-        devices = Emulation(process, folder / "bench")
-        if device == "bench":
-            # with a varying number of pulses, energy and noise would differ from the simulation's
-            devices.rig.write_text(devices.rig.read_text().replace('frames = "triggered"', 'frames = "fixed"'))
-        yield devices
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_does(
     shell: Shell, tmp_path: Path
 ) -> None:
     journal = tmp_path / "run.journal"
-    with emulation(tmp_path, seed=3) as devices:
+    with fixed_bench(tmp_path, seed=3) as devices:
         code, out, err = shell("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", journal)
         low_deg, high_deg, pulses = devices.end()
     assert code == 0, err
@@ -124,7 +67,7 @@ def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_d
 def test_a_search_over_emulated_devices_is_resumed_after_kill_9(shell: Shell, tmp_path: Path) -> None:
     """The devices live on, as real ones do: what was measured is kept, two angles are checked, the rest is measured."""
     journal = tmp_path / "run.journal"
-    with emulation(tmp_path, seed=3) as devices:
+    with fixed_bench(tmp_path, seed=3) as devices:
         process = subprocess.Popen(
             markerseek("search", "--rig", devices.rig, "--arm", *METHOD, "--journal", journal),
             stdout=subprocess.DEVNULL,
@@ -168,7 +111,7 @@ def times_and_kinds(held: RecordedRun) -> list[tuple[float, str]]:
 
 
 def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell: Shell, tmp_path: Path) -> None:
-    with emulation(tmp_path, seed=4) as devices:
+    with fixed_bench(tmp_path, seed=4) as devices:
         bare = tmp_path / "bare.toml"
         bare.write_text(devices.rig.read_text().replace("lease_s = 1.0", "enabled = false"))
         for rig, said in ((bare, "WITHOUT a supervisor"), (devices.rig, "stands at 0.000 deg")):
@@ -209,14 +152,13 @@ def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
             box = LaserBox(port=port, clock=clock)
             assert box.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=clock.now_s() + 5)) == 7
             box.disarm()
-        devices.process.send_signal(signal.SIGTERM)
-        _, printed = devices.process.communicate(timeout=20)
+        printed = devices.ended(signal.SIGTERM)
     assert "7 pulses of light were fired" in printed
     assert not (tmp_path / "bench" / "laser").is_symlink()
 
 
 def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(shell: Shell, tmp_path: Path) -> None:
-    with emulation(tmp_path, seed=1) as devices:
+    with fixed_bench(tmp_path, seed=1) as devices:
         code, out, _ = shell("doctor", "--rig", devices.rig, "--json")
         finding = json.loads(out)["findings"][-1]
         assert (code, finding["state"]) == (0, "ok")
@@ -248,8 +190,7 @@ def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_p
         while not (last.exists() and last.stat().st_size == first.stat().st_size):
             assert devices.process.poll() is None
             time.sleep(0.02)
-        devices.process.send_signal(signal.SIGINT)
-        _, printed = devices.process.communicate(timeout=20)
+        printed = devices.ended()
     assert "the marker is at 6.400 deg" in printed
     assert load_frame(tmp_path / "bench" / "daq").header.pulses == 16
 

@@ -5,28 +5,17 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from tests.emulated import emulation, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
-WORLD = """kind = "simulated"
-[marker]
-angle_deg = 6.4
-[stage]
-speed_deg_s = 25.0
-acceleration_deg_s2 = 25.0
-"""
 SEARCH = ("--method", "posterior", "--json", "--no-journal", "--arm")
-
-
-def markerseek(*words: object) -> list[str]:
-    return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
@@ -34,18 +23,8 @@ def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_t
     tmp_path: Path, number: signal.Signals
 ) -> None:
     """Killed while a later acquisition is written, which then takes 1 s: its files land in the next search."""
-    (tmp_path / "world.toml").write_text(WORLD)
-    bench, daq = tmp_path / "bench", tmp_path / "bench" / "daq"
-    emulator = subprocess.Popen(
-        markerseek("emulate", "bench", "--dir", bench, "--rig", tmp_path / "world.toml", "--seed", 3, "--pace", 0.1),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        assert emulator.stdout is not None
-        next(line for line in emulator.stdout if "Ctrl-C ends it" in line)
-        rig = bench / "rig.toml"
+    with emulation(tmp_path, seed=3, pace=0.1) as devices:
+        rig, daq = devices.rig, devices.folder / "daq"
         first = subprocess.Popen(markerseek("search", "--rig", rig, *SEARCH), stderr=subprocess.DEVNULL)
         # the first acquisition is complete, and the second begins to be written
         watched = daq / "CH000.daq"
@@ -57,9 +36,6 @@ def test_a_search_after_a_death_in_mid_acquisition_names_stale_files_and_finds_t
         ended = subprocess.run(
             markerseek("search", "--rig", rig, *SEARCH), capture_output=True, text=True, timeout=240, check=False
         )
-    finally:
-        emulator.kill()
-        emulator.communicate()
     result = json.loads(ended.stdout)
     assert ended.returncode in (0, 3), ended.stderr
     assert abs(result["angle_deg"] - 6.4) < 0.5

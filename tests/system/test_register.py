@@ -104,6 +104,10 @@ def test_points_that_cannot_be_used_are_refused(
         (f"{TRUS},{CAMERA},{CAMERA}\n", "appears more than once"),
         (f"{TRUS},{CAMERA}\n", "0 points in DaVinci"),
         (f"{TRUS},{CAMERA}\n0,0,0,0,0,1e300\n", "line 2: camera_z_m is 1e+300, it must lie within ± 1e+06"),
+        (
+            f"{TRUS},{CAMERA},trus_sigma_m\n0,0,0,0,0,0,1e-4\n",
+            "line 1: the column trus_sigma_m is unknown; name a standard deviation trus_sigma_x_m, trus_sigma_y_m, ",
+        ),
         ("", "it is empty; its first line must name the columns"),
         (
             f"{TRUS},{CAMERA},camera_sigma_x_m,camera_sigma_y_m,camera_sigma_z_m\n0,0,0,0,0,0,1e-4,0,1e-4\n",

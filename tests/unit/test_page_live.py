@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,7 +13,7 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.desk import Desk, PageRig
 from markerseek.bridges.page.live import MOST_WAITING, LiveRun
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.core import Measured, RecordError, SearchError
+from markerseek.core import Measured, RecordError, SearchError, SearchPlan
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
@@ -71,8 +72,14 @@ def stream():
 
 
 def test_events_become_snapshots(stream):
-    told = []
-    live = LiveRun(lambda _: ScriptedChild(stream), ["search"], on_change=lambda: told.append(live.status))
+    told, begun = [], threading.Event()
+
+    def launch(_):
+        begun.wait(30)
+        return ScriptedChild(stream)
+
+    live = LiveRun(launch, ["search"], on_change=lambda: told.append(live.status))
+    begun.set()
     assert live.join(30)
     assert (live.status, live.message) == ("ended", "found at 1.000 deg")
     # Of the head, of each event, and of the end: no viewer has to wait for a timer.
@@ -118,6 +125,9 @@ def test_stream_that_cannot_be_read_stops_the_child(stream):
     live = LiveRun(lambda _: child, ["search"])
     assert live.join(30)
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
+    # Nobody knows where the probe is that was on its way.
+    last = live.run.snapshots[-1]
+    assert (last.phase, last.target_deg, last.line) == ("stopped", None, "stream: no stream")
 
 
 # The thread's own error is printed, as that of any thread.
@@ -149,6 +159,23 @@ def test_frames_that_wait_are_bounded(stream, monkeypatch):
     assert live.join(30)
     assert len(frames) == 3 * MOST_WAITING
     assert MOST_WAITING <= sum(frame is not None for frame in frames) <= MOST_WAITING + 2
+
+
+def test_published_form_wins_no_race():
+    verdict = pytest.importorskip("markerseek.bridges.page.race_page", reason="needs the extra page").verdict
+
+    def racer(method, elapsed_s, *, as_published=False):
+        plan = SearchPlan(method=method, as_published=as_published)
+        run = SimpleNamespace(
+            configuration=SimpleNamespace(plan=plan), snapshots=[SimpleNamespace(elapsed_s=elapsed_s)]
+        )
+        return SimpleNamespace(status="ended", run=run, outcome=FOUND)
+
+    slow, quick = racer("posterior", 90.0), racer("ternary", 60.0)
+    published = racer("ternary", 30.0, as_published=True)
+    assert verdict((slow, quick)) == "ternary is first, after 60 s (virtual)"
+    assert verdict((slow, published)) == "posterior is first, after 90 s (virtual)"
+    assert verdict((published, published)) == "nothing is claimed"
 
 
 def desk(children, tmp_path, monkeypatch, **rig):

@@ -5,19 +5,21 @@ from __future__ import annotations
 import base64
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.belief import Belief, PolicyMirror
+from markerseek.bridges.page.belief import Belief, PolicyMirror, answer_in_words, is_claimed
+from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.models import (
     angle_text,
     answer_text,
     background_model,
-    curve_options,
     fan_model,
     image_model,
     number_rows,
+    probe_text,
 )
 from markerseek.bridges.page.picture import (
     BRIGHT_SIGMAS,
@@ -168,6 +170,37 @@ def test_states_that_end_or_interrupt_a_run():
     assert snapshot.refused == 1
 
 
+def test_published_form_claims_nothing():
+    session, events = finished_run("ternary", as_published=True)
+    snapshots, result = shown(session, events), session.result()
+    last = snapshots[-1]
+    assert (angle_text(last), answer_text(last).split(":")[:2]) == (f"{result.angle_deg:.3f}°", ["claim", " none"])
+    assert not any("found" in answer_text(each) or "confirm" in each.line for each in snapshots)
+    fan = fan_model(last, session.configuration.facts, duration_s=0.0, known_deg=None)
+    assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
+    answer = msgspec.to_builtins(result)
+    assert (answer["answer"], is_claimed(answer)) == ("found", False)
+    assert answer_in_words(answer) == f"angle {result.angle_deg:.3f}°, claim: none"
+    assert answer_in_words(answer | {"as_published": False}) == f"found at {result.angle_deg:.3f}°"
+
+
+def test_probe_is_read_back_last_where_its_move_was_cut_short():
+    session, events = finished_run("posterior")
+    state = RunState(session.configuration)
+    second = next(
+        n
+        for n, (event, _) in enumerate(events)
+        if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
+    )
+    said = [probe_text(state.add(event, clock_s=clock_s)) for event, clock_s in events[: second + 1]]
+    read_back = f"read back: {state.snapshot.probe_deg:.2f}°"
+    assert said[-2:] == [read_back, f"expected, on its way to {events[second][0].angle_deg:.2f}°"]
+    cut_off = state.cut_off("killed")
+    assert (cut_off.phase, cut_off.number, cut_off.line) == ("stopped", second + 2, "killed")
+    assert probe_text(cut_off) == f"last {read_back}"
+    assert answer_text(cut_off) == f"stopped; until then {cut_off.belief.answer}"
+
+
 def test_angle_counts_as_found_only_at_the_end():
     session, events = finished_run("posterior")
     snapshots = shown(session, events)
@@ -183,7 +216,9 @@ def test_models_hold_what_a_snapshot_holds():
     snapshot, facts = shown(session, events)[-1], session.configuration.facts
     fan = fan_model(snapshot, facts, duration_s=0.5, known_deg=None)
     assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, None)
-    assert [point["number"] for point in fan["points"]] == [point.number for point in snapshot.points]
+    numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
+    # The confirmation has confirmed the marker.
+    assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
     curve = curve_options(snapshot, facts.search, known=("truth", -9.4))
     density, dots = curve["series"]
     assert len(density["data"]) == snapshot.belief.angles_deg.size

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,12 @@ def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
         place = each.transform.translation
         expected = (0.0, geometry.first_lateral_m, rig.facts.face_radius_m + geometry.first_depth_m)
         assert (place.x, place.y, place.z) == pytest.approx(expected, abs=1e-9)
+    # A subscriber puts any pixel in its place: the frame is that of the first, the sample says how far apart they are.
+    (said,) = node.sent[topics.SAMPLE]
+    image, geometry = rig.imaging.picture(sample.frame), json.loads(said.data)["images"]
+    row, column = np.unravel_index(image.envelope.argmax(), image.envelope.shape)
+    place = frames.transforms[1].transform.translation
+    across_m = place.y + column * geometry["trus_image"]["lateral_spacing_m"]
+    deep_m = place.z - rig.facts.face_radius_m + row * geometry["trus_image"]["depth_spacing_m"]
+    assert (across_m, deep_m) == pytest.approx((image.lateral_m[column], image.depth_m[row]), abs=1e-9)
+    assert geometry["trus_bmode"]["depth_spacing_m"] == b_mode.geometry.depth_step_m

@@ -49,16 +49,22 @@ class Outcome:
     def message(self) -> str:
         """One sentence for whoever asked."""
         if self.exit_code == 4:
-            return "not armed: nothing moved and nothing was fired; a person must arm the rig where the bridge runs"
+            return (
+                "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
+                "bridge or page"
+            )
         answer = self.answer or {}
         if "error" in answer:
             return str(answer["error"])
+        if answer.get("as_published"):
+            return f"angle {answer['angle_deg']:.3f} deg, nothing is claimed: the paper's form always answers"
         if "answer" in answer:
             # Other answers have an angle too, which is for programs: nothing is claimed there.
             angle = f" at {answer['angle_deg']:.3f} deg" if answer["answer"] == "found" else ""
             reason = f": {answer['reason']}" if answer.get("reason") else ""
             return f"{answer['answer']}{angle}{reason}"
-        return f"the command ended with exit code {self.exit_code}"
+        killed = {128 + each: f", by {each.name}" for each in signal.Signals}.get(self.exit_code, "")
+        return f"the command ended with exit code {self.exit_code}{killed}"
 
 
 class ChildRun:

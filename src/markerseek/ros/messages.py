@@ -89,6 +89,17 @@ def transforms(
     return [turned, *mounted]
 
 
+def pixels(geometry: ScanGeometry) -> dict[str, float]:
+    """Where the pixels of an image are, in metres, with the names that an exported log has."""
+    # sensor_msgs/Image has no place for it, and a transform none for the distances.
+    return {
+        "first_lateral_m": geometry.first_lateral_m,
+        "first_depth_m": geometry.first_depth_m,
+        "lateral_spacing_m": geometry.lateral_step_m,
+        "depth_spacing_m": geometry.depth_step_m,
+    }
+
+
 def registered(kinds: Kinds, davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
     """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped."""
     from scipy.spatial.transform import Rotation

@@ -42,7 +42,7 @@ def point_pairs(points: Path, *, searches: Sequence[Path] = (), cameras: Path | 
     Parameters
     ----------
     points
-        The CSV, with the columns of `COLUMNS` and ``name``; other columns are ignored.
+        The CSV, with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains sigma.
     searches
         Journals or results, one for each row; none: the CSV has these columns.
     cameras
@@ -143,6 +143,7 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list
     doubled = next((name for name in heading if heading.count(name) > 1), None)
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
+    _require_known_sigmas(path, heading)
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[Row] = []
     for line, cells in enumerate(lines, start=2):
@@ -157,6 +158,17 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list
         }
         rows.append((row.get("name", "").strip() or str(len(rows) + 1), numbers))
     return present.keys(), rows
+
+
+def _require_known_sigmas(path: Path, heading: Sequence[str]) -> None:
+    """Refuse a misspelt standard deviation: without it all points would count alike, and nobody would be told."""
+    known = [name for names in COLUMNS.values() for name in names if "sigma" in name]
+    unknown = next((name for name in heading if "sigma" in name.casefold() and name not in known), None)
+    if unknown is not None:
+        raise RecordError(
+            f"{path}, line 1: the column {unknown} is unknown; name a standard deviation {', '.join(known[:-1])} or "
+            f"{known[-1]}, or leave it out"
+        )
 
 
 def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:

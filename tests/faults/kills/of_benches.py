@@ -9,16 +9,14 @@ from __future__ import annotations
 import json
 import os
 import random
-import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+
+from tests.emulated import emulation
 
 from markerseek.core import Asked, Measured, Refused
 from markerseek.records.journal import Checked, RecordedRun, read_journal, run_state
@@ -38,54 +36,7 @@ when both are measured."""
 EVENTS = 19
 """Events of the search that is killed: its start, eight acquisitions, the confirmation."""
 
-WORLD = f"""kind = "simulated"
-[marker]
-angle_deg = {MARKER_DEG}
-[stage]
-speed_deg_s = 25.0
-acceleration_deg_s2 = 25.0
-"""
-
 METHOD = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--json")
-
-
-class Emulation:
-    """Emulated devices in a process of their own."""
-
-    def __init__(self, process: subprocess.Popen[str], rig: Path) -> None:
-        self.process = process
-        self.rig = rig
-
-    def pulses(self) -> int:
-        """End it; the number of pulses of light it counted."""
-        self.process.send_signal(signal.SIGINT)
-        _, printed = self.process.communicate(timeout=60)
-        return int(re.findall(r"(\d+) pulses of light", printed)[0])
-
-
-@contextmanager
-def emulation(folder: Path, *, seed: int) -> Iterator[Emulation]:
-    """A bench in a folder; its rig file leaves time for a busy machine."""
-    world = folder / "world.toml"
-    world.write_text(WORLD)
-    words = ("emulate", "bench", "--dir", folder / "bench", "--rig", world, "--seed", seed, "--pace", 0.01)
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if "Ctrl-C ends it" in line:
-                break
-        rig = folder / "bench" / "rig.toml"
-        yield Emulation(process, rig)
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def command(*words: object, out: Path, death: Death | None = None) -> End:
@@ -143,7 +94,7 @@ def _once(chance: random.Random, path: Path, tally: Tally, *, seed: int, twice: 
         if end.killed:
             end = command("resume", path, "--rig", devices.rig, "--arm", "--json", out=path)
             _require(end.code in (0, 3), f"the resume failed: {Path(f'{path}.err').read_text()}")
-        pulses = devices.pulses()
+        _, _, pulses = devices.end()
     printed = json.loads(Path(f"{path}.out").read_text())
     _require(abs(printed["angle_deg"] - MARKER_DEG) < CLOSE_DEG, f"it was found at {printed['angle_deg']} deg")
     held = read_journal(path)

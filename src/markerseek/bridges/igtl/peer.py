@@ -21,6 +21,8 @@ _MOST_ANSWERS = 64
 _SEND_BYTES = 1 << 18
 """Buffer of the operating system for one client: what is in it is old when the client comes to read it."""
 
+_TOO_SLOW = f"it is too slow: a message was not taken within {SLOW_S:g} s"
+
 Key = tuple[str, str, int]
 """Type and device of a stream, and 0; the answers to commands are counted, so that none replaces another."""
 
@@ -97,9 +99,7 @@ class Peer(asyncio.Protocol):
     def pause_writing(self) -> None:
         """Let messages wait: the last was not taken whole."""
         self._full = True
-        self._sending = asyncio.get_running_loop().call_later(
-            SLOW_S, self.drop, f"it is too slow: a message was not taken within {SLOW_S:g} s"
-        )
+        self._sending = asyncio.get_running_loop().call_later(SLOW_S, self.drop, _TOO_SLOW)
 
     def resume_writing(self) -> None:
         """Send what waits."""
@@ -135,8 +135,10 @@ class Peer(asyncio.Protocol):
         # What it sends meanwhile is not read.
         self._open = False
 
-    def connection_lost(self, _error: Exception | None) -> None:
+    def connection_lost(self, error: Exception | None) -> None:
         """Forget it."""
+        if isinstance(error, TimeoutError):
+            self._reason = _TOO_SLOW
         self._open = False
         _cancel(self._sending)
         _cancel(self._receiving)

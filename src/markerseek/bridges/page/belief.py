@@ -6,7 +6,9 @@ comes to the same posterior bit for bit (3 to 5 ms a sample).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +67,11 @@ class Belief:
         return answer_name(self.estimate)
 
     @property
+    def is_found(self) -> bool:
+        """Whether it claims a marker."""
+        return self.claims and isinstance(self.estimate, Found)
+
+    @property
     def sigma_deg(self) -> float | None:
         """Standard deviation in degrees; None where the answer has none."""
         return self.estimate.sigma_deg if self.claims and isinstance(self.estimate, Found | Unsure) else None
@@ -84,6 +91,18 @@ def angles_text(estimate: Estimate) -> str:
     if isinstance(estimate, Ambiguous):
         return " or ".join(f"{each:.1f}°" for each in estimate.modes_deg)
     return f"{estimate.mean_deg:.3f}°"
+
+
+def is_claimed(answer: Mapping[str, Any]) -> bool:
+    """Whether a search claims its angle; the paper's form of a method always answers, and claims nothing."""
+    return bool(answer["answer"] == "found" and not answer["as_published"])
+
+
+def answer_in_words(answer: Mapping[str, Any]) -> str:
+    """The answer of a search, with an angle as the command line prints it."""
+    if answer["as_published"]:
+        return f"angle {answer['angle_deg']:.3f}°, claim: none"
+    return f"found at {answer['angle_deg']:.3f}°" if is_claimed(answer) else str(answer["answer"])
 
 
 class PolicyMirror:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from nicegui import ui
@@ -16,7 +17,7 @@ from markerseek.sim import TISSUES
 PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"}
 """Speeds that can be chosen for a simulated rig, by their pace."""
 
-READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ (10 s)", REAL_TIME_READOUT_S: "real-time receiver"}
+READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "real time, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
 
@@ -47,48 +48,61 @@ class SettingsRow:
         *,
         on_change: Callable[[PageSettings], None] | None = None,
     ) -> None:
-        self.settings = settings
+        self._values = asdict(settings)
         self._on_change = on_change
         made: dict[str, Callable[[], object]] = {
-            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 150),
-            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 92),
+            "method": lambda: self._select("method", {each.name: each.name for each in METHODS}, "method", 186),
+            "acquisitions": lambda: self._number("acquisitions", "acquisitions", 88),
             "as_published": self._as_published,
-            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 128),
-            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 84),
+            "tissue": lambda: self._select("tissue", _with_rig({name: name for name in TISSUES}), "tissue", 168),
+            "snr_db": lambda: self._number("snr_db", "SNR [dB]", 72),
             "seed": lambda: self._number("seed", "seed", 66),
-            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 134),
-            "pace": lambda: self._select("pace", PACES, "speed", 150),
+            "readout_s": lambda: self._select("readout_s", _with_rig(READOUTS), "receiver", 142),
+            "pace": lambda: self._select("pace", PACES, "speed", 148),
         }
         for name in names:
             made[name]()
 
+    @property
+    def settings(self) -> PageSettings:
+        """What the fields show.
+
+        Raises
+        ------
+        ConfigError
+            If a search with them would be refused.
+        """
+        return PageSettings(**self._values)
+
     def _as_published(self) -> None:
-        box = ui.checkbox("as published", value=self.settings.as_published)
+        box = ui.checkbox("as published", value=self._values["as_published"])
         box.on_value_change(lambda event: self._set("as_published", event.value))
         box.props("dense").tooltip("the paper's form of the method, which always answers")
 
     def _select(self, name: str, options: Mapping[Any, str], label: str, width_px: int) -> None:
-        value = getattr(self.settings, name)
+        value = self._values[name]
         known = dict(options)
         if value not in options:
             # A link may hold a value that is not in the list.
-            known[value] = f"{1 / value:.3g} × faster" if name == "pace" else f"{value:g} s"
+            known[value] = _pace_text(value) if name == "pace" else f"{value:g} s"
         field = ui.select(known, value=value, label=label, on_change=lambda event: self._set(name, event.value))
         field.props("dense outlined options-dense").style(f"width: {width_px}px")
 
     def _number(self, name: str, label: str, width_px: int) -> None:
-        field = ui.number(label, value=getattr(self.settings, name))
+        field = ui.number(label, value=self._values[name])
         field.on_value_change(lambda event: self._set(name, _number(name, event.value)))
         field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
 
     def _set(self, name: str, value: object) -> None:
+        # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
+        self._values[name] = value
         try:
-            self.settings = self.settings.changed(name, value)
-        except (ConfigError, TypeError) as problem:
+            settings = self.settings
+        except ConfigError as problem:
             ui.notify(str(problem), type="negative", multi_line=True)
             return
         if self._on_change is not None:
-            self._on_change(self.settings)
+            self._on_change(settings)
 
 
 class SearchControls:
@@ -111,11 +125,6 @@ class SearchControls:
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
         frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
         frame.on_click(self._pause, self._pause_or_go_on)
-
-    @property
-    def settings(self) -> PageSettings:
-        """The settings now."""
-        return self._row.settings
 
     def update(self) -> None:
         """Show what can be pressed now."""
@@ -140,6 +149,10 @@ def _hold_in_link(settings: PageSettings) -> None:
 
 def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:
     return {None: "as the rig", **options}
+
+
+def _pace_text(pace: float) -> str:
+    return f"{1 / pace:.3g} × faster" if pace < 1 else f"{pace:.3g} × slower"
 
 
 def _number(name: str, value: float | None) -> float | int | None:

@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -64,23 +64,29 @@ class Frame:
             with ui.element("nav").props('aria-label="pages"'):
                 for target, name in _PAGES.items():
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
-            ui.element("span").classes("ms-grow")
-            self.status = ui.label("").classes("ms-status").props('role="status"').mark("status")
+            self._status_label = ui.label("").classes("ms-status").props('role="status"').mark("status")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')
             # Plain HTML and a plain request: it works while the connection of the page is busy or broken.
             ui.element("button").classes("ms-stop").props('type="button" title="stops everything (Escape)"').on(
                 "click", js_handler="() => window.markerseekStop()"
             ).mark("stop").props('innerHTML="STOP"')
         self._banner = ui.label("").mark("banner")
-        self._shown_kind: RigKind | None = None
         self.show_kind("simulated" if desk.rig.simulated else "bench")
 
-    def show_kind(self, kind: RigKind) -> None:
-        """Say in the banner what kind of rig is shown."""
-        if kind != self._shown_kind:
-            self._shown_kind = kind
-            self._banner.set_text(_BANNERS[kind])
+    def show_kind(self, kind: RigKind, *, emulated: Sequence[str] = ()) -> None:
+        """Say in the banner what kind of rig is shown, and which of its devices are emulated."""
+        text = (f"EMULATED {' and '.join(emulated)}. " if emulated else "") + _BANNERS[kind]
+        if text != self._banner.text:
+            self._banner.set_text(text)
             self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
+
+    def show_status(self, text: str, *, alarms: bool = False) -> None:
+        """Say in one line what happens, or how it ended; in bold red where a person must see to it."""
+        if text != self._status_label.text:
+            # Two lines of it are seen; the pointer shows the rest.
+            self._status_label.props["title"] = text
+            self._status_label.classes(replace="ms-status ms-alarm" if alarms else "ms-status")
+            self._status_label.set_text(text)
 
     def run(self, update: Callable[[], None]) -> None:
         """Call a function after news, and at least once in `TICK_S`; it must send only what has changed."""

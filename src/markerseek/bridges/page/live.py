@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -19,6 +20,10 @@ Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
 MOST_WAITING = 16
 """Events that may wait with their frames, of half a megabyte each; more wait without, and have no image."""
+
+
+_NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
+"""Exit codes of commands that gave an answer, were not armed, or were stopped."""
 
 
 class Child(Protocol):
@@ -99,6 +104,13 @@ class LiveRun:
             return self._failure
         return "" if self.outcome is None else self.outcome.message
 
+    @property
+    def failed(self) -> bool:
+        """Whether it ended by a fault, neither with an answer nor because somebody stopped it or did not arm it."""
+        if self._failure is not None:
+            return True
+        return self.outcome is not None and self.outcome.exit_code not in _NO_FAULT
+
     def stop(self) -> None:
         """Stop it; allowed at any time, also twice."""
         self._stop_wanted.set()
@@ -139,6 +151,8 @@ class LiveRun:
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
         finally:
+            if self.run is not None and not self.run.snapshots[-1].over:
+                self.run.cut_off(self.message)
             self._ended.set()
             self._on_change()
 

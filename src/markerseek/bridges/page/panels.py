@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.elements import Fan, Image
 from markerseek.bridges.page.models import (
     angle_text,
     answer_text,
     background_model,
-    curve_options,
     fan_model,
     image_model,
     number_rows,
@@ -28,9 +28,14 @@ class FanPanel:
     """The fan alone, with the angle below it."""
 
     def __init__(self) -> None:
-        empty = Snapshot(rig="simulated")
-        self.fan = Fan(fan_model(empty, _NO_FACTS, duration_s=0.0, known_deg=None)).classes("ms-fan")
+        self._empty = fan_model(Snapshot(rig="simulated"), _NO_FACTS, duration_s=0.0, known_deg=None)
+        self.fan = Fan(self._empty).classes("ms-fan")
         self._shown: tuple[object, ...] = ()
+
+    def clear(self) -> None:
+        """Show the fan alone."""
+        self._shown = ()
+        self.fan.show(self._empty)
 
     def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
@@ -59,7 +64,7 @@ class Panels:
         with ui.element("div").classes("ms-panels"):
             with _panel("probe, from its end", "fan"):
                 self._fan = FanPanel()
-            with _panel("intensity and probability over the angle", "curve"):
+            with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
                 empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
                 self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
             with _panel("photoacoustic image", "image") as self._image_panel:
@@ -93,7 +98,7 @@ class Panels:
         self._angle.set_text(angle_text(snapshot))
         answer = answer_text(snapshot)
         if answer != self._answer.text:
-            # Two lines of it are seen; the pointer shows the rest.
+            # Three lines of it are seen; the pointer shows the rest.
             self._answer.props["title"] = answer
             self._answer.set_text(answer)
         self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
@@ -108,7 +113,7 @@ class Panels:
             return
         self._image_key = key
         background, note = background_model(picture, simulated=snapshot.rig == "simulated")
-        self._image.show(image_model(picture, floor=level), background)
+        self._image.show(image_model(picture, floor=level, imaged=run.imaged), background)
         self._image_note.set_text(note)
 
     def _show_rows(self, rows: list[tuple[str, str]]) -> None:

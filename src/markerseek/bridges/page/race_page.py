@@ -39,7 +39,10 @@ class Lane:
     def show(self, live: LiveRun, *, reveal: bool) -> None:
         """Show where the racer is."""
         if live.run is None:
+            self._fan.clear()
             self._counts.set_text(live.message or live.status)
+            self._angle.set_text("–")
+            self._answer.set_text("")
             return
         snapshot = live.run.snapshots[-1]
         self._fan.show(live.run, snapshot, reveal=reveal)
@@ -60,12 +63,13 @@ def verdict(runs: tuple[LiveRun, ...]) -> str:
     """Who is through first, by the rigs' own clocks; empty until all are over."""
     if not runs or any(each.status != "ended" for each in runs):
         return ""
-    found = [each for each in runs if each.run is not None and each.outcome is not None and each.outcome.exit_code == 0]
-    claimed = [(each.run.snapshots[-1].elapsed_s, each.run) for each in found if each.run is not None]
+    found = [each.run for each in runs if each.run is not None and each.outcome and each.outcome.exit_code == 0]
+    # The paper's form of a method always answers: it claims nothing, and cannot win.
+    claimed = [each for each in found if not each.configuration.plan.as_published]
     if not claimed:
-        return "nobody found it"
-    fastest_s, winner = min(claimed, key=lambda each: each[0])
-    return f"{winner.configuration.plan.method} is first, after {fastest_s:.0f} s"
+        return "no marker was found" if not found else "nothing is claimed"
+    winner = min(claimed, key=lambda each: each.snapshots[-1].elapsed_s)
+    return f"{winner.configuration.plan.method} is first, after {winner.snapshots[-1].elapsed_s:.0f} s (virtual)"
 
 
 def build_race_page(desk: Desk) -> None:
@@ -95,6 +99,6 @@ def build_race_page(desk: Desk) -> None:
         for lane, live in zip(lanes, desk.race, strict=False):
             lane.show(live, reveal=over)
         verdict_label.set_text(verdict(desk.race))
-        frame.status.set_text("ready" if not desk.race else "over" if over else "running")
+        frame.show_status("ready" if not desk.race else "over" if over else "running")
 
     frame.run(update)

@@ -13,10 +13,9 @@ from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
-from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.timeline import Timeline
+from markerseek.bridges.page.timeline import RunView
 from markerseek.bridges.page.watched import WatchedRun, watched_journal
 from markerseek.core import MarkerseekError
 from markerseek.records.journal import is_journal, read_journal, result_of, run_state
@@ -51,10 +50,16 @@ class ReplayPage:
                 search = ui.button("Search it", icon="play_arrow").props("dense padding='6px 14px'")
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
-        self._panels = Panels()
-        self._timeline = Timeline(playable=True)
+        self._view = RunView(playable=True)
+        self._show_nothing()
         self._results = ResultRow()
         self._frame.run(self._update)
+
+    def _show_nothing(self) -> None:
+        """Forget the recording before."""
+        self._run = self._live = self._answer = self._journal = None
+        self._frame.show_kind("replayed")
+        self._view.clear()
 
     async def _choose(self) -> None:
         path = self._recordings.get(self._chosen.value)
@@ -62,7 +67,7 @@ class ReplayPage:
             return
         is_run = path.is_file() and is_journal(path)
         self._methods.visible = not is_run
-        self._run = self._live = self._answer = self._journal = None
+        self._show_nothing()
         self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
         if not is_run:
             return
@@ -76,6 +81,7 @@ class ReplayPage:
             self._message = str(problem)
 
     def _search_bank(self) -> None:
+        self._show_nothing()
         self._live = self._desk.replay(self._chosen.value, self._row.settings)
 
     def _update(self) -> None:
@@ -83,11 +89,13 @@ class ReplayPage:
             self._run = self._live.run
             self._message = self._live.message or self._live.status
             self._answer = None if self._live.outcome is None else self._live.outcome.answer
-        self._frame.status.set_text(self._message)
+        self._frame.show_status(self._message, alarms=self._live is not None and self._live.failed)
         self._results.show(self._answer, self._journal)
         if self._run is not None:
-            self._frame.show_kind(self._run.configuration.facts.kind)
-            self._panels.show(self._run, self._timeline.snapshot(self._run), reveal=True)
+            facts = self._run.configuration.facts
+            # Nothing moves here, also where the recording is one of devices.
+            self._frame.show_kind("simulated" if facts.kind == "simulated" else "replayed", emulated=facts.emulated)
+            self._view.show(self._run, reveal=True)
 
 
 def _read(path: Path) -> tuple[WatchedRun, dict[str, Any] | None]:

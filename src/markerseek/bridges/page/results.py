@@ -12,12 +12,15 @@ from typing import Any
 import msgspec
 from nicegui import run, ui
 
+from markerseek.bridges.page.belief import answer_in_words, is_claimed
+from markerseek.core import MarkerseekError, SearchError
+
 REPORT_S = 120.0
 """Longest time to draw a report, in seconds."""
 
 
 def make_report(journal: Path) -> dict[str, bytes]:
-    """Pictures of a finished search by the ordinary command, as file names and contents; none without Matplotlib.
+    """Picture and page of a finished search by the ordinary command, as file names and contents.
 
     Parameters
     ----------
@@ -26,20 +29,28 @@ def make_report(journal: Path) -> dict[str, bytes]:
 
     Raises
     ------
+    SearchError
+        If the command makes none, with its sentence, or does not end in time.
     OSError
-        If the command cannot be run, or does not end in time.
+        If the command cannot be run.
     """
     with tempfile.TemporaryDirectory() as folder:
         command = ["resume", str(journal), "--plot", "--out", folder, "--json"]
-        # -P: a file in the current folder must not replace a module.
-        subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps or was started with
-            [sys.executable, "-P", "-m", "markerseek", *command],
-            capture_output=True,
-            timeout=REPORT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-        return {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
+        try:
+            # -P: a file in the current folder must not replace a module.
+            done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps or was started with
+                [sys.executable, "-P", "-m", "markerseek", *command],
+                capture_output=True,
+                timeout=REPORT_S,
+                check=False,
+                stdin=subprocess.DEVNULL,
+            )
+        except subprocess.TimeoutExpired as problem:
+            raise SearchError(f"the report was not drawn within {REPORT_S:g} s; press again") from problem
+        made = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
+        if not made:
+            raise SearchError(msgspec.json.decode(done.stdout, type=dict[str, Any])["error"])
+        return made
 
 
 class ResultRow:
@@ -70,10 +81,9 @@ class ResultRow:
         self._bar.set_visibility(self._answer is not None)
         self._pictures.set_visibility(journal is not None)
         if self._answer is not None:
+            self._text.set_text(answer_in_words(self._answer))
             # An angle that nobody claims must not find its way into a protocol.
-            found = self._answer["answer"] == "found"
-            self._text.set_text(f"found at {self._answer['angle_deg']:.3f}°" if found else self._answer["answer"])
-            self._copy_button.set_visibility(found)
+            self._copy_button.set_visibility(is_claimed(self._answer))
 
     async def _give(self, name: str) -> None:
         if name == "search.json":
@@ -83,15 +93,17 @@ class ResultRow:
         if journal is None:
             return
         if journal not in self._reports:
-            made = await run.io_bound(make_report, journal)
+            ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
+            try:
+                made = await run.io_bound(make_report, journal)
+            except (MarkerseekError, OSError) as problem:
+                ui.notify(str(problem), type="negative", multi_line=True)
+                return
             # None while the program ends.
             if made is None:
                 return
             self._reports = {journal: made}
-        if name in self._reports[journal]:
-            ui.download.content(self._reports[journal][name], name)
-        else:
-            ui.notify("pictures need Matplotlib: pip install 'markerseek[plot]'", type="warning")
+        ui.download.content(self._reports[journal][name], name)
 
     def _copy(self) -> None:
         if self._answer is not None:

@@ -6,10 +6,9 @@ from markerseek.bridges.page.controls import SearchControls
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
-from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
-from markerseek.bridges.page.timeline import Timeline
+from markerseek.bridges.page.timeline import RunView
 
 
 def build_search_page(desk: Desk, settings: PageSettings) -> None:
@@ -24,30 +23,38 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
     """
     frame = Frame(desk, "/")
     controls = SearchControls(frame, settings)
-    panels = Panels()
-    timeline = Timeline()
+    view = RunView()
     results = ResultRow()
+    shown: LiveRun | None = None
 
     def update() -> None:
+        nonlocal shown
         controls.update()
         live = desk.search
-        frame.status.set_text(status_text(live))
+        # A search that goes on has the journal of the one before.
+        if shown is not None and live is not None and live.journal != shown.journal:
+            view.clear()
+        shown = live
+        outcome = None if live is None else live.outcome
+        results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
+        frame.show_status(status_text(live, simulated=desk.rig.simulated), alarms=live is not None and live.failed)
         if live is None or live.run is None:
             return
         run = live.run
-        snapshot = timeline.snapshot(run)
-        panels.show(run, snapshot, reveal=run.snapshots[-1].phase == "finished")
-        results.show(None if live.outcome is None else live.outcome.answer, live.journal)
+        frame.show_kind(run.configuration.facts.kind, emulated=run.configuration.facts.emulated)
+        view.show(run, reveal=run.snapshots[-1].phase == "finished")
 
     frame.run(update)
 
 
-def status_text(live: LiveRun | None) -> str:
+def status_text(live: LiveRun | None, *, simulated: bool) -> str:
     """One line on the search."""
     if live is None:
         return "ready: press Start"
     if live.status == "ended":
-        return live.message
+        return f"fault: {live.message}" if live.failed else live.message
+    if live.status == "starting" and not simulated:
+        return "starting: the terminal where the page was started asks whether to arm"
     if live.status == "running" and live.run is not None:
         return live.run.snapshots[-1].phase
     return live.status

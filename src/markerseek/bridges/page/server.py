@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import secrets
 import socket
 import ssl
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 """Address that only programs on this computer reach."""
+
+_LOOPBACK_NAMES = frozenset({LOOPBACK, "localhost"})
 
 USUAL_PORT = 8765
 """Port where none is named."""
@@ -57,7 +60,7 @@ class Address:
             raise ConfigError(f"port is {self.port}, it must lie between 0 and 65535; {USUAL_PORT} is usual")
         if (self.certificate is None) != (self.key is None):
             raise ConfigError("TLS needs both a certificate and its key; name both, or neither")
-        if self.host != LOOPBACK and self.certificate is None:
+        if self.host not in _LOOPBACK_NAMES and self.certificate is None:
             raise ConfigError(
                 f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
                 f"and --tls-key, or leave the host out for {LOOPBACK}"
@@ -91,8 +94,11 @@ class Address:
             listener.listen(64)
         except OSError as problem:
             listener.close()
+            # An address of another computer, or a name that nobody knows, is no better on another port.
+            foreign = isinstance(problem, socket.gaierror) or problem.errno == errno.EADDRNOTAVAIL
             raise ConfigError(
-                f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; name another --port"
+                f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; "
+                + ("name an IPv4 address of this computer as --host" if foreign else "name another --port")
             ) from problem
         return listener
 
@@ -141,10 +147,12 @@ def serve(
     token = secrets.token_urlsafe(32) if token is None else token
     with address.listening() as listener:
         port = listener.getsockname()[1]
-        names = {address.host, "localhost"} if address.host == LOOPBACK else {address.host}
+        names = _LOOPBACK_NAMES if address.host in _LOOPBACK_NAMES else {address.host}
+        # Browsers leave the usual port of a scheme out of the Host header.
+        usual = port == {"http": 80, "https": 443}[address.scheme]
         access = Access(
             token=token,
-            hosts=frozenset(f"{name}:{port}" for name in names),
+            hosts=frozenset(name if usual else f"{name}:{port}" for name in names),
             scheme=address.scheme,
             cookie=f"markerseek_{port}",
         )

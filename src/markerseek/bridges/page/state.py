@@ -104,6 +104,7 @@ class RunState:
     def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
         limits = configuration.facts.search
         self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if believes else None
+        self._as_published = configuration.plan.as_published
         self._pulses = 0
         self._started_s = 0.0
         self.snapshot = Snapshot(rig=configuration.facts.kind)
@@ -144,7 +145,7 @@ class RunState:
                 return replace(now, phase="ready", probe_deg=start_deg, line=f"started at {start_deg:.2f}°, {limits}")
             case Asked(role=role, index=index, angle_deg=angle_deg):
                 where = "" if role == "dark" else f" at {angle_deg:.2f}°"
-                return replace(now, phase="moving", target_deg=angle_deg, line=f"{_ROLES[role]} {index}{where}")
+                return replace(now, phase="moving", target_deg=angle_deg, line=f"{self._name(role, index)}{where}")
             case Measured():
                 return self._measured(event, now)
             case Refused(angle_deg=angle_deg, reason=reason):
@@ -152,7 +153,9 @@ class RunState:
                     now, phase="refused", refused=now.refused + 1, line=f"refused at {angle_deg:.2f}°: {reason}"
                 )
             case Finished(estimate=estimate):
-                line = ": ".join(filter(None, (answer_name(estimate), angles_text(estimate))))
+                # The paper's form of a method always answers, and claims nothing.
+                name = "angle, not claimed" if self._as_published else answer_name(estimate)
+                line = ": ".join(filter(None, (name, angles_text(estimate))))
                 belief = None if now.belief is None else replace(now.belief, estimate=estimate)
                 return replace(now, phase="finished", target_deg=None, belief=belief, line=line)
             case Failed(error=error):
@@ -164,9 +167,22 @@ class RunState:
             case Checked(difference=difference):
                 return replace(now, phase="checking", line=f"checked: {difference or 'unchanged'}")
 
+    def cut_off(self, reason: str) -> Snapshot:
+        """State after the last event of a run that gave no end: where its probe is now is not known."""
+        last = self.snapshot
+        self.snapshot = replace(last, number=last.number + 1, phase="stopped", target_deg=None, line=reason)
+        return self.snapshot
+
+    def _name(self, role: Role, index: int) -> str:
+        """Name of an acquisition."""
+        if role == "confirmation" and self._as_published:
+            return "acquisition at the answer"
+        return f"{_ROLES[role]} {index}"
+
     def _measured(self, event: Measured, now: Snapshot) -> Snapshot:
         sample = event.sample
-        line = f"{_ROLES[event.role]} {event.index}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
+        name = self._name(event.role, event.index)
+        line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
         if self._mirror is not None:
             tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
             tell(sample)

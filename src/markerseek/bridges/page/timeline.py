@@ -1,14 +1,41 @@
-"""The slider over the events of a run: at its end it follows a run that goes on."""
+"""A run with the slider over its events, which at its end follows a run that goes on."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
+from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
 
 PLAY_TICKS = 4
 """Updates of the page for which each event is shown while a run is played."""
+
+
+class RunView:
+    """Panels of a run and the slider below them.
+
+    Parameters
+    ----------
+    playable
+        As of `Timeline`.
+    """
+
+    def __init__(self, *, playable: bool = False) -> None:
+        self._playable = playable
+        self._place = ui.element("div")
+        self.clear()
+
+    def clear(self) -> None:
+        """Empty everything: what is known of one run must not be shown as that of another, which may never begin."""
+        self._place.clear()
+        with self._place:
+            self._panels = Panels()
+            self._timeline = Timeline(playable=self._playable)
+
+    def show(self, run: WatchedRun, *, reveal: bool) -> None:
+        """Show the event that was chosen, or the newest; the true angle only where it is to be revealed."""
+        self._panels.show(run, self._timeline.snapshot(run), reveal=reveal)
 
 
 class Timeline:

@@ -51,8 +51,8 @@ class TurnPage:
             self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
             self._slider.props('aria-label="angle of the probe in degrees"')
         ui.keyboard(on_key=self._key)
-        self._panels = Panels()
         self._help = ui.label(HELP).classes("ms-help")
+        self._panels = Panels()
         self._desk = desk
         self._frame.run(self._update)
 
@@ -114,11 +114,11 @@ class TurnPage:
         self._show.set_enabled(self._score is not None and not self._desk.busy)
         self._help.set_text(HELP if self._score is None else score_text(self._score))
         if self._turn is None:
-            self._frame.status.set_text("a scene of its own: nothing is sent to a rig")
+            self._frame.show_status("a scene of its own: nothing is sent to a rig")
             return
         watched = self._turn.run
         snapshot = watched.snapshots[-1]
-        self._frame.status.set_text(snapshot.phase)
+        self._frame.show_status(snapshot.phase)
         self._panels.show(watched, snapshot, reveal=self._score is not None)
 
 

@@ -71,6 +71,15 @@ class WatchedRun:
                 self.pictures[self.snapshots[-1].number] = picture_of(sample, self._imaging)
                 on_change()
 
+    def cut_off(self, reason: str) -> None:
+        """Note that no more events will come, though the run has not said that it is over."""
+        self.snapshots.append(self._state.cut_off(reason))
+
+    @property
+    def imaged(self) -> bool:
+        """Whether photoacoustic images can be made of its frames."""
+        return self._imaging is not None
+
     def picture(self, snapshot: Snapshot) -> Picture | None:
         """The newest image at a snapshot; it says at which angle it was taken."""
         newest = max((number for number in tuple(self.pictures) if number <= snapshot.number), default=None)
@@ -87,7 +96,9 @@ class WatchedRun:
         newest = snapshot.number + 1
         # A move is a line until its acquisition replaces it.
         known = [each for each in self.snapshots[1:newest] if each.phase != "moving" or each is snapshot]
-        return [f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
+        # The clock of a recording that is searched again does not run.
+        replayed = self.configuration.facts.kind == "replayed"
+        return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
 
     @property
     def known_name(self) -> str:

@@ -82,11 +82,12 @@ class SampleTopics:
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(kinds, time_s=now_s, angle_deg=angle_deg))
         shown = {messages.IMAGE: image, messages.BMODE: b_mode}
+        images = {name: each.geometry for name, each in shown.items() if each is not None}
         turned = messages.transforms(
             kinds,
             time_s=now_s,
             angle_deg=angle_deg,
-            images={name: each.geometry for name, each in shown.items() if each is not None},
+            images=images,
             face_radius_m=self._face_radius_m,
         )
         publish_frames(node, topics.FRAMES, turned)
@@ -99,7 +100,8 @@ class SampleTopics:
             picture = messages.picture(kinds, image, time_s=now_s, brightest=self._brightest)
             node.publish(topics.PICTURE, picture)
         content = {"angle_deg": angle_deg, "intensity": intensity, "time_s": now_s, "index": event.index}
-        said = {**content, "role": event.role, **facts}
+        placed = {name: messages.pixels(geometry) for name, geometry in images.items()}
+        said = {**content, "role": event.role, "images": placed, **facts}
         node.publish(topics.SAMPLE, messages.text(kinds, said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
             node.publish(topics.INTENSITY, messages.number(kinds, intensity))

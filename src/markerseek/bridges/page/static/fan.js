@@ -86,7 +86,7 @@ export default {
       c.fill();
       this.glow(c, wedge, g, colour);
       this.scale(c, g, colour, ray);
-      this.points(c, g, colour);
+      const numbered = this.points(c, g, colour);
       if (v.bracket) this.span(c, wedge, v.bracket, g.far + 3, g.far + 7, colour.answer);
       if (v.interval) this.span(c, wedge, v.interval, g.far + 9, g.far + 13, colour.answer);
       c.lineWidth = 2;
@@ -109,6 +109,7 @@ export default {
         c.setLineDash([]);
       }
       this.probe(c, g, colour, ray);
+      this.numbers(c, numbered, colour);
     },
     glow(c, wedge, g, colour) {
       const v = this.view;
@@ -167,13 +168,22 @@ export default {
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        numbered.push([x, y - 7, point.role === "confirmation" ? "✓" : String(point.number)]);
+        if (point.text) numbered.push([x, y - 7, point.text]);
       });
+      return numbered;
+    },
+    // Last of all and on a ground of their own, so that no line crosses them.
+    numbers(c, numbered, colour) {
+      c.lineWidth = 3;
+      c.lineJoin = "round";
+      c.strokeStyle = colour.fan;
+      c.fillStyle = colour.ink;
       // The newest first; a number that would cover another one is left out.
       const drawn = [];
       for (const [x, y, text] of numbered.reverse()) {
         if (drawn.some(([u, w]) => Math.abs(u - x) < 15 && Math.abs(w - y) < 12)) continue;
         drawn.push([x, y]);
+        c.strokeText(text, x, y);
         c.fillText(text, x, y);
       }
     },
@@ -208,7 +218,7 @@ export default {
       ray(deg, g.near, g.far);
       c.setLineDash([]);
       c.fillStyle = colour.ink;
-      c.fillText(measured ? `read back: ${deg.toFixed(2)}°` : `expected, on its way to ${this.view.target.toFixed(2)}°`, g.x, g.y + 22);
+      c.fillText(this.view.said, g.x, g.y + 22);
     },
   },
 };

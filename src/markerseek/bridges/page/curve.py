@@ -1,0 +1,149 @@
+"""The chart of intensity and probability over the angle, as options of ECharts. Pure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from markerseek.bridges.page.models import mark, mean_deg, other_angles_deg, rounded
+from markerseek.bridges.page.state import Point, Snapshot
+from markerseek.core import Interval
+
+BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
+"""Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
+
+
+def curve_options(snapshot: Snapshot, limits: Interval, *, known: tuple[str, float] | None) -> dict[str, Any]:
+    """Options of the chart: intensity and probability density over the angle.
+
+    Parameters
+    ----------
+    snapshot
+        The state to show.
+    limits
+        Range of the search.
+    known
+        Name and angle in degrees of the true or reference angle; None hides it.
+    """
+    belief = snapshot.belief
+    return {
+        "animation": False,
+        "grid": {"left": 64, "right": 54, "top": 44, "bottom": 38},
+        "tooltip": {"trigger": "item"},
+        "textStyle": {"fontFamily": "system-ui, sans-serif"},
+        "xAxis": {
+            "type": "value",
+            "name": "probe angle [deg]",
+            "nameLocation": "middle",
+            "nameGap": 24,
+            "nameTextStyle": {"color": GREY},
+            "min": limits.low_deg,
+            "max": limits.high_deg,
+            "axisLabel": {"color": GREY, "showMinLabel": False, "showMaxLabel": False},
+            "axisLine": {"onZero": False, "lineStyle": {"color": GREY}},
+            "splitLine": {"show": False},
+        },
+        "yAxis": [
+            # Room above the largest for its number, below the angles.
+            _axis("intensity [a.u.]", gap_px=46) | {"boundaryGap": ["0%", "12%"]},
+            # Only the posterior has one.
+            _axis("probability [1/deg]", gap_px=36)
+            | {"splitLine": {"show": False}, "show": bool(belief and belief.angles_deg.size)},
+        ],
+        "series": [
+            {
+                "name": "probability",
+                "type": "line",
+                "yAxisIndex": 1,
+                "symbol": "none",
+                "silent": True,
+                "lineStyle": {"color": SKY, "width": 1},
+                "areaStyle": {"color": SKY, "opacity": 0.35},
+                "data": _pairs(belief.angles_deg, belief.density_per_deg) if belief else [],
+                "markArea": _areas(snapshot),
+                "markLine": _lines(snapshot, known),
+            },
+            {
+                "name": "acquisitions",
+                "type": "scatter",
+                "symbolSize": 9,
+                "itemStyle": {"color": BLUE},
+                "label": {"show": True, "position": "top", "color": GREY, "fontSize": 10, "formatter": "{@[2]}"},
+                "labelLayout": {"hideOverlap": True},
+                "data": [_dot(point, snapshot) for point in snapshot.points],
+                "markLine": _floor_line(snapshot),
+            },
+        ],
+    }
+
+
+def _axis(name: str, *, gap_px: int) -> dict[str, Any]:
+    return {
+        "type": "value",
+        "name": name,
+        # Beside the axis: above it the name would cover the angle of a marker near an end of the range.
+        "nameLocation": "middle",
+        "nameGap": gap_px,
+        "nameTextStyle": {"color": GREY},
+        "min": 0,
+        "axisLabel": {"color": GREY, "hideOverlap": True},
+        "axisLine": {"show": False, "onZero": False},
+        "splitLine": {"lineStyle": {"color": "rgba(128,128,128,0.2)"}},
+    }
+
+
+def _dot(point: Point, snapshot: Snapshot) -> dict[str, Any]:
+    """One acquisition; in a weighted average its size is its weight."""
+    confirms = point.role == "confirmation"
+    weights = snapshot.belief.weights if snapshot.belief else ()
+    size = 4 + 10 * weights[point.number - 1] if weights and not confirms else 13 if confirms else 9
+    return {
+        "value": [round(point.angle_deg, 3), float(f"{point.intensity:.5g}"), mark(point, snapshot)],
+        "symbol": "rect" if confirms else "circle",
+        "symbolSize": size,
+    }
+
+
+def _areas(snapshot: Snapshot) -> dict[str, Any]:
+    belief = snapshot.belief
+    interval, bracket = (belief.interval95_deg, belief.bracket_deg) if belief else (None, None)
+    spans = [(interval, ORANGE, 0.18), (bracket, GREY, 0.15)]
+    return {
+        "silent": True,
+        "data": [
+            [{"xAxis": ends[0], "itemStyle": {"color": colour, "opacity": opacity}}, {"xAxis": ends[1]}]
+            for ends, colour, opacity in spans
+            if ends is not None
+        ],
+    }
+
+
+def _lines(snapshot: Snapshot, known: tuple[str, float] | None) -> dict[str, Any]:
+    lines = []
+    angle_deg = mean_deg(snapshot)
+    if angle_deg is not None:
+        lines.append(_line(angle_deg, f"{angle_deg:.2f}°", ORANGE, "solid"))
+    lines += [_line(other_deg, f"{other_deg:.2f}°?", GREY, "dashed") for other_deg in other_angles_deg(snapshot)]
+    if known is not None:
+        # In a row of its own: the other angles are near to it.
+        lines.append(_line(known[1], f"{known[0]} {known[1]:.2f}°", GREEN, "dotted", above_px=22))
+    return {"silent": True, "symbol": "none", "data": lines}
+
+
+def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int = 8) -> dict[str, Any]:
+    return {
+        "xAxis": angle_deg,
+        "lineStyle": {"color": colour, "type": kind, "width": 2},
+        "label": {"formatter": text, "color": colour, "position": "end", "distance": above_px},
+    }
+
+
+def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
+    floor = snapshot.belief.estimate.floor if snapshot.belief else None
+    level = None if floor is None else floor.level
+    # Its name is in the title of the panel: beside the line it would cover numbers of acquisitions.
+    data = [] if level is None else [{"yAxis": level, "label": {"show": False}}]
+    return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}
+
+
+def _pairs(x: Any, y: Any) -> list[list[float]]:
+    return [list(pair) for pair in zip(rounded(x, 3), rounded(y, 5), strict=True)]

@@ -1,0 +1,109 @@
+"""Emulated devices in a process of their own, as ``markerseek emulate`` starts them."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+WORLD = """kind = "simulated"
+[marker]
+angle_deg = 6.4
+[stage]
+speed_deg_s = 25.0
+acceleration_deg_s2 = 25.0
+"""
+"""A marker, and a stage as fast as it can be; all else as usual."""
+
+
+def markerseek(*words: object) -> list[str]:
+    """The command in a new interpreter."""
+    # -P: a file in the current folder must not replace a module.
+    return [sys.executable, "-P", "-c", "from markerseek.cli import main; main()", *map(str, words)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Emulation:
+    """Emulated devices that run.
+
+    Attributes
+    ----------
+    process
+        Their process; a line on its standard input triggers an acquisition where there is no laser box.
+    folder
+        Their folder, with `rig`.
+    said
+        What the command has printed before they were ready.
+    """
+
+    process: subprocess.Popen[str]
+    folder: Path
+    said: str
+
+    @property
+    def rig(self) -> Path:
+        """Rig file of the devices."""
+        return self.folder / "rig.toml"
+
+    def ended(self, number: signal.Signals = signal.SIGINT) -> str:
+        """End them; what they print then comes back."""
+        self.process.send_signal(number)
+        _, printed = self.process.communicate(timeout=60)
+        assert self.process.returncode == 0, printed
+        return printed
+
+    def end(self) -> tuple[float, float, int]:
+        """End a bench; the truth comes back: lowest and highest angle of the probe in degrees, and pulses of light."""
+        printed = self.ended()
+        low, high = re.findall(r"probe was between (\S+) and (\S+) deg", printed)[0]
+        return float(low), float(high), int(re.findall(r"(\d+) pulses of light", printed)[0])
+
+
+@contextmanager
+def emulation(
+    folder: Path, *options: object, seed: int = 1, device: str = "bench", pace: float = 0.01
+) -> Iterator[Emulation]:
+    """Emulated devices in `folder`, in a world with one marker; killed at the end if they still run.
+
+    Parameters
+    ----------
+    folder
+        Folder of the test; the devices are in ``bench`` there.
+    options
+        Further options of ``markerseek emulate``.
+    seed, device, pace
+        As of that command.
+    """
+    world, bench = folder / "world.toml", folder / "bench"
+    world.write_text(WORLD)
+    process = subprocess.Popen(
+        markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        said = ""
+        while "Ctrl-C ends it" not in said:
+            line = process.stdout.readline()
+            assert line, f"the devices did not start: {said}{process.communicate()[1]}"
+            said += line
+        yield Emulation(process=process, folder=bench, said=said)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def fixed_bench(folder: Path, *, seed: int) -> Iterator[Emulation]:
+    """A bench with as many pulses in each frame: else energy and noise would differ from those of a simulated rig."""
+    with emulation(folder, seed=seed) as devices:
+        devices.rig.write_text(devices.rig.read_text().replace('frames = "triggered"', 'frames = "fixed"'))
+        yield devices
