@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import importlib.util
+import inspect
 import signal
 import sys
+import typing
 from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis
+import jaxtyping
 import pytest
-from jaxtyping import install_import_hook
 
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
 
@@ -38,8 +42,33 @@ def _pure_modules() -> list[str]:
     ]
 
 
+def _has_shape(hint: object) -> bool:
+    """Whether an annotation names the shape of an array."""
+    if inspect.isclass(hint) and issubclass(hint, jaxtyping.AbstractArray):
+        return True
+    return any(map(_has_shape, typing.get_args(hint)))
+
+
+def _checked(decorated: object = None, *, typechecker: Callable[..., object]) -> object:
+    """`jaxtyping.jaxtyped` where a shape is named, and elsewhere its type checker alone, which is ten times as fast."""
+    if decorated is None:
+        return functools.partial(_checked, typechecker=typechecker)
+    if dataclasses.is_dataclass(decorated):
+        decorated.__init__ = _checked(decorated.__init__, typechecker=typechecker)
+        return decorated
+    if inspect.isfunction(decorated):
+        try:
+            hints = typing.get_type_hints(decorated)
+        except NameError:  # it names a class that is defined later
+            return _jaxtyped(decorated, typechecker=typechecker)
+        if not any(map(_has_shape, hints.values())):
+            return typechecker(decorated)
+    return _jaxtyped(decorated, typechecker=typechecker)
+
+
+_jaxtyped, jaxtyping.jaxtyped = jaxtyping.jaxtyped, _checked
 # An int is a float, as for mypy (PEP 484).
-install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+jaxtyping.install_import_hook(_pure_modules(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 
 @pytest.fixture
