@@ -5,8 +5,6 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
-# Of all tests in real time, those that watch a search from outside wait long enough to share the computer.
-WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page)
 BENCH ?=
 
 .DEFAULT_GOAL := help
@@ -23,10 +21,12 @@ demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 page: .venv/run  ## open the live page: searches on the simulated rig in the browser
 	$(BIN)/markerseek page
 
+# Two processes, each with its own half of the files, and what is left of the other's half at the end.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
 test: .venv/dev  ## run every test
-	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 -m real_time $(WATCHED))
-	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
+	$(PYTEST) -m "not real_time" $(TESTS) || test $$? -eq 5
+	$(PYTEST) -m real_time $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
 	$(BIN)/ruff check

@@ -91,7 +91,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.fixture(scope="session")
-def sandbox() -> Iterator[object]:
+def shared_sandbox() -> Iterator[object]:
     """One child process for the foreign files of many tests: a child for each file takes 0.4 s."""
     from markerseek.records.sandbox import Sandbox
 
@@ -100,9 +100,9 @@ def sandbox() -> Iterator[object]:
 
 
 @pytest.fixture(scope="module")
-def one_sandbox(sandbox: object) -> Iterator[None]:
+def one_sandbox(shared_sandbox: object) -> Iterator[None]:
     """Every reader of the package that begins a sandbox gets the one that is shared; it restarts after a crash."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(type(sandbox), "__enter__", lambda _: sandbox)
-        patched.setattr(type(sandbox), "__exit__", lambda *_: None)
+        patched.setattr(type(shared_sandbox), "__enter__", lambda _: shared_sandbox)
+        patched.setattr(type(shared_sandbox), "__exit__", lambda *_: None)
         yield
