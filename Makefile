@@ -5,8 +5,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsafe --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
-# Of all tests in real time, those that watch a search from outside wait long enough to share the computer.
-WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page)
+# Of all tests in real time, those of `faults` keep leases of a tenth of a second, and have the computer for themselves;
+# the others wait long enough to share it.
+WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page tests/system)
 BENCH ?=
 
 .DEFAULT_GOAL := help
@@ -23,9 +24,12 @@ demo: .venv/run  ## find a marker on the simulated rig, and draw the search
 page: .venv/run  ## open the live page: searches on the simulated rig in the browser
 	$(BIN)/markerseek page
 
+# Each of two processes has half of the files, and at the end a share of what the other has left.
+IN_TWO := -n 2 --dist worksteal
+
 test: .venv/dev  ## run every test
-	$(BIN)/python -m pytest -n 2 -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 -m real_time $(WATCHED))
+	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
+	$(if $(WATCHED),$(BIN)/python -m pytest $(IN_TWO) -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts
@@ -53,9 +57,16 @@ mutants: .venv/dev  ## change the safety kernel in every small way, and see that
 peers: .venv-peers/ready  ## have other people's programs open our files and drive our emulators
 	.venv-peers/bin/python -m pytest -q --confcutdir=tests/peers tests/peers
 
+ROS_PYTEST := .venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2
+
+# They mostly wait for one another's nodes: two files at once, but what times a loop has the computer for itself.
+ROS_TIMED := tests/ros2/test_flood.py tests/ros2/test_stage_node.py
+ROS_SHARED := $(filter-out $(ROS_TIMED),$(wildcard tests/ros2/test_*.py))
+
 ros2:  ## run the tests that need ROS 2, in an environment of its own
 	@if [ "$$(uname -sm)" = "Linux x86_64" ]; then $(MAKE) --no-print-directory .venv-ros/ready && \
-		.venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2 tests/ros2; \
+		echo $(ROS_SHARED) | xargs -P 2 -n 1 --process-slot-var=ROS_TESTS_SLOT $(ROS_PYTEST) && \
+		$(ROS_PYTEST) $(ROS_TIMED); \
 		else echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only, and this is $$(uname -sm)"; fi
 
 docs: .venv/dev  ## run the examples of the documentation

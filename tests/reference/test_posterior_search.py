@@ -15,6 +15,8 @@ from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.detectability import acquisitions_needed
 from markerseek.search.posterior.shapes import log_curve
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+
 CELLS = 12_800
 
 

@@ -16,6 +16,8 @@ import pytest
 from markerseek.core import Found, NotFound, Reading, Sample, Unsure
 from markerseek.search import build, noise_of
 
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+
 CELLS = 12_800
 WIDTHS_DEG = (3.0, 5.0, 10.0, 17.0)
 

@@ -24,8 +24,9 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("filterwarnings", "ignore:module 'sre_:DeprecationWarning")
 
 
-# Nodes of another run of these tests, at the same time, must not answer.
-_DOMAINS = ((37 * os.getpid() + number) % 230 for number in itertools.count())
+# Nodes of another run of these tests, at the same time, must not answer; make runs two, which have slots 0 and 1.
+_SLOT = int(os.environ.get("ROS_TESTS_SLOT", "0"))
+_DOMAINS = (2 * ((37 * os.getpid() + number) % 115) + _SLOT for number in itertools.count())
 
 
 @pytest.fixture(autouse=True)

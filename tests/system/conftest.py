@@ -14,3 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Journals without a given path go into a folder of the test, also from processes that it starts."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_sandbox(one_sandbox: None) -> None:
+    """Sandboxes themselves are tested in `faults`, each with a child of its own."""

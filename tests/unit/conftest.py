@@ -18,3 +18,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "run.journal"
     live(path)
     return path
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_sandbox(one_sandbox: None) -> None:
+    """Sandboxes themselves are tested in `faults`, each with a child of its own."""

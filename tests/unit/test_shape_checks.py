@@ -6,14 +6,24 @@ import importlib
 
 import numpy as np
 import pytest
+from beartype.roar import BeartypeCallHintViolation
 from jaxtyping import TypeCheckError
 
+from markerseek.core import Interval
 from markerseek.search.average import weighted_average
+from markerseek.search.floor import noise_factor
 
 
 def test_an_array_of_the_wrong_shape_is_refused():
     with pytest.raises(TypeCheckError, match="intensity"):
         weighted_average(np.zeros((2, 3)), np.zeros((2, 4)))
+
+
+def test_what_is_no_number_is_refused_by_functions_and_values_without_arrays():
+    with pytest.raises(BeartypeCallHintViolation, match="cells"):
+        noise_factor(cells="many", frames=1)
+    with pytest.raises(BeartypeCallHintViolation, match="high_deg"):
+        Interval(low_deg=0.0, high_deg="35")
 
 
 @pytest.mark.parametrize("module", ["core.interval", "search.floor", "signals.filtering", "acoustics.band"])

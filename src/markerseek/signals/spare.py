@@ -203,7 +203,9 @@ class SpareReader:
             self._grids[samples] = (grid, rows)
         return self._grids[samples]
 
-    def _place(self, offset_m: Float64[np.ndarray, ...], depth_m: Float64[np.ndarray, ...]) -> Float64[np.ndarray, ...]:
+    def _place(
+        self, offset_m: Float64[np.ndarray, " ..."], depth_m: Float64[np.ndarray, " ..."]
+    ) -> Float64[np.ndarray, " ..."]:
         """Sample of the line at this distance that belongs to a source at this depth, (1) or (2)."""
         per_metre, origin = path_delay(self.preset)
         laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s

@@ -90,7 +90,9 @@ SpotAnswer: TypeAlias = Spot | NoSpot | TwoSpots
 """What a camera's images say."""
 
 
-def find_spot(frames: Sequence[UInt8[np.ndarray, ...]], *, dark: Sequence[UInt8[np.ndarray, ...]] = ()) -> SpotAnswer:
+def find_spot(
+    frames: Sequence[UInt8[np.ndarray, " ..."]], *, dark: Sequence[UInt8[np.ndarray, " ..."]] = ()
+) -> SpotAnswer:
     """Find the laser spot in frames of one camera that does not move; 25 are usual.
 
     Parameters
@@ -130,7 +132,7 @@ def find_spot(frames: Sequence[UInt8[np.ndarray, ...]], *, dark: Sequence[UInt8[
     return _centroids([frame - background for frame in gray], first, least=LEAST_SHARE * peak)
 
 
-def _require_alike(images: list[UInt8[np.ndarray, ...]]) -> None:
+def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
     if not images:
         raise ConfigError("no camera frame was given; at least 1 is needed, 25 are usual")
     for number, image in enumerate(images, start=1):
@@ -151,7 +153,7 @@ def _require_alike(images: list[UInt8[np.ndarray, ...]]) -> None:
             )
 
 
-def _gray(image: UInt8[np.ndarray, ...]) -> Float32[np.ndarray, "rows columns"]:
+def _gray(image: UInt8[np.ndarray, " ..."]) -> Float32[np.ndarray, "rows columns"]:
     """Brightness: the brightest channel, because a camera shows 785 nm in one or two of its three."""
     return (image if image.ndim == 2 else image.max(axis=2)).astype(np.float32)
 

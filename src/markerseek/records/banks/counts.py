@@ -57,7 +57,7 @@ def scale_of(path: Path, arrays: Iterable[np.ndarray]) -> float:
     return scale
 
 
-def as_counts(path: Path, values: np.ndarray, *, scale: float) -> Int16[np.ndarray, ...]:
+def as_counts(path: Path, values: np.ndarray, *, scale: float) -> Int16[np.ndarray, " ..."]:
     """The values times the scale as int16, rounded to the nearest.
 
     Raises
