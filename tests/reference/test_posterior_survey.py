@@ -32,7 +32,7 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
     source, _ = candidate([-6.0, -3.0, 0.0, 3.0, 6.0])
     rng = np.random.default_rng(1)
     at_deg, angles_deg, needed = np.array([-20.0, 4.0]), np.linspace(-35, 35, 15), np.array([6.4, 9.0])
-    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg)
+    chance = undetected(source.posterior, SHAPES, at_deg, needed, angles_deg, placed=False)
     drawn = np.linspace(0, 47, SURVEY_PARTICLES).astype(int)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     for row, k in enumerate(drawn[:4]):
@@ -47,6 +47,19 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
             height = np.exp(source.posterior.log_snr[k] + log_s)
             sample = height + np.hypot(1.0, MODEL_ERROR * height) * rng.standard_normal((20_000, 15))
             assert chance[row, i] == pytest.approx((sample < needed[i]).mean(axis=0), abs=0.015)
+
+
+def test_a_source_beside_a_wide_one_may_be_narrow():
+    """Where places are told apart, every second hidden curve is 4 degrees wide at most."""
+    source, _ = candidate([-12.0, -6.0, 0.0, 6.0, 12.0], fwhm_deg=14.0)
+    at_deg, angles_deg, needed = np.array([-20.0]), np.array([-29.0]), np.array([6.4])
+    as_wide, narrow = (
+        undetected(source.posterior, SHAPES, at_deg, needed, angles_deg, placed=placed)[:, 0, 0]
+        for placed in (False, True)
+    )
+    assert np.array_equal(as_wide[::2], narrow[::2])
+    # A source of 50 σ, nine degrees off: seen at 8 degrees of width, at 4 hardly.
+    assert as_wide[1::2].max() < 0.1 < 0.5 < narrow[1::2].min()
 
 
 def test_a_range_measured_everywhere_hides_nothing_and_a_gap_hides_a_source():

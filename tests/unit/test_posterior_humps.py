@@ -118,7 +118,7 @@ def test_two_humps_in_a_file_of_intensities_are_ambiguous(apart_deg):
                 angle_deg=angle_deg, reading=Reading(intensity=envelope, noise_sigma=1.0, cells=12_800), dark=dark
             )
 
-        policy = Posterior()
+        policy = Posterior(acquisitions=24)
         for _ in range(3):
             policy.tell(sample(0.0, dark=True))
         while True:

@@ -231,9 +231,8 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     limit = f"the standard deviation, {posterior.sigma_deg:.2f} deg, is above {SIGMA_LIMIT_DEG:g} deg"
     if posterior.centre_sigma_deg <= SIGMA_LIMIT_DEG:
         return (
-            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but not all of the "
-            "sound is in phase, as that of a point is, so the marker is a spot and may lie beside that centre; "
-            "light or stain a smaller spot"
+            f"{limit}: the centre of the curve is known to {posterior.centre_sigma_deg:.2f} deg, but the source is not "
+            "known to be a point, and a spot may lie beside that centre; light or stain a smaller spot"
         )
     return f"{limit}; take more acquisitions or average more pulses"
 

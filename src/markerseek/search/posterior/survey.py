@@ -33,7 +33,8 @@ SURVEY_TARGET = 0.993
 
 NARROWER_STEPS, NARROW_WIDTH = 5, 7
 """Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower, to 0.6 of its width; and the
-number of the width, 4 degrees, that it does not exceed: a small source beside a large one is that narrow."""
+number of the width, 4 degrees, that it does not exceed: a small source beside a large one is that narrow. Intensities
+alone do not show it beside the large one's flank, and the search would hardly end; there it may exceed that width."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
@@ -89,9 +90,10 @@ def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: N
     measured_deg = np.array([sample.angle_deg for sample in lit])
     # Where a frame lists no arrivals, another source shows only if it is louder than what was measured.
     listed = np.array([sample.reading.local_maxima is not None for sample in lit])
+    placed = bool(listed.all())
     needed = np.where(listed, level, np.maximum(level, largest)) / posterior.sigma
-    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg).prod(axis=1)
-    if not listed.all():
+    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg, placed=placed).prod(axis=1)
+    if not placed:
         # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
     left = hidden.mean(axis=0)
@@ -105,9 +107,9 @@ def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: N
     new = candidates_deg[apart_deg > BESIDE_DEG]
     candidates_deg = new if new.size else candidates_deg[[int(np.argmax(apart_deg))]]
     expected = np.full(candidates_deg.size, level / posterior.sigma)
-    if not listed.all():
+    if not placed:
         expected = np.maximum(expected, np.exp(predicted(posterior, shapes, candidates_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg)
+    there = undetected(posterior, shapes, candidates_deg, expected, angles_deg, placed=placed)
     return Survey(
         share=share,
         hidden_deg=hidden_deg,
@@ -143,6 +145,8 @@ def undetected(
     measured_deg: Float64[np.ndarray, " samples"],
     needed: Float64[np.ndarray, " samples"],
     angles_deg: Float64[np.ndarray, " angles"],
+    *,
+    placed: bool,
 ) -> Float64[np.ndarray, "particles samples angles"]:
     """Return the probability that a source at each angle does not exceed the level of each sample, a factor of (13).
 
@@ -156,6 +160,8 @@ def undetected(
         Angles of the samples in degrees, and the intensity over σ that a source must exceed to be detected there.
     angles_deg
         Angles of the source, in degrees.
+    placed
+        Whether the samples tell places apart.
     """
     # Spread over all particles, which are sorted by angle.
     drawn = np.linspace(0, posterior.theta_deg.size - 1, SURVEY_PARTICLES).astype(np.int64)
@@ -163,7 +169,7 @@ def undetected(
     away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
     # Every second one as narrow as that of another source may be.
     kind, width = np.divmod(posterior.member[drawn], WIDTHS_DEG.size)
-    width[1::2] = np.clip(width[1::2] - NARROWER_STEPS, 0, NARROW_WIDTH)
+    width[1::2] = np.clip(width[1::2] - NARROWER_STEPS, 0, NARROW_WIDTH if placed else None)
     member = kind * WIDTHS_DEG.size + width
     log_curve = shapes.log_curve[member[:, None, None], away]
     log_height = posterior.log_snr[drawn, None, None] + log_curve
