@@ -47,13 +47,17 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
     if level is None:
         if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
             return (
-                f"the noise floor is unknown and the largest intensity, {largest:g}, is below {UNKNOWN_RATIO:g} times "
-                f"the smallest, {smallest:g}; dark frames or 12 angles give it"
+                f"the noise floor is unknown and the largest intensity, {largest:.4g}, is below {UNKNOWN_RATIO:g} times "
+                f"the smallest, {smallest:.4g}; dark frames or 12 angles give it"
             )
     elif not largest > level:
-        return f"the largest intensity, {largest:g}, does not exceed the noise floor, {level:g} ({noise.floor.source})"
+        return (
+            f"the largest intensity, {largest:.4g}, does not exceed the noise floor, {level:.4g} ({noise.floor.source})"
+        )
+    if len(lit) == 1:
+        return "only one angle has been measured; a peak shows beside others"
     if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
-        return f"the intensity is the same at all measured angles, {smallest:g} to {largest:g}: there is no peak"
+        return f"the intensity is the same at all measured angles, {smallest:.4g} to {largest:.4g}: there is no peak"
     return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(lit, strongest, dark, level=level or 0.0)
 
 
