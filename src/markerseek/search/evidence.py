@@ -47,8 +47,8 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
     if level is None:
         if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
             return (
-                f"the noise floor is unknown and the largest intensity, {largest:.4g}, is below {UNKNOWN_RATIO:g} times "
-                f"the smallest, {smallest:.4g}; dark frames or 12 angles give it"
+                f"the noise floor is unknown and the largest intensity, {largest:.4g}, is below {UNKNOWN_RATIO:g} "
+                f"times the smallest, {smallest:.4g}; dark frames or 12 angles give it"
             )
     elif not largest > level:
         return (
