@@ -47,7 +47,9 @@ def focused_coherence(
     intensity: float,
     sigma: float,
 ) -> float | None:
-    """Share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1; None of a weak peak.
+    """Share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1.
+
+    It is None of a peak too weak for it, which noise would decide.
 
     Parameters
     ----------
@@ -89,4 +91,4 @@ def focused_coherence(
     channel_sigma = float(np.median(np.abs(inside))) / _NORMAL_MEDIAN
     in_phase = float(of_sum[best]) - (half + 1) * sigma**2
     whole = float(of_channels[best]) - (half + 1) * int(used[best]) * channel_sigma**2
-    return min(1.0, max(0.0, in_phase / whole)) if whole > 0 else 1.0
+    return min(1.0, max(0.0, in_phase / whole)) if whole > 0 else None
