@@ -30,13 +30,14 @@ from markerseek.bridges.page.state import RunState
 from markerseek.core import Failed
 from markerseek.records.journal import read_journal
 
+# The log is another element for each search, so that the whole page is watched.
 WATCH_LOG = """() => {
-    const log = document.querySelector('.ms-log');
     window.seenLines = [];
     window.logWatcher?.disconnect();
-    window.logWatcher = new MutationObserver(
-        () => window.seenLines.push(...log.innerText.split('\\n').slice(0, 3).map(each => [Date.now() / 1000, each])));
-    window.logWatcher.observe(log, {childList: true, characterData: true, subtree: true}); }"""
+    window.logWatcher = new MutationObserver(() => window.seenLines.push(
+        ...(document.querySelector('.ms-log')?.innerText ?? '').split('\\n').slice(0, 3)
+            .map(each => [Date.now() / 1000, each])));
+    window.logWatcher.observe(document.body, {childList: true, characterData: true, subtree: true}); }"""
 
 
 def resident_mb(process: int) -> float:
