@@ -161,7 +161,7 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list
 
 
 def _require_known_sigmas(path: Path, heading: Sequence[str]) -> None:
-    """Refuse a misspelt standard deviation: without it all points would count alike, and nobody would be told."""
+    """Refuse a misspelt standard deviation: else all points would count alike, without a warning."""
     known = [name for names in COLUMNS.values() for name in names if "sigma" in name]
     unknown = next((name for name in heading if "sigma" in name.casefold() and name not in known), None)
     if unknown is not None:

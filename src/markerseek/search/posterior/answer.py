@@ -59,12 +59,15 @@ class State:
         What may still hide; None where it is not known.
     misfit
         Why the curve does not explain the samples of the loudest; None if it does.
+    unresolved
+        From `unresolved`; None where there is one source only.
     """
 
     noise: Noise
     sources: Sequence[Candidate]
     survey: Survey | None
     misfit: str | None
+    unresolved: tuple[Candidate, float | None] | None
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -188,7 +191,7 @@ def answer_of(
         modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
-    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state, lit, limits))
+    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state))
     if doubt is not None:
         return Unsure(
             mean_deg=mean_deg,
@@ -237,11 +240,10 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     return f"{limit}; take more acquisitions or average more pulses"
 
 
-def _hidden(state: State, lit: Sequence[Sample], limits: Interval) -> str | None:
+def _hidden(state: State) -> str | None:
     """Why another source may be the marker; None if none can."""
-    found = unresolved(state.sources, [sample.angle_deg for sample in lit], limits=limits)
-    if found is not None:
-        other, _ = found
+    if state.unresolved is not None:
+        other, _ = state.unresolved
         return (
             f"another source, near {other.posterior.mean_deg:.0f} deg, may be as loud; take more acquisitions, or "
             "state that there is a single source"

@@ -26,6 +26,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from markerseek.core import Float64, Sample
+from markerseek.search.posterior.arrival import FACE_RADIUS_M
 
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
@@ -39,9 +40,6 @@ USUAL_COHERENCE = 0.7
 
 USUAL_RADIUS_M = 55e-3
 """Distance of the marker from the axis in metres, where frames do not say it."""
-
-FACE_RADIUS_M = 10e-3
-"""Distance of the array's face from the axis in metres, the middle of the physics table."""
 
 POINT_COHERENCE, POINT_SIGMA, NOISE_SIGMA = 0.997, 0.005, 0.5
 """Coherence of a point at its best focus, standard deviation from point to point, and that by noise times the SNR: of

@@ -204,6 +204,7 @@ class Posterior(SearchPolicy):
                 sources=sources,
                 survey=self._survey(sources[0], noise),
                 misfit=misfit_of(sources[0], self._shapes),
+                unresolved=None if self._single else unresolved(sources, self._measured_deg(), limits=self._limits),
             )
         return self._cached
 
@@ -245,9 +246,8 @@ class Posterior(SearchPolicy):
     def _other_source_deg(self, state: State, *, imprecise: bool) -> float | None:
         """Angle at which another source has still to be looked for, in degrees; None if at none."""
         first, measured_deg = state.sources[0], self._measured_deg()
-        another = unresolved(state.sources, measured_deg, limits=self._limits)
-        if another is not None:
-            return self._another_look_deg(*another)
+        if state.unresolved is not None:
+            return self._another_look_deg(*state.unresolved)
         doubtful_deg = self._doubtful_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
