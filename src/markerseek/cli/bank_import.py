@@ -14,7 +14,8 @@ from markerseek import rigs, runs
 from markerseek.cli.bank_scan import BModeNote
 from markerseek.cli.options import AsJson, Columns, ProbeName, Unit, require_frames, table_format
 from markerseek.cli.terminal import announce_compilation, print_report, progress_bar, scaled, stderr, stdout
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import ConfigError
+from markerseek.files import as_read_error
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -118,12 +119,8 @@ def _read(
     if source.suffix.lower() not in ARRAY_SUFFIXES or source.is_dir():
         if any(given):
             raise ConfigError("--first-deg and --step-deg are for an .npy of frames; this recording has its angles")
-        try:
+        with as_read_error(source):
             journal = source.is_file() and is_journal(source)
-        except OSError as problem:
-            raise RecordError(
-                f"{source}: it cannot be read: {problem.strerror or problem}; check the name"
-            ) from problem
         return runs.journal_bank(source) if journal and table == DEFAULT_FORMAT else read_bank(source, table)
     if first_deg is None or step_deg is None:
         if any(given):

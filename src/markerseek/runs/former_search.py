@@ -8,7 +8,7 @@ from typing import TypeVar
 import msgspec
 
 from markerseek.core import ConfigError, Finished, Found, MarkerCurve, MarkerPosition, RecordError, SearchError
-from markerseek.files import MIB, read_input
+from markerseek.files import MIB, as_read_error, read_input
 from markerseek.records import SearchResult
 from markerseek.records.journal import RecordedRun, is_journal, read_journal, result_of
 
@@ -83,11 +83,10 @@ def read_marker(path: Path) -> MarkerPosition:
 def _search(path: Path, result: type[_Kind]) -> RecordedRun | _Kind:
     """The run of a journal, without its frames, or a result."""
     try:
-        if is_journal(path):
-            return read_journal(path, frames=False)
-        return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=result)
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
+        with as_read_error(path):
+            if is_journal(path):
+                return read_journal(path, frames=False)
+            return msgspec.json.decode(read_input(path, most_bytes=_MOST_BYTES), type=result)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ConfigError) as problem:
         raise RecordError(
             f"{path}: it is neither a journal nor the result of a search as JSON: {problem}; make one with 'markerseek "

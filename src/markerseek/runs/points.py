@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, open_input
+from markerseek.files import MIB, as_read_error, open_input
 from markerseek.geometry import triangulate
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
@@ -122,13 +122,12 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
     """What the columns of a CSV hold, and its rows."""
     try:
         with (
+            as_read_error(path),
             open_input(path, most_bytes=_LARGEST_BYTES) as file,
             # Excel writes a byte order mark, which would become part of the first column's name.
             io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
         ):
             return _rows(path, csv.reader(lines, strict=True))
-    except OSError as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem.strerror or problem}; check the name") from problem
     except (UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
