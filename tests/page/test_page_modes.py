@@ -41,9 +41,16 @@ def test_your_turn_by_keys(opened):
     watched.wait_for(STATUS, r"^found at -16\.", timeout_ms=120_000)
 
 
-def test_replay_of_a_journal(opened, page, shell):
-    journal = page.data / "markerseek" / "journals" / "seed-3.journal"
-    journal.parent.mkdir(parents=True, exist_ok=True)
+@pytest.fixture
+def journal(page):
+    """A path in the folder of the journals, where no other test finds it as the newest."""
+    path = page.data / "markerseek" / "journals" / "seed-3.journal"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    yield path
+    path.unlink(missing_ok=True)
+
+
+def test_replay_of_a_journal(opened, journal, shell):
     result = json.loads(shell("search", "--seed", "3", "--journal", journal, "--json")[1])
     watched = opened("/replay")
     watched.tab.get_by_label("recording").click()
@@ -57,8 +64,6 @@ def test_replay_of_a_journal(opened, page, shell):
     watched.tab.get_by_label("play").click()
     watched.wait_for(ANGLE, "±")
     assert watched.text(".ms-banner").startswith("SIMULATED")
-    # It must not be the newest journal of the tests that follow.
-    journal.unlink()
 
 
 def test_replay_of_a_bank_is_a_search_on_it(opened, shell):

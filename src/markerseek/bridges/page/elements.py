@@ -1,10 +1,16 @@
-"""The page's own elements: fan, image, and the beat that shows whether the program is alive."""
+"""The page's own elements: slider, fan, image, and the beat that shows whether the program is alive."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from nicegui import ui
+
+
+class Slider(ui.slider):
+    """A slider that moves at once: if values came back from the server, the next key would start from an old one."""
+
+    LOOPBACK: bool | None = False
 
 
 class Fan(ui.element, component="static/fan.js"):

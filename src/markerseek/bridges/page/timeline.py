@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.state import Snapshot
 from markerseek.bridges.page.watched import WatchedRun
@@ -57,10 +58,8 @@ class Timeline:
             if playable:
                 self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
             self._label = ui.label("event 0 of 0").classes("ms-note").style("min-width: 128px")
-            self._slider = (
-                ui.slider(min=0, max=1, step=1, value=0).props('aria-label="event shown" label').mark("timeline")
-            )
-            self._slider.on("update:model-value", lambda event: self._choose(int(event.args)), throttle=0.1)
+            self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
+            self._slider.props('aria-label="event shown" label').mark("timeline")
             self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
 
     def snapshot(self, run: WatchedRun) -> Snapshot:
@@ -84,8 +83,7 @@ class Timeline:
     def _advance(self, last: int) -> None:
         self._ticks += 1
         if self._ticks % PLAY_TICKS == 0:
-            self._chosen = min(self._chosen + 1, last)
-            self._slider.set_value(self._chosen)
+            self._slider.set_value(min(self._chosen + 1, last))
             if self._chosen == last:
                 self._toggle()
 

@@ -7,6 +7,7 @@ from nicegui.events import KeyEventArguments
 
 from markerseek.bridges.page.controls import SettingsRow
 from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.settings import PageSettings
@@ -48,7 +49,7 @@ class TurnPage:
             self._show.props("dense outline padding='6px 10px'")
         with ui.element("div").classes("ms-foot"):
             self._target = ui.label("").classes("ms-note").style("min-width: 92px")
-            self._slider = ui.slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
+            self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
             self._slider.props('aria-label="angle of the probe in degrees"')
         ui.keyboard(on_key=self._key)
         self._help = ui.label(HELP).classes("ms-help")
