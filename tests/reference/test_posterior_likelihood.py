@@ -31,6 +31,7 @@ from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
+    PEAK_NOISE,
     TABLE_HIGH,
     TABLE_LOW,
     TABLE_STEP,
@@ -54,7 +55,7 @@ from markerseek.search.posterior.shapes import (
 def test_rician_density(noise, error):
     """Where no noise competes, the table is SciPy's Rice, its variance widened by the model's."""
     mu = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
-    spread = np.hypot(noise, error * mu)
+    spread = np.hypot(PEAK_NOISE * noise, error * mu)
     expected = (1 - OUTLIER_SHARE) * rice.pdf(1.0, mu / spread, scale=spread) + OUTLIER_SHARE / OUTLIER_RANGE
     table = np.exp(log_tables(noise=noise, cells=0, errors=(error,))[0])
     np.testing.assert_allclose(table, expected, rtol=1e-3)
@@ -67,7 +68,9 @@ def test_largest_of_the_marker_and_of_the_noise(noise, cells):
     rayleigh = rice(0.0, scale=noise)
     below = rayleigh.cdf(1.0) ** cells
     largest = cells * rayleigh.pdf(1.0) * rayleigh.cdf(1.0) ** (cells - 1)
-    expected = rice.pdf(1.0, mu / noise, scale=noise) * below + largest * rice.cdf(1.0, mu / noise, scale=noise)
+    # The peak of the marker varies less than one cell of noise.
+    marker = rice(mu / (PEAK_NOISE * noise), scale=PEAK_NOISE * noise)
+    expected = marker.pdf(1.0) * below + largest * marker.cdf(1.0)
     expected = (1 - OUTLIER_SHARE) * expected + OUTLIER_SHARE / OUTLIER_RANGE
     table = np.exp(log_tables(noise=noise, cells=cells, errors=(0.0,))[0])
     np.testing.assert_allclose(table, expected, atol=0.05 * expected.max())

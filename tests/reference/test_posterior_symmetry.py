@@ -15,6 +15,7 @@ from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
+    PEAK_NOISE,
     TABLE_LOW,
     TABLE_STEP,
     Observation,
@@ -64,7 +65,8 @@ def brute_force(samples, angle_deg, member, error):
     value = np.array([sample.log_intensity for sample in samples]) - log_levels(
         member, np.abs(measured_deg - angle_deg)
     )
-    whole = covariance(member, np.abs(measured_deg - angle_deg), np.array([sample.noise for sample in samples]), error)
+    noise = PEAK_NOISE * np.array([sample.noise for sample in samples])
+    whole = covariance(member, np.abs(measured_deg - angle_deg), noise, error)
 
     def evidence(kept):
         density = multivariate_normal(np.zeros(len(kept)), whole[np.ix_(kept, kept)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +59,6 @@ class Belief:
 def belief_of(
     posterior: AnglePosterior,
     shapes: Shapes,
-    measured_deg: Sequence[float],
     *,
     limits: Interval,
     floor: float,
@@ -70,14 +68,14 @@ def belief_of(
 
     Parameters
     ----------
-    posterior, shapes, measured_deg, limits, floor
+    posterior, shapes, limits, floor
         As in `expected_sigmas_deg`.
     detected
         Whether anything is detected yet.
     """
     choice = None
     if detected:
-        candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, measured_deg, limits=limits, floor=floor)
+        candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
         choice = Choice(angles_deg=candidates, sigma_deg=sigma_deg)
     ends_deg = np.linspace(limits.low_deg, limits.high_deg, BINS + 1)
     return Belief(

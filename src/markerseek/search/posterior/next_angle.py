@@ -105,22 +105,27 @@ def most_detectable_deg(
 
 
 def most_informative_deg(
-    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, floor: float
+    posterior: AnglePosterior, shapes: Shapes, *, from_deg: float, limits: Interval, floor: float
 ) -> float:
     """Return the angle whose sample is expected to leave the smallest standard deviation, travel weighed in.
 
+    It may be one that was measured before: beside an end of the range a second sample is often worth more than a new
+    angle.
+
     Parameters
     ----------
-    posterior, shapes, measured_deg, limits, floor
+    posterior, shapes, limits, floor
         As in `expected_sigmas_deg`.
+    from_deg
+        Where the probe is, in degrees.
     """
-    candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, measured_deg, limits=limits, floor=floor)
-    travel = np.abs(candidates - measured_deg[-1])
+    candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
+    travel = np.abs(candidates - from_deg)
     return float(candidates[np.argmin(sigma_deg * (1 + travel / TRAVEL_DEG))])
 
 
 def expected_sigmas_deg(
-    posterior: AnglePosterior, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval, floor: float
+    posterior: AnglePosterior, shapes: Shapes, *, limits: Interval, floor: float
 ) -> tuple[Float64[np.ndarray, " candidates"], Float64[np.ndarray, " candidates"]]:
     """Return candidates for the next angle, and the standard deviation that a sample there is expected to leave.
 
@@ -136,14 +141,12 @@ def expected_sigmas_deg(
         The posterior.
     shapes
         Family of curves.
-    measured_deg
-        Angles reached so far, the last one last, in degrees.
     limits
         Range of the search.
     floor
         Intensity that noise usually reaches by itself, over σ.
     """
-    candidates = _candidates(posterior, measured_deg, limits=limits)
+    candidates = _candidates(posterior, limits=limits)
     variance = np.empty(candidates.size)
     expected_variance(
         candidates,
@@ -164,10 +167,8 @@ def expected_sigmas_deg(
     return candidates, np.sqrt(variance + 1e-6)
 
 
-def _candidates(
-    posterior: AnglePosterior, measured_deg: Sequence[float], *, limits: Interval
-) -> Float64[np.ndarray, " candidates"]:
-    """Angles about the mean of the posterior, and over all of it; none that was measured, unless all were."""
+def _candidates(posterior: AnglePosterior, *, limits: Interval) -> Float64[np.ndarray, " candidates"]:
+    """Angles about the mean of the posterior, and over all of it."""
     # 1.6 widths to either side hold both flanks, where the curve is steepest.
     near = posterior.mean_deg + posterior.fwhm_deg * np.linspace(-1.6, 1.6, 19)
     if posterior.strong_deg.size:
@@ -177,10 +178,4 @@ def _candidates(
         low_deg, high_deg = float(posterior.theta_deg.min()), float(posterior.theta_deg.max())
         wide = np.linspace(low_deg - posterior.fwhm_deg, high_deg + posterior.fwhm_deg, 18)
     angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
-    angles = np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
-    # A second sample next to the first shares its template error and adds little.
-    apart = np.abs(angles[:, None] - np.array(measured_deg)).min(axis=1)
-    # In a small range the least distance shrinks with it, so that there are candidates left.
-    least = min(max(0.25, 0.06 * posterior.fwhm_deg), limits.width_deg / 100)
-    new = angles[apart >= least]
-    return new if new.size else angles[[int(np.argmax(apart))]]
+    return np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])

@@ -171,7 +171,6 @@ class Posterior(SearchPolicy):
         return belief_of(
             source.posterior,
             self._shapes,
-            self._measured_deg(),
             limits=self._limits,
             floor=FLOOR_SNR,
             detected=self._detected(),
@@ -293,7 +292,11 @@ class Posterior(SearchPolicy):
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(
-            source.posterior, self._shapes, self._measured_deg(), limits=self._limits, floor=FLOOR_SNR
+            source.posterior,
+            self._shapes,
+            from_deg=self._lit[-1].angle_deg,
+            limits=self._limits,
+            floor=FLOOR_SNR,
         )
 
     def _detection_deg(self) -> float:

@@ -25,6 +25,9 @@ PREDICTION_SIGMAS = 3.0
 DOUBT_SIGMAS, MISFIT_SIGMAS = 2.0, 2.5
 """Standard deviations of the prediction beyond which a sample makes the curve doubtful, and is not explained by it."""
 
+TAIL_SHARE = 0.5
+"""Share of the highest prediction below which a curve may have nulls."""
+
 LASER_ERROR = 0.04
 """Relative error of a sample by itself, the laser's energy."""
 
@@ -88,6 +91,8 @@ def unexplained(source: Candidate, shapes: Shapes, *, sigmas: float) -> Sample |
     height, spread = _prediction(source.posterior, shapes, source.samples)
     measured = np.array([sample.reading.intensity for sample in source.samples])
     away = np.abs(measured - height) / spread
+    # The family has no nulls, but the tails of a real curve do: what is missing there is no second hump.
+    away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
     worst = int(np.argmax(away))
     return source.samples[worst] if away[worst] > sigmas else None
 

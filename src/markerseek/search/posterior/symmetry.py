@@ -29,6 +29,7 @@ from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
+    PEAK_NOISE,
     TABLE_LOW,
     TABLE_SIZE,
     TABLE_STEP,
@@ -37,13 +38,13 @@ from markerseek.search.posterior.likelihood import (
 )
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes
 
-TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS = np.log([1.0, 0.6, 0.3, 0.05]), np.array([0.03, 0.1, 0.25, 0.3])
+TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS = np.log([1.0, 0.6, 0.3, 0.05]), np.array([0.035, 0.12, 0.27, 0.35])
 """Standard deviation s of g where ln S has these levels, downwards; linear in between."""
 
 CORRELATION_LENGTH = 0.2
 """Distance ℓ over which g is correlated, over the full width at half maximum."""
 
-SAMPLE_ERRORS: tuple[tuple[float, float], ...] = ((0.015, 0.6), (0.04, 0.3), (0.15, 0.1))
+SAMPLE_ERRORS: tuple[tuple[float, float], ...] = ((0.01, 0.7), (0.03, 0.22), (0.1, 0.08))
 """Relative errors e of one sample by itself, the laser's energy, and the prior probability of each."""
 
 STRONG_SNR = 8.0
@@ -127,7 +128,7 @@ def symmetric_log_likelihood(
         STEP_DEG,
         np.array([each.angle_deg for each in strong + weak]),
         np.array([each.log_intensity for each in strong + weak]),
-        np.array([each.noise for each in strong]),
+        PEAK_NOISE * np.array([each.noise for each in strong]),
         hypotheses.sample_error,
         TEMPLATE_LOG_LEVELS,
         TEMPLATE_SIGMAS,
