@@ -18,13 +18,13 @@ Shell = Callable[..., tuple[int, str, str]]
 
 
 def test_the_marker_and_its_snr_are_set(shell: Shell) -> None:
-    code, out, err = shell("search", "--marker-deg", -7.5, "--snr-db", 45, "--json", "--no-journal")
+    code, out, err = shell("search", "--marker-deg", -7.5, "--snr-db", 50, "--json", "--no-journal")
     result = json.loads(out)
     assert (code, err, result["truth_deg"]) == (0, "", -7.5)
     assert result["error_deg"] < 0.25
-    peak = max(sample["intensity"] / sample["noise_sigma"] for sample in result["samples"])
-    # The strongest acquisition lies a little beside the marker; the default is 40 dB.
-    assert 20 * np.log10(peak) == pytest.approx(45, abs=2.0)
+    # The confirmation is at the marker; the default is 40 dB.
+    peak = result["confirmation"]["intensity"] / result["samples"][0]["noise_sigma"]
+    assert 20 * np.log10(peak) == pytest.approx(50, abs=2.0)
 
 
 def test_without_a_marker_none_is_found(shell: Shell) -> None:

@@ -36,7 +36,7 @@ Side: TypeAlias = Literal["both", "low", "high"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Group:
+class Group:
     """Samples of one source, as they are at its place; see `Candidate`."""
 
     source: Source | None
@@ -150,11 +150,42 @@ class Candidates:
         # Only that of the first is kept: what an answer computes of the others must not change what comes later.
         self._first = self._new()
 
-    def first(self, lit: Sequence[Sample], dark: Sequence[Sample], noise: Noise, *, particles: int) -> Candidate:
+    def groups(self, lit: Sequence[Sample], noise: Noise) -> list[Group]:
+        """Return the samples of each source, that of the strongest sample first.
+
+        Parameters
+        ----------
+        lit
+            Samples with the laser on, at least one.
+        noise
+            Noise of the search.
+        """
+        groups: list[Group] = []
+        if "lateral" in self._cues and noise.floor.level is not None:
+            sources = sources_of(lit, level=noise.floor.level)
+            for source in sources:
+                own, bounds = samples_at(lit, sources, source)
+                if not _is_burst(own, bounds, source, noise):
+                    groups += self._divided(Group(source=source, side="both", samples=own, bounds=bounds), noise)
+        if not groups:
+            groups = self._divided(Group(source=None, side="both", samples=lit), noise)
+        return sorted(groups, key=lambda group: -_strongest(group.samples))
+
+    def first(
+        self,
+        groups: Sequence[Group],
+        lit: Sequence[Sample],
+        dark: Sequence[Sample],
+        noise: Noise,
+        *,
+        particles: int,
+    ) -> Candidate:
         """Return the source of the strongest arrival that is evidence of one.
 
         Parameters
         ----------
+        groups
+            From `groups`.
         lit, dark
             Samples with the laser on, at least one, and off.
         noise
@@ -162,19 +193,19 @@ class Candidates:
         particles
             Markers to draw from its posterior.
         """
-        for group in self._groups(lit, noise):
+        for group in groups:
             # A background that is the same at all angles may be louder than the marker, and is none.
             if missing_evidence([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
                 return _candidate(group, None, self._first, noise, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
-        everything = _Group(source=None, side="both", samples=lit)
+        everything = Group(source=None, side="both", samples=lit)
         missing = missing_evidence(lit, dark=dark, noise=noise)
         return _candidate(everything, missing, self._first, noise, particles)
 
     def others(
         self,
         first: Candidate,
-        lit: Sequence[Sample],
+        groups: Sequence[Group],
         dark: Sequence[Sample],
         noise: Noise,
         *,
@@ -189,13 +220,13 @@ class Candidates:
         ----------
         first
             From `first`.
-        lit, dark, noise, particles
+        groups, dark, noise, particles
             As for `first`.
         most
             Most sources.
         """
         found = []
-        for group in self._groups(lit, noise):
+        for group in groups:
             # Where no place is evidence, all samples count together already.
             counted = (group.source, group.side) == (first.source, first.side) or (
                 first.source is None and group.source is not None
@@ -211,20 +242,7 @@ class Candidates:
                 break
         return found
 
-    def _groups(self, lit: Sequence[Sample], noise: Noise) -> list[_Group]:
-        """The samples of each source, that of the strongest sample first."""
-        groups: list[_Group] = []
-        if "lateral" in self._cues and noise.floor.level is not None:
-            sources = sources_of(lit, level=noise.floor.level)
-            for source in sources:
-                own, bounds = samples_at(lit, sources, source)
-                if not _is_burst(own, bounds, source, noise):
-                    groups += self._divided(_Group(source=source, side="both", samples=own, bounds=bounds), noise)
-        if not groups:
-            groups = self._divided(_Group(source=None, side="both", samples=lit), noise)
-        return sorted(groups, key=lambda group: -_strongest(group.samples))
-
-    def _divided(self, group: _Group, noise: Noise) -> list[_Group]:
+    def _divided(self, group: Group, noise: Noise) -> list[Group]:
         """The group, or its two halves where a dip lies between two humps."""
         if self._single:
             return [group]
@@ -238,15 +256,15 @@ class Candidates:
         # Beyond the dip a curve is no higher than what was measured of both.
         middle += group.bounds
         return [
-            _Group(source=group.source, side="low", samples=low, bounds=[*middle, *map(at_most, high)]),
-            _Group(source=group.source, side="high", samples=high, bounds=[*middle, *map(at_most, low)]),
+            Group(source=group.source, side="low", samples=low, bounds=[*middle, *map(at_most, high)]),
+            Group(source=group.source, side="high", samples=high, bounds=[*middle, *map(at_most, low)]),
         ]
 
     def _new(self) -> Inference:
         return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
 
 
-def _candidate(group: _Group, missing: str | None, inference: Inference, noise: Noise, particles: int) -> Candidate:
+def _candidate(group: Group, missing: str | None, inference: Inference, noise: Noise, particles: int) -> Candidate:
     return Candidate(
         source=group.source,
         side=group.side,

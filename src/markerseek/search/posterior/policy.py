@@ -24,15 +24,10 @@ from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates
+from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates, Group
 from markerseek.search.posterior.humps import beside_deg, top_deg, unmirrored
 from markerseek.search.posterior.loading import loaded_family
-from markerseek.search.posterior.next_angle import (
-    PLAN,
-    most_detectable_deg,
-    most_informative_deg,
-    planned_deg,
-)
+from markerseek.search.posterior.next_angle import PLAN, most_detectable_deg, most_informative_deg, planned_deg
 from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
 from markerseek.search.posterior.survey import SURVEY_TARGET, SURVEYED, Survey, survey_of
 
@@ -117,6 +112,7 @@ class Posterior(SearchPolicy):
         self._confirmed = False
         self._unconfirmed: str | None = None
         self._cached_noise: Noise | None = None
+        self._cached_groups: list[Group] = []
         self._cached_first: Candidate | None = None
         self._cached: State | None = None
 
@@ -184,8 +180,13 @@ class Posterior(SearchPolicy):
     def _first(self) -> Candidate:
         """The source of the strongest arrival."""
         if self._cached_first is None:
+            self._cached_groups = self._candidates.groups(self._lit, self._noise())
             self._cached_first = self._candidates.first(
-                self._lit, self._dark, self._noise(), particles=PARTICLES if self._detected() else UNDETECTED_PARTICLES
+                self._cached_groups,
+                self._lit,
+                self._dark,
+                self._noise(),
+                particles=PARTICLES if self._detected() else UNDETECTED_PARTICLES,
             )
         return self._cached_first
 
@@ -195,7 +196,7 @@ class Posterior(SearchPolicy):
             sources = [first]
             if self._detected():
                 others = self._candidates.others(
-                    first, self._lit, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
+                    first, self._cached_groups, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
                 )
                 sources = ranked([first, *others])
             self._cached = State(

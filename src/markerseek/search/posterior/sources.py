@@ -36,7 +36,6 @@ UNKNOWN_DEG = 10.0
 FACE_RADIUS_M = 12e-3
 """Largest distance of the face from the axis in the physics table, in metres; the moveout grows with it."""
 
-
 COVERED_M = 3.5e-3
 """Distance up to which another source's arrival may be in the blocks looked up, which are 2 mm wide and deep."""
 
@@ -178,19 +177,8 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
         )
     if looked_up is None:
         return at_most(sample), False
-    weak = replace(
-        reading,
-        intensity=looked_up[0],
-        cells=looked_up[1],
-        lateral_m=None,
-        depth_m=None,
-        arrival_s=None,
-        centroid_s=None,
-        spread_s=None,
-        coherence=None,
-        focused_coherence=None,
-    )
-    looked_at = replace(sample, reading=weak, frame=None)
+    intensity, cells = looked_up
+    looked_at = _nowhere(sample, intensity=intensity, noise_sigma=reading.noise_sigma, cells=cells)
     if any(source.covered_by(arrival, angle_deg=angle_deg) for arrival in elsewhere):
         return at_most(looked_at), False
     return looked_at, True
@@ -204,9 +192,25 @@ def at_most(sample: Sample) -> Sample:
     reading = sample.reading
     cells = max(2, reading.cells or FEWEST_CELLS)
     noise_sigma = max(reading.noise_sigma or 0.0, reading.intensity / math.sqrt(2 * math.log(cells)))
-    bound = replace(reading, noise_sigma=noise_sigma, cells=cells, lateral_m=None, depth_m=None, coherence=None)
-    bound = replace(bound, arrival_s=None, centroid_s=None, spread_s=None, focused_coherence=None)
-    return replace(sample, reading=bound, frame=None)
+    return _nowhere(sample, intensity=reading.intensity, noise_sigma=noise_sigma, cells=cells)
+
+
+def _nowhere(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
+    """A sample of this intensity of which the place in the image is not known."""
+    reading = replace(
+        sample.reading,
+        intensity=intensity,
+        noise_sigma=noise_sigma,
+        cells=cells,
+        lateral_m=None,
+        depth_m=None,
+        arrival_s=None,
+        centroid_s=None,
+        spread_s=None,
+        coherence=None,
+        focused_coherence=None,
+    )
+    return replace(sample, reading=reading, frame=None)
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:

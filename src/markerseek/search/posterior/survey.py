@@ -12,7 +12,6 @@ because that of a smaller source or of one at another depth may be.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,11 +35,6 @@ NARROWER_STEPS, NARROW_WIDTH = 5, 7
 """Steps of `WIDTHS_DEG` by which the curve of every second hidden source is narrower, to 0.6 of its width; and the
 number of the width, 4 degrees, that it does not exceed: a small source beside a large one is that narrow. Intensities
 alone do not show it beside the large one's flank, and the search would hardly end; there it may exceed that width."""
-
-WEAKER_DB = 2.5
-"""How much weaker than the one answered a hidden source is assumed of intensities alone, in dB. A second hump of half
-the height is a rival too (`candidates.RIVAL_DB`): one of 100 stays hidden so, one of 15 if it is assumed as loud. A
-curve that is alone takes three acquisitions more; with the whole 6 dB none would be found in 24."""
 
 SURVEY_ANGLES = 71
 """Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
@@ -178,7 +172,6 @@ def undetected(
     width[1::2] = np.clip(width[1::2] - NARROWER_STEPS, 0, NARROW_WIDTH if placed else None)
     member = kind * WIDTHS_DEG.size + width
     log_curve = shapes.log_curve[member[:, None, None], away]
-    log_snr = posterior.log_snr[drawn, None, None] - (0.0 if placed else WEAKER_DB * math.log(10) / 20)
-    log_height = log_snr + log_curve
+    log_height = posterior.log_snr[drawn, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))
     return np.asarray(ndtr((needed[:, None] - height) / np.hypot(1.0, MODEL_ERROR * height)))
