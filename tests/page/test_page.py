@@ -178,6 +178,8 @@ def test_angle_is_copied(opened):
     watched.search()
     watched.press("copy the angle")
     watched.tab.wait_for_selector("text=in the clipboard")
+    # The browser writes it when it comes to it.
+    watched.tab.wait_for_function("navigator.clipboard.readText().then(text => text !== '')")
     copied = watched.tab.evaluate("navigator.clipboard.readText()")
     assert f"{float(copied):.3f}°" == watched.text(ANGLE).split(" ")[0]
 
