@@ -11,7 +11,18 @@ import struct
 import numpy as np
 import pytest
 
-from markerseek.core import Ambiguous, Arrival, Found, LocalMaxima, NotFound, Reading, Sample, SearchError, Unsure
+from markerseek.core import (
+    Ambiguous,
+    Arrival,
+    AtBound,
+    Found,
+    LocalMaxima,
+    NotFound,
+    Reading,
+    Sample,
+    SearchError,
+    Unsure,
+)
 from markerseek.search.posterior import Posterior
 
 COLUMNS, ROWS, CELLS, SIGMA, LEVEL = 28, 40, 100_000, 1.0, 6.5
@@ -109,6 +120,18 @@ def test_the_other_source_is_described():
     # It is 10.5 dB weaker; few samples are spent on how loud it is.
     assert np.mean(relative_db) == pytest.approx(20 * math.log10(0.3), abs=1.0)
     assert relative_db == pytest.approx([20 * math.log10(0.3)] * 6, abs=2.5)
+
+
+def test_a_source_beyond_an_end_is_at_bound_alone_and_ambiguous_beside_one_inside():
+    """How loud it would be with the probe on it is not known: the other may be the marker as well."""
+    beyond, inside = (37.0, 100.0, 8.0, 5.0, 40.0), (0.0, 60.0, 6.0, -12.0, 33.0)
+    for seed in range(3):
+        alone = search(World([beyond], seed=seed)).estimate()
+        assert isinstance(alone, AtBound)
+        assert alone.side == "high"
+        both = search(World([beyond, inside], seed=seed), acquisitions=24).estimate()
+        assert isinstance(both, Ambiguous)
+        assert sorted(both.modes_deg) == pytest.approx([0.0, 35.0], abs=1.0)
 
 
 def test_a_search_that_may_have_missed_a_source_says_where():

@@ -182,11 +182,12 @@ def answer_of(
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
     others = tuple(each.beside(first) for each in state.sources[1:] if each.missing is None)
     surveyed = None if state.survey is None else state.survey.share
+    rivals = rivals_of(state.sources)
     side = _side(posterior, limits)
-    if side is not None:
+    # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
+    if side is not None and not rivals:
         return AtBound(mean_deg=mean_deg, side=side, floor=floor, others=others, surveyed=surveyed)
     modes = modes_deg(posterior, limits=limits)
-    rivals = rivals_of(state.sources)
     if rivals:
         modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
     if len(modes) > 1:
