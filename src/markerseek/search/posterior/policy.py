@@ -43,6 +43,9 @@ LEAST_ACQUISITIONS = 4
 SURVEY_RESERVE = 6
 """Acquisitions that precision leaves to the survey, which takes three to five."""
 
+OFTEN = 8
+"""Samples of a source after which a few more do not make a difference."""
+
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
 
@@ -209,8 +212,8 @@ class Posterior(SearchPolicy):
         return self._cached
 
     def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
-        """What may still hide beside a source; None while its angle is not known."""
-        if source.missing is not None or source.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG:
+        """What may still hide beside a source; None while its angle is not known and there is time to find it."""
+        if source.missing is not None or self._comes_first(source):
             return None
         return survey_of(source, self._shapes, self._lit, noise, limits=self._limits)
 
@@ -220,9 +223,15 @@ class Posterior(SearchPolicy):
         if not self._lit or not self._detected():
             return self._detection_deg()
         first = self._first()
-        if len(self._lit) < LEAST_ACQUISITIONS or first.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG:
+        if len(self._lit) < LEAST_ACQUISITIONS or self._comes_first(first):
             return self._informative_deg(first)
         return self._remaining_deg()
+
+    def _comes_first(self, source: Candidate) -> bool:
+        """Whether the angle of a source has to be known better before others are looked for."""
+        # One beyond an end may never be known well enough, however often it is measured, and another may be the marker.
+        patience = self._single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
+        return source.posterior.centre_sigma_deg > SIGMA_LIMIT_DEG and patience
 
     def _remaining_deg(self) -> float | None:
         """Next angle once that of the strongest source is known, in degrees; None if nothing remains to be done."""
