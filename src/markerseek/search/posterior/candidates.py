@@ -78,6 +78,11 @@ class Candidate:
         return float(np.mean(self.posterior.log_snr))
 
     @property
+    def placed(self) -> bool:
+        """Whether its samples tell places apart."""
+        return all(sample.reading.local_maxima is not None for sample in self.samples)
+
+    @property
     def interval95_deg(self) -> Interval:
         """Interval that holds its angle with 95 % probability."""
         return Interval(low_deg=self.posterior.quantile_deg(0.025), high_deg=self.posterior.quantile_deg(0.975))

@@ -168,11 +168,7 @@ class Posterior(SearchPolicy):
             return None
         source = self._state().sources[0]
         return belief_of(
-            source.posterior,
-            self._shapes,
-            limits=self._limits,
-            floor=FLOOR_SNR,
-            detected=self._detected(),
+            source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._detected()
         )
 
     def _noise(self) -> Noise:
@@ -266,7 +262,7 @@ class Posterior(SearchPolicy):
         wanted = SURVEYED if self._confirmed else SURVEY_TARGET
         if state.survey is not None and state.survey.share < wanted:
             return state.survey.next_deg
-        if _placed(first):
+        if first.placed:
             return None
         # Intensities alone do not tell two sources apart that are near one another.
         wanted_deg = top_deg(first.posterior, measured_deg)
@@ -282,7 +278,7 @@ class Posterior(SearchPolicy):
             between_deg = (doubtful.angle_deg + centre_deg) / 2
             if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
                 return between_deg
-        if _placed(source):
+        if source.placed:
             return None
         noise = self._noise()
         hump = unmirrored(
@@ -301,12 +297,9 @@ class Posterior(SearchPolicy):
         return top_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
+        from_deg = self._lit[-1].angle_deg
         return most_informative_deg(
-            source.posterior,
-            self._shapes,
-            from_deg=self._lit[-1].angle_deg,
-            limits=self._limits,
-            floor=FLOOR_SNR,
+            source.posterior, self._shapes, from_deg=from_deg, limits=self._limits, floor=FLOOR_SNR
         )
 
     def _detection_deg(self) -> float:
@@ -330,8 +323,3 @@ class Posterior(SearchPolicy):
         if level is None:
             return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
         return max(intensities) > level
-
-
-def _placed(source: Candidate) -> bool:
-    """Whether the samples of a source tell places apart."""
-    return all(sample.reading.local_maxima is not None for sample in source.samples)
