@@ -8,6 +8,7 @@ import pytest
 
 from markerseek.core import AtBound, ConfigError, Found, Interval, NotFound, Reading, Sample, SearchError, Unsure
 from markerseek.search import GOLDEN, METHODS, BracketSearch, Guarded, WeightedAverage, build, method_named, noise_of
+from markerseek.search.evidence import missing_evidence
 from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
 
 ALL = [method.name for method in METHODS]
@@ -157,6 +158,16 @@ def test_strong_samples_from_different_places():
     assert "different places" in scattered.reason
     _, together = run(build("weighted-average"), lorentzian(7.3), darks=DARKS, lateral_m=lambda _: 0.011)
     assert isinstance(together, Found)
+
+
+@pytest.mark.parametrize(("elsewhere", "said"), [(4.9, None), (6.4, "the intensity is the same")])
+def test_a_weak_peak_is_evidence_beside_noise_but_not_beside_a_background(elsewhere, said):
+    """The dark frames say what noise reaches by itself."""
+    darks = [dark(intensity, noise_sigma=1.0, cells=100_000) for intensity in (4.6, 5.0, 5.3)]
+    lit = [sample(angle, elsewhere, noise_sigma=1.0, cells=100_000) for angle in (-30.0, -10.0, 20.0, 30.0)]
+    lit.append(sample(5.0, 8.0, noise_sigma=1.0, cells=100_000))
+    missing = missing_evidence(lit, dark=darks, noise=noise_of(lit, dark=darks))
+    assert missing is None if said is None else said in missing
 
 
 def test_coherence_must_exceed_that_of_noise():

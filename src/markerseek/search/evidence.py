@@ -56,7 +56,9 @@ def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: No
         )
     if len(lit) == 1:
         return "only one angle has been measured; a peak shows beside others"
-    if largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0)):
+    flat = largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * (noise.sigma or 0.0))
+    # A weak marker that one or two angles show is no background: at the others there is nothing but noise.
+    if flat and not (dark and np.median(intensities) <= max(sample.reading.intensity for sample in dark)):
         return f"the intensity is the same at all measured angles, {smallest:.4g} to {largest:.4g}: there is no peak"
     return _elsewhere(lit, strongest, level=level or 0.0) or _incoherent(lit, strongest, dark, level=level or 0.0)
 
