@@ -134,6 +134,15 @@ def test_a_source_beyond_an_end_is_at_bound_alone_and_ambiguous_beside_one_insid
         assert sorted(both.modes_deg) == pytest.approx([0.0, 35.0], abs=1.0)
 
 
+def test_a_doubtful_sample_of_a_source_beyond_an_end_asks_for_no_angle_there(monkeypatch):
+    """One search of 10,000 asked for the middle between its outermost sample and a centre at 40 degrees."""
+    outermost = "markerseek.search.posterior.policy.unexplained"
+    monkeypatch.setattr(outermost, lambda source, *_, **__: max(source.samples, key=lambda sample: sample.angle_deg))
+    policy = search(World([(38.0, 100.0, 8.0, 5.0, 40.0)], seed=2), acquisitions=24)
+    assert policy._first().posterior.mean_deg > 36
+    assert max(sample.angle_deg for sample in policy._lit) <= 35
+
+
 def test_a_search_that_may_have_missed_a_source_says_where():
     """At 26 dB a curve of 3° is seen 4° away at most: sixteen acquisitions cannot show that there is no other one."""
     answer = search(World([(-10.0, 20.0, 3.5, 5.0, 40.0)], seed=4)).estimate()

@@ -54,6 +54,9 @@ FINE_KNOTS = 17
 SYMMETRY_ANGLES = (13, 25)
 """Angles at which the symmetric likelihood is computed: at first, and about the mean of that."""
 
+SYMMETRY_STEP, MOST_SYMMETRY_ANGLES = 0.02, 151
+"""Their step over the full width at half maximum where they are spread wider than that, and their largest number."""
+
 SYMMETRY_SHAPES = 8
 """Shapes with which it is computed, the most probable."""
 
@@ -278,9 +281,13 @@ def refine(
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
     remaining = hypotheses_of(shapes, members)
     angles_deg, share = grid.angles_deg, best.angle
+    # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
+    step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
     for count in SYMMETRY_ANGLES:
         hypotheses = remaining
         half_deg = _half_width_deg(angles_deg, share)
+        if half_deg > fwhm_deg:
+            count = min(math.ceil(2 * half_deg / step_deg), MOST_SYMMETRY_ANGLES)
         angles_deg = float(share @ angles_deg) + np.linspace(-half_deg, half_deg, count)
         log_p, log_amplitude = symmetric_log_likelihood(shapes, hypotheses, observations, angles_deg)
         log_p += hypotheses.log_prior + log_prior(angles_deg)[:, None]

@@ -276,7 +276,7 @@ class Posterior(SearchPolicy):
         if doubtful is not None:
             # Between a second hump and the first lies a dip.
             between_deg = (doubtful.angle_deg + centre_deg) / 2
-            if min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
+            if between_deg in self._limits and min(abs(each - between_deg) for each in measured_deg) > BESIDE_DEG:
                 return between_deg
         if source.placed:
             return None
