@@ -283,11 +283,10 @@ def refine(
     angles_deg, share = grid.angles_deg, best.angle
     # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
     step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
-    for count in SYMMETRY_ANGLES:
+    for usual in SYMMETRY_ANGLES:
         hypotheses = remaining
         half_deg = _half_width_deg(angles_deg, share)
-        if half_deg > fwhm_deg:
-            count = min(math.ceil(2 * half_deg / step_deg), MOST_SYMMETRY_ANGLES)
+        count = usual if half_deg <= fwhm_deg else min(math.ceil(2 * half_deg / step_deg), MOST_SYMMETRY_ANGLES)
         angles_deg = float(share @ angles_deg) + np.linspace(-half_deg, half_deg, count)
         log_p, log_amplitude = symmetric_log_likelihood(shapes, hypotheses, observations, angles_deg)
         log_p += hypotheses.log_prior + log_prior(angles_deg)[:, None]
