@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
+from markerseek.search.floor import Noise
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.grid import ERRORS, LEVELS
+from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
@@ -203,3 +206,30 @@ def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg)
         weight /= weight.sum(axis=1, keepdims=True)
         variance = weight @ theta_deg**2 - (weight @ theta_deg) ** 2
         assert found == pytest.approx(variance.mean(), rel=1e-6)
+
+
+def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
+    """A marker at 34° measured up to 35° may also lie at 40°, on a curve of another form: by all shapes, in fine steps."""
+    measured = [(-21.9, 4.6), (-5.0, 5.5), (4.4, 6.7), (28.44, 19.3), (29.84, 28.4), (29.99, 30.9), (30.47, 40.9)]
+    measured += [(31.19, 57.5), (31.78, 70.0), (33.2, 92.1), (33.51, 98.5), (33.77, 100.5), (34.64, 100.3)]
+    measured += [(35.0, 95.9), (35.0, 95.1), (35.0, 96.2)]
+    lit = [
+        Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity, noise_sigma=1.0, cells=1400))
+        for angle_deg, intensity in measured
+    ]
+    inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
+    coarse = inference._coarse(lit, Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
+    for lift, tolerance in ((0.0, 0.2), (5.0, 0.1)):
+
+        def log_prior(angles_deg, lift=lift):
+            return np.where(angles_deg > 36.0, lift, 0.0)
+
+        known = coarse.marginals(log_prior(coarse.angles_deg), particles=8)
+        centre = refine(SHAPES, coarse, known, inference._observations, log_prior, particles=8)
+        angles_deg = np.arange(30.0, 46.0, 0.02)
+        hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
+        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, inference._observations, angles_deg)
+        log_p += hypotheses.log_prior + log_prior(angles_deg)[:, None]
+        share = np.exp(log_p - log_p.max()).sum(axis=1)
+        beyond = share[angles_deg > 36].sum() / share.sum()
+        assert centre.share[centre.angles_deg > 36].sum() == pytest.approx(beyond, abs=tolerance)
