@@ -209,7 +209,7 @@ def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg)
 
 
 def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
-    """A marker at 34° measured up to 35° may also lie at 40°, on a curve of another form: by all shapes, in fine steps."""
+    """A marker at 34° that is measured up to 35° may lie at 40° as well; by all shapes, in fine steps."""
     measured = [(-21.9, 4.6), (-5.0, 5.5), (4.4, 6.7), (28.44, 19.3), (29.84, 28.4), (29.99, 30.9), (30.47, 40.9)]
     measured += [(31.19, 57.5), (31.78, 70.0), (33.2, 92.1), (33.51, 98.5), (33.77, 100.5), (34.64, 100.3)]
     measured += [(35.0, 95.9), (35.0, 95.1), (35.0, 96.2)]
