@@ -280,8 +280,8 @@ def test_the_shift_of_an_asymmetric_marker():
 
 def test_the_shift_grows_as_less_of_the_sound_is_in_phase():
     point, spot = (shift_scale_deg((mean, 0.01), depth_m=0.05) for mean in (1.0, 0.5))
-    assert point == pytest.approx(math.degrees(0.14e-3 / 0.06))
-    assert spot == pytest.approx(math.degrees(0.27e-3 / 0.06))
+    assert point == pytest.approx(math.degrees(0.12e-3 / 0.06))
+    assert spot == pytest.approx(math.degrees(0.25e-3 / 0.06))
 
 
 def test_the_exponential_of_the_weights_is_numpys():

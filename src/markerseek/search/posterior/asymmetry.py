@@ -31,10 +31,9 @@ from markerseek.search.posterior.arrival import FACE_RADIUS_M
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_M, WIDE_SHIFT_M = 0.14e-3, 0.26e-3
-"""a₀ and a₁ in metres. The most likely ones of 285 simulated spots of 0.4 to 1.2 mm radius, whose root mean square
-shifts were 0.21 mm (the smallest) to 0.33 mm (the largest), were 0.12 and 0.26 mm; of 200 others a₀ = 0.14 mm is as
-likely, and the intervals cover 95 % of them instead of 93."""
+SHIFT_M, WIDE_SHIFT_M = 0.12e-3, 0.26e-3
+"""a₀ and a₁ in metres: the most likely ones of 285 simulated spots of 0.4 to 1.2 mm radius, whose root mean square
+shifts were 0.21 mm (the smallest) to 0.33 mm (the largest), whatever the curve's width."""
 
 USUAL_COHERENCE = 0.7
 """Coherence of a spot where frames do not say it."""
