@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from page_browser import needs_browser
@@ -20,10 +21,11 @@ def test_race_on_the_same_scene(opened, command_result):
     watched.wait_for(STATUS, "^over$")
     watched.tab.wait_for_selector("text=posterior is first")
     results = [command_result("--seed", "1", "--method", method) for method in ("posterior", "ternary")]
-    angles = [f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°" for each in results]
-    assert watched.tab.locator(ANGLE).all_inner_texts() == angles
-    counts = watched.tab.locator(".ms-counts").all_inner_texts()
-    assert [int(text.split()[0]) for text in counts] == [each["acquisitions"] for each in results]
+    assert watched.tab.locator(ANGLE).count() == len(results)
+    for place, each in enumerate(results):
+        angle = f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°"
+        watched.wait_for(f"{ANGLE} >> nth={place}", re.escape(angle))
+        watched.wait_for(f".ms-counts >> nth={place}", rf"^{each['acquisitions']} ")
 
 
 def test_your_turn_by_keys(opened):
@@ -73,5 +75,5 @@ def test_replay_of_a_bank_is_a_search_on_it(opened, shell):
     watched.press("Search it")
     watched.wait_for(STATUS, "^(found at|unsure|not found|at bound|ambiguous)")
     expected = json.loads(shell("replay", "examples/simulated_scan.csv", "--json")[1])
-    assert watched.text(ANGLE).startswith(f"{expected['angle_deg']:.3f}°")
+    watched.wait_for(ANGLE, "^" + re.escape(f"{expected['angle_deg']:.3f}°"))
     assert watched.text(".ms-banner").startswith("REPLAYED")
