@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import logsumexp, softmax
 from scipy.stats import multivariate_normal
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
@@ -219,6 +220,10 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
     ]
     inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
     coarse = inference._coarse(lit, Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
+    angles_deg = np.arange(30.0, 46.0, 0.02)
+    hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
+    log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, inference._observations, angles_deg)
+    by_angle = logsumexp(log_p + hypotheses.log_prior, axis=1)
     for lift, tolerance in ((0.0, 0.2), (5.0, 0.1)):
 
         def log_prior(angles_deg, lift=lift):
@@ -226,10 +231,5 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
 
         known = coarse.marginals(log_prior(coarse.angles_deg), particles=8)
         centre = refine(SHAPES, coarse, known, inference._observations, log_prior, particles=8)
-        angles_deg = np.arange(30.0, 46.0, 0.02)
-        hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
-        log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, inference._observations, angles_deg)
-        log_p += hypotheses.log_prior + log_prior(angles_deg)[:, None]
-        share = np.exp(log_p - log_p.max()).sum(axis=1)
-        beyond = share[angles_deg > 36].sum() / share.sum()
+        beyond = softmax(by_angle + log_prior(angles_deg))[angles_deg > 36].sum()
         assert centre.share[centre.angles_deg > 36].sum() == pytest.approx(beyond, abs=tolerance)

@@ -91,7 +91,7 @@ def test_a_second_marker_takes_fewer_acquisitions() -> None:
     for prior in (None, MarkerCurve(fwhm_deg=5.0, peak=100.0)):
         rng = np.random.default_rng(3)
         taken, errors = [], []
-        for _ in range(16):
+        for _ in range(64):
             marker_deg, peak = rng.uniform(-30, 30), 100 * math.exp(0.3 * rng.standard_normal())
             fwhm_deg = 5.0 * math.exp(0.15 * rng.standard_normal())
             policy = Posterior(single=True, prior=prior)
@@ -105,4 +105,4 @@ def test_a_second_marker_takes_fewer_acquisitions() -> None:
             errors.append(abs(policy.estimate().mean_deg - marker_deg))
         assert np.mean(errors) < 0.1
         counts[prior is None] = np.mean(taken)
-    assert counts[False] < counts[True]
+    assert counts[False] < counts[True] - 0.5

@@ -187,9 +187,8 @@ def answer_of(
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
         return AtBound(mean_deg=mean_deg, side=side, floor=floor, others=others, surveyed=surveyed)
-    modes = modes_deg(posterior, limits=limits)
-    if rivals:
-        modes = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
+    at_rivals = (mean_deg, *(_inside(each.posterior.mean_deg, limits) for each in rivals))
+    modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
     doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state))
