@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, quad_vec
 from scipy.optimize import brentq
-from scipy.stats import norm, rice
+from scipy.stats import expon, halfnorm, norm, rice, uniform
 from scipy.stats import t as student
 
 from markerseek.acoustics import AcousticModel, GaussianAbsorber, Probe
@@ -19,12 +19,12 @@ from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, stud
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.asymmetry import (
     NOISE_SIGMA,
-    POINT_COHERENCE,
     POINT_SIGMA,
     PRIOR,
+    SHIFT_M,
     asymmetry_probability,
     mean_coherence,
-    shift_scale_deg,
+    shift_scale_m,
     shifted_density,
 )
 from markerseek.search.posterior.grid import Grid
@@ -251,21 +251,33 @@ def test_moments_against_brute_force():
     assert log[0] - log[1] == pytest.approx(brute[0] - brute[1], abs=0.1)
 
 
-def test_a_spot_is_distinguished_from_a_point():
+def coherence_of(*coherences):
+    """Of samples 60 times as strong as noise."""
+    readings = [Reading(intensity=60.0, focused_coherence=each) for each in coherences]
+    return mean_coherence([Sample(angle_deg=0.0, reading=each) for each in readings], sigma=1.0)
+
+
+@pytest.mark.parametrize("width_m", [2e-3, 9e-3, 20e-3])
+def test_a_spot_is_distinguished_from_a_point(width_m):
     """Bayes' rule with SciPy's densities; samples without a coherence say nothing."""
 
     def probability(*coherences):
-        readings = [Reading(intensity=60.0, focused_coherence=each) for each in coherences]
-        lit = [Sample(angle_deg=0.0, reading=each) for each in readings]
-        return asymmetry_probability(mean_coherence(lit, sigma=1.0))
+        return asymmetry_probability(coherence_of(*coherences), width_m=width_m)
 
     sigma = math.hypot(POINT_SIGMA, math.hypot(POINT_SIGMA, NOISE_SIGMA / 60) / math.sqrt(2))
-    of_point = 0.03 + 0.97 * norm.pdf(0.98, POINT_COHERENCE, sigma)
-    of_spot = 0.03 + 0.97 / 0.65
+    of_point = 0.03 + 0.97 * halfnorm.pdf(0.02, scale=sigma)
+    unresolved = 1 / (1 + (9e-3 / width_m) ** 6)
+    of_spot = (1 - unresolved) * uniform.pdf(0.02, 0, 0.65) + unresolved * expon.pdf(0.02, scale=0.05)
+    of_spot = 0.03 + 0.97 * of_spot
     expected = PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
     assert probability(0.97, 0.99) == pytest.approx(expected)
-    assert probability(1.0, 0.99, 0.995) < 0.1 < 0.9 < probability(0.8, 0.6)
+    assert probability(1.0, 0.99, 0.995) < 0.25 < 0.5 < probability(0.8, 0.6)
     assert probability(None, None) == PRIOR
+
+
+def test_a_wide_curve_says_less_of_a_coherence_of_one():
+    narrow, wide = (asymmetry_probability(coherence_of(1.0, 0.995), width_m=each) for each in (3e-3, 14e-3))
+    assert narrow < 0.02 < 0.05 < wide < 0.5
 
 
 def test_the_shift_of_an_asymmetric_marker():
@@ -278,10 +290,14 @@ def test_the_shift_of_an_asymmetric_marker():
     np.testing.assert_allclose(density, 0.7 * norm.pdf(wanted, scale=0.1) + 0.3 * shifted, atol=2e-3)
 
 
-def test_the_shift_grows_as_less_of_the_sound_is_in_phase():
-    point, spot = (shift_scale_deg((mean, 0.01), depth_m=0.05) for mean in (1.0, 0.5))
-    assert point == pytest.approx(math.degrees(0.12e-3 / 0.06))
-    assert spot == pytest.approx(math.degrees(0.25e-3 / 0.06))
+def test_the_shift_grows_as_less_of_the_sound_is_in_phase_as_that_differs_and_with_the_width():
+    point, spot, uneven = coherence_of(1.0, 1.0), coherence_of(0.5, 0.5), coherence_of(0.4, 0.6)
+    assert uneven.scatter == pytest.approx(0.1)
+    assert shift_scale_m(point, width_m=5e-3) == pytest.approx(SHIFT_M)
+    assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.2e-3)
+    assert shift_scale_m(uneven, width_m=5e-3) == pytest.approx(0.435e-3)
+    assert shift_scale_m(uneven, width_m=20e-3) == pytest.approx(0.87e-3)
+    assert SHIFT_M < shift_scale_m(None, width_m=20e-3) < shift_scale_m(uneven, width_m=5e-3)
 
 
 def test_the_exponential_of_the_weights_is_numpys():

@@ -13,15 +13,22 @@ likely than a normal density by exp(18) on 285 simulated spots).
 
 All sound of a point is in phase over the array at its best focus (`Reading.focused_coherence`, C), whatever its pulse
 and the speed of sound; that of a spot wider than the array resolves is not. Bayes' rule gives u from the mean of C over
-the samples: that of a point is normal about `POINT_COHERENCE`, that of a spot uniform over `SPOT_COHERENCES`. Two
-sources that sound at once are taken for a spot: the interval is then too wide rather than too narrow. The less of the
-sound is in phase, the wider is the spot, and the larger its shift: a = a₀ + a₁·(1 − C).
+the samples: that of a point is 1 but for a small deviation, that of a spot may have any value. A long wave resolves
+little: then a spot may look like a point, and its curve, for the same reason, is wide. Where the width w of the curve,
+as a length at the marker, is large, more of the spots are therefore expected at C = 1. Two sources that sound at once
+are taken for a spot: the interval is then too wide rather than too narrow.
+
+The less of the sound is in phase, the more C differs from angle to angle (s, its standard deviation: the absorbers
+interfere differently at each), and the wider the curve, the larger is the shift:
+
+    a = (a₀ + a₁·(1 − C) + a₂·s)·√(w/5 mm).                                                                  (10c)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,29 +38,59 @@ from markerseek.search.posterior.arrival import FACE_RADIUS_M
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_M, WIDE_SHIFT_M = 0.12e-3, 0.26e-3
-"""a₀ and a₁ in metres: the most likely ones of 285 simulated spots of 0.4 to 1.2 mm radius, whose root mean square
-shifts were 0.21 mm (the smallest) to 0.33 mm (the largest), whatever the curve's width."""
+SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.085e-3, 0.23e-3, 2.35e-3
+"""a₀, a₁ and a₂ in metres: 1.2 times the most likely ones of 1,039 simulated spots in four tissues, so that 95 % of
+them are covered: tissues differ by more than C, s and w tell. Without s and w the logarithm of the likelihood is 56
+lower."""
 
-USUAL_COHERENCE = 0.7
-"""Coherence of a spot where frames do not say it."""
+USUAL_WIDTH_M = 5e-3
+"""Width of a curve, as a length at the marker, to which `SHIFT_M` refers."""
+
+USUAL_SHIFT_M = 0.2e-3
+"""a in metres where frames do not say C and s: that of all the 1,039 spots, whatever their width."""
 
 USUAL_RADIUS_M = 55e-3
 """Distance of the marker from the axis in metres, where frames do not say it."""
 
-POINT_COHERENCE, POINT_SIGMA, NOISE_SIGMA = 0.997, 0.005, 0.5
-"""Coherence of a point at its best focus, standard deviation from point to point, and that by noise times the SNR: of
-120 simulated points with all that is unknown drawn."""
+POINT_SIGMA, NOISE_SIGMA = 0.005, 0.5
+"""Deviation of a point's C from 1, root mean square from point to point, and that by noise times the SNR: of 260
+simulated points with all that is unknown drawn, at 30 and 40 dB."""
 
 SPOT_COHERENCES = 0.35, 1.0
-"""Coherences of spots: those of 95 % of 160 simulated ones of 0.4 to 1.2 mm radius were 0.43 to 0.98, evenly spread."""
+"""Coherences of spots of a narrow curve, evenly spread: those of 95 % of 160 simulated ones of 0.4 to 1.2 mm radius
+were 0.43 to 0.98."""
+
+UNRESOLVED_WIDTH_M, UNRESOLVED_POWER = 9e-3, 6
+"""Width w₀ of a curve of which every second spot looks like a point, and the power n with which their share grows,
+1/(1 + (w₀/w)ⁿ): of the 1,039 spots 1 % had C > 0.985 where w < 5 mm, 44 % where it was 12 to 15 mm."""
+
+UNRESOLVED_INCOHERENCE = 0.05
+"""Mean of 1 − C of these."""
 
 OUTLIERS = 0.03
 """Share of points whose coherence may have any value, as that of one beside which something else sounds."""
 
 
-def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> tuple[float, float] | None:
-    """Mean of C over the samples, and its standard deviation if the marker is a point; None where it is not known.
+class MeanCoherence(NamedTuple):
+    """The coherence C at the best focus, over the samples of one source.
+
+    Attributes
+    ----------
+    mean
+        Its mean.
+    sigma
+        Standard deviation of the mean if the source is a point.
+    scatter
+        Its standard deviation from sample to sample.
+    """
+
+    mean: float
+    sigma: float
+    scatter: float
+
+
+def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | None:
+    """Mean and scatter of C over the samples; None where it is not known.
 
     Parameters
     ----------
@@ -70,36 +107,64 @@ def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> tuple[float, float
     if not known:
         return None
     coherence, each_sigma = np.array(known).T
-    weight = each_sigma**-2
-    # The samples of one point share its own deviation.
-    return float(weight @ coherence / weight.sum()), math.hypot(POINT_SIGMA, 1 / math.sqrt(float(weight.sum())))
+    weight = each_sigma**-2 / np.sum(each_sigma**-2)
+    mean = float(weight @ coherence)
+    return MeanCoherence(
+        mean=mean,
+        # The samples of one point share its own deviation.
+        sigma=math.hypot(POINT_SIGMA, 1 / math.sqrt(float(np.sum(each_sigma**-2)))),
+        scatter=math.sqrt(float(weight @ (coherence - mean) ** 2)),
+    )
 
 
-def asymmetry_probability(coherence: tuple[float, float] | None) -> float:
-    """Return u of (10) from the mean of C and its standard deviation (`mean_coherence`)."""
-    if coherence is None:
-        return PRIOR
-    mean, sigma = coherence
-    away = (mean - POINT_COHERENCE) / sigma
-    of_point = OUTLIERS + (1 - OUTLIERS) * math.exp(-(away**2) / 2) / (sigma * math.sqrt(2 * math.pi))
-    low, high = SPOT_COHERENCES
-    of_spot = OUTLIERS + ((1 - OUTLIERS) / (high - low) if mean >= low else 0.0)
-    return PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
-
-
-def shift_scale_deg(coherence: tuple[float, float] | None, *, depth_m: float | None) -> float:
-    """Scale a/ρ of the shift of a spot's curve, in degrees.
+def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) -> float:
+    """Return u of (10).
 
     Parameters
     ----------
     coherence
         From `mean_coherence`.
-    depth_m
-        Distance of the marker from the array's face in metres; None if unknown.
+    width_m
+        Full width of the curve at half maximum, as a length at the marker, in metres.
     """
-    mean = USUAL_COHERENCE if coherence is None else coherence[0]
-    radius_m = USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
-    return math.degrees((SHIFT_M + WIDE_SHIFT_M * (1 - mean)) / radius_m)
+    if coherence is None:
+        return PRIOR
+    incoherence, sigma = 1 - coherence.mean, coherence.sigma
+    # A normal distribution of which one half is possible.
+    of_point = OUTLIERS + (1 - OUTLIERS) * math.exp(-((incoherence / sigma) ** 2) / 2) / (
+        sigma * math.sqrt(math.pi / 2)
+    )
+    low, high = SPOT_COHERENCES
+    unresolved = 1 / (1 + (UNRESOLVED_WIDTH_M / width_m) ** UNRESOLVED_POWER)
+    resolved = 1 / (high - low) if coherence.mean >= low else 0.0
+    like_point = math.exp(-incoherence / UNRESOLVED_INCOHERENCE) / UNRESOLVED_INCOHERENCE
+    of_spot = OUTLIERS + (1 - OUTLIERS) * ((1 - unresolved) * resolved + unresolved * like_point)
+    return PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
+
+
+def shift_scale_m(coherence: MeanCoherence | None, *, width_m: float) -> float:
+    """Scale a of the shift of a spot's curve, (10c), in metres.
+
+    Parameters
+    ----------
+    coherence, width_m
+        As for `asymmetry_probability`.
+    """
+    if coherence is None:
+        return USUAL_SHIFT_M
+    narrow_m = SHIFT_M + INCOHERENT_SHIFT_M * (1 - coherence.mean) + SCATTER_SHIFT_M * coherence.scatter
+    return narrow_m * math.sqrt(width_m / USUAL_WIDTH_M)
+
+
+def radius_m(depth_m: float | None) -> float:
+    """Distance of the marker from the axis, in metres.
+
+    Parameters
+    ----------
+    depth_m
+        Its distance from the array's face in metres; None if unknown.
+    """
+    return USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
 
 
 def shifted_density(

@@ -22,7 +22,8 @@ from markerseek.search.posterior.arrival import Moments, moments_of
 from markerseek.search.posterior.asymmetry import (
     asymmetry_probability,
     mean_coherence,
-    shift_scale_deg,
+    radius_m,
+    shift_scale_m,
     shifted_density,
 )
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer
@@ -211,7 +212,9 @@ class Inference:
         angle_deg, share = centre.angles_deg, centre.share
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
         coherence = mean_coherence(lit, sigma=self._scale.sigma)
-        scale_deg = shift_scale_deg(coherence, depth_m=strongest.depth_m)
+        from_axis_m = radius_m(strongest.depth_m)
+        width_m = from_axis_m * math.radians(centre.fwhm_deg)
+        scale_deg = math.degrees(shift_scale_m(coherence, width_m=width_m) / from_axis_m)
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
         if "intensity" not in self._cues or step_deg > scale_deg:
@@ -228,7 +231,11 @@ class Inference:
             share = share * np.exp(np.minimum(-np.interp(angle_deg, angles_deg, log_moments), 30.0))
             share = share / share.sum()
         density = shifted_density(
-            angle_deg, share, angles_deg, probability=asymmetry_probability(coherence), scale_deg=scale_deg
+            angle_deg,
+            share,
+            angles_deg,
+            probability=asymmetry_probability(coherence, width_m=width_m),
+            scale_deg=scale_deg,
         )
         density *= np.exp(log_moments)
         return angles_deg, density / density.sum()
