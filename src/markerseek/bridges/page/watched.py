@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 
 import msgspec
@@ -113,6 +114,9 @@ def warm_up() -> None:
     header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
     ImageReader(preset).picture(ChannelFrame(header=header, samples=samples, sampling_hz=preset.sampling_hz))
+    # The collector passes over what has been loaded by now, so that it looks more often at what searches leave behind:
+    # panels that were replaced hold the run that they showed.
+    gc.freeze()
 
 
 def watched_journal(held: RecordedRun) -> WatchedRun:
