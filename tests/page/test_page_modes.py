@@ -14,13 +14,15 @@ STATUS, ANGLE = ".ms-status", ".ms-angle"
 
 
 def test_race_on_the_same_scene(opened, command_result):
-    watched = opened("/race")
+    watched = opened("/race", "&seed=2")
     watched.tab.get_by_label("speed").click()
     watched.tab.get_by_role("option", name="no waiting").click()
+    # The link holds what was chosen.
+    watched.tab.wait_for_url("**/race?seed=2&pace=0*")
     watched.search("Start the race")
     watched.wait_for(STATUS, "^over$")
     watched.tab.wait_for_selector("text=posterior is first")
-    results = [command_result("--seed", "1", "--method", method) for method in ("posterior", "ternary")]
+    results = [command_result("--seed", "2", "--method", method) for method in ("posterior", "ternary")]
     assert watched.tab.locator(ANGLE).count() == len(results)
     for place, each in enumerate(results):
         angle = f"{each['angle_deg']:.3f}° ± {each['sigma_deg']:.3f}°"

@@ -56,14 +56,11 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
 
     @ui.page("/")
     def search(request: Request) -> None:
-        settings, problem = _settings(request)
-        build_search_page(desk, settings)
-        if problem is not None:
-            ui.notify(problem, type="negative", multi_line=True)
+        build_search_page(desk, _settings(request))
 
     @ui.page("/race")
-    def race() -> None:
-        build_race_page(desk)
+    def race(request: Request) -> None:
+        build_race_page(desk, _settings(request))
 
     @ui.page("/turn")
     def turn() -> None:
@@ -88,12 +85,13 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
     return application
 
 
-def _settings(request: Request) -> tuple[PageSettings, str | None]:
-    """Settings of the link, or the usual ones and what is wrong with the link."""
+def _settings(request: Request) -> PageSettings:
+    """Settings of the link; the usual ones, and a message on the page, where the link is wrong."""
     try:
-        return PageSettings.of_query(request.query_params), None
+        return PageSettings.of_query(request.query_params)
     except ConfigError as problem:
-        return PageSettings(), str(problem)
+        ui.notify(str(problem), type="negative", multi_line=True)
+        return PageSettings()
 
 
 async def _stop_unwatched(desk: Desk, unwatched_s: float) -> None:

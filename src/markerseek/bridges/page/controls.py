@@ -120,7 +120,7 @@ class SearchControls:
         self._desk = frame.desk
         with ui.element("div").classes("ms-controls"):
             names = METHOD_FIELDS + (RIG_FIELDS if self._desk.rig.simulated else ())
-            self._row = SettingsRow(settings, names, on_change=_hold_in_link)
+            self._row = SettingsRow(settings, names, on_change=hold_in_link("/"))
             self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
         frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
@@ -142,9 +142,14 @@ class SearchControls:
             self._desk.go_on()
 
 
-def _hold_in_link(settings: PageSettings) -> None:
-    query = settings.query()
-    ui.navigate.history.replace(f"/?{query}" if query else "/")
+def hold_in_link(path: str) -> Callable[[PageSettings], None]:
+    """What puts settings into the address of a page, so that its link holds them."""
+
+    def hold(settings: PageSettings) -> None:
+        query = settings.query()
+        ui.navigate.history.replace(f"{path}?{query}" if query else path)
+
+    return hold
 
 
 def _with_rig(options: Mapping[Any, str]) -> dict[Any, str]:

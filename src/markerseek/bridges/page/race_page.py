@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from nicegui import ui
 
-from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow
+from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow, hold_in_link
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
@@ -72,13 +72,15 @@ def verdict(runs: tuple[LiveRun, ...]) -> str:
     return f"{winner.configuration.plan.method} is first, after {winner.snapshots[-1].elapsed_s:.0f} s (virtual)"
 
 
-def build_race_page(desk: Desk) -> None:
+def build_race_page(desk: Desk, settings: PageSettings) -> None:
     """Build the page for one viewer.
 
     Parameters
     ----------
     desk
         What all viewers share.
+    settings
+        The settings of the rig at first, from the link.
     """
     frame = Frame(desk, "/race")
     if not desk.rig.simulated:
@@ -86,7 +88,7 @@ def build_race_page(desk: Desk) -> None:
         frame.run(lambda: None)
         return
     with ui.element("div").classes("ms-controls"):
-        shared = SettingsRow(PageSettings(), RIG_FIELDS)
+        shared = SettingsRow(settings, RIG_FIELDS, on_change=hold_in_link("/race"))
         start = ui.button("Start the race", icon="play_arrow").props("dense padding='6px 14px'")
         verdict_label = ui.label("").classes("ms-answer")
     with ui.element("div").classes("ms-lanes"):
