@@ -18,6 +18,7 @@ from markerseek.core.errors import (
     RecordError,
     SaturationError,
     SearchError,
+    needs_package,
 )
 from markerseek.core.estimate import (
     Ambiguous,
@@ -128,5 +129,6 @@ __all__ = [
     "is_finite",
     "is_whole",
     "marker_position",
+    "needs_package",
     "require_range",
 ]
