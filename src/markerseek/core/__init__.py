@@ -33,7 +33,7 @@ from markerseek.core.estimate import (
 )
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
-from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
+from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
@@ -57,6 +57,7 @@ __all__ = [
     "MOST_ACQUISITIONS",
     "MOST_ARRIVALS",
     "MOST_INTENSITY",
+    "NO_HEADER",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",

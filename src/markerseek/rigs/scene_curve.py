@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Float64, PaImage
+from markerseek.core import NO_HEADER, ChannelFrame, Float64, PaImage
 from markerseek.rigs.scene import Scene
-from markerseek.rigs.spot import MOST_COUNTS, NO_HEADER, image_reader
+from markerseek.rigs.spot import MOST_COUNTS, image_reader
 from markerseek.signals import ImageReader, strongest_peaks
 from markerseek.sim import RecordedCurve
 
