@@ -2,7 +2,7 @@
 
 from markerseek.core.array import LinearArray
 from markerseek.core.arrival import Arrival, LocalMaxima
-from markerseek.core.checks import require_range
+from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -38,7 +38,6 @@ from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
-from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
