@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from markerseek.core import PAPER_RANGE, Found, Interval, MissingExtraError
+from markerseek.core import PAPER_RANGE, Found, Interval, needs_package
 from markerseek.search import SearchPolicy, check_acquisitions
 
 CLEARLY_WEAKER = 3.0
@@ -60,12 +60,8 @@ class OptimiserPolicy(SearchPolicy):
         self._budget = check_acquisitions(acquisitions, least=self.least, method=self.name)
         if self.package is not None:
             # Before the first acquisition, not at the end of the first design.
-            try:
+            with needs_package(self.name, extra=self.extra, purpose=f"the method {self.name}"):
                 importlib.import_module(self.package)
-            except ImportError as missing:
-                raise MissingExtraError(
-                    package=self.name, extra=self.extra, purpose=f"the method {self.name}"
-                ) from missing
         self._limits = limits
 
     @abstractmethod

@@ -81,7 +81,6 @@ def command(
     bank = rigs.completed_by(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
-    dark = bank.dark_frames if isinstance(bank, FrameBank) else 0
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
         stderr.print("[yellow]the recording has no sampling frequency; 40 MHz is assumed (--sampling-mhz)[/]")
@@ -89,7 +88,7 @@ def command(
     if frames and probe is None and bank.facts.probe is None:
         stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (
-        whole_bank(to, angles=count, dark_frames=dark, facts=facts) as writer,
+        whole_bank(to, angles=count, dark_frames=bank.dark_frames, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
         b_mode = BModeNote()

@@ -72,19 +72,17 @@ def command(
 
 def _print_json(path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None) -> None:
     """Print what is in a bank; the statistics of the peak have the names of bluesky: com, cen, fwhm, max."""
-    from markerseek.records.banks import FrameBank
-
     facts, angles = bank.facts, bank.angles_deg
     print_report(
         path=str(path),
         content=_content(bank),
         description=facts.description,
         angles=len(angles),
-        planned=bank.planned if isinstance(bank, FrameBank) else len(angles),
+        planned=bank.planned,
         first_deg=angles[0],
         last_deg=angles[-1],
         largest_step_deg=_largest_step_deg(bank),
-        dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
+        dark_frames=bank.dark_frames,
         dark_intensity=dark,
         **asdict(peak),
         reference_deg=facts.reference_angle_deg,
@@ -124,19 +122,17 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
 def _print_facts(
     path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, computed_with: str | None
 ) -> None:
-    from markerseek.records.banks import FrameBank
 
     stdout.print(f"[bold]{escape(str(path))}[/]: {_content(bank)}")
     facts, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
     cut, dark_frames = "", None
-    if isinstance(bank, FrameBank):
-        if bank.dark_frames:
-            dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
-        if bank.planned != len(angles):
-            cut = (
-                f" of {bank.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
-                f"'markerseek bank import {path} whole.hdf5' leaves them off"
-            )
+    if bank.dark_frames:
+        dark_frames = f"{bank.dark_frames}, the largest intensity is {dark or math.nan:.4g}"
+    if bank.planned != len(angles):
+        cut = (
+            f" of {bank.planned} planned: the scan was cut short, and other programs see zeros for the rest; "
+            f"'markerseek bank import {path} whole.hdf5' leaves them off"
+        )
     rows: list[tuple[str, str | None]] = [
         ("scanned", facts.description or None),
         ("began", None if began_unix_s is None else _date(began_unix_s)),

@@ -19,15 +19,7 @@ Verdict = Literal["right", "mirrored", "neither"]
 
 
 def verdict_of(found_deg: float, source_deg: float) -> Verdict:
-    """Whether a source was found at its true angle, at the mirrored angle, or elsewhere.
-
-    Parameters
-    ----------
-    found_deg
-        Angle found, in degrees.
-    source_deg
-        True angle, in degrees.
-    """
+    """Whether a source was found at its true angle, at the mirrored angle, or elsewhere; both in degrees."""
     # With the full tolerance a source at 5 deg could be found at 0, which is neither side.
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
     if abs(found_deg - source_deg) <= near_deg:

@@ -223,6 +223,11 @@ def write_rig_file(path: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
+def true_marker(truth_deg: float | None) -> str:
+    """The true angle of a simulated marker as a line to print; None: there is no marker."""
+    return "truth: there is no marker" if truth_deg is None else f"truth: the marker is at {truth_deg:.3f} deg"
+
+
 def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
@@ -230,10 +235,7 @@ def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
     if device in ("kdc101", "bench"):
         truth.append(f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg")
     if device != "kdc101":
-        marker = (
-            "there is no marker" if emulated.truth_deg is None else f"the marker is at {emulated.truth_deg:.3f} deg"
-        )
-        truth.append(f"truth: {marker}")
+        truth.append(true_marker(emulated.truth_deg))
     if device in ("laser", "bench"):
         truth.append(f"truth: {len(emulated.laser_box.pulses)} pulses of light were fired")
     return truth

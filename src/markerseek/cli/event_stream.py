@@ -65,18 +65,7 @@ class StreamOptions:
 
     @contextmanager
     def opened(self, configuration: Configuration) -> Iterator[EventStream | None]:
-        """The stream of a run, closed at the end; None where none is wanted.
-
-        Parameters
-        ----------
-        configuration
-            Of the run.
-
-        Raises
-        ------
-        RecordError
-            If it cannot be opened.
-        """
+        """The stream of a run, closed at the end; None where none is wanted; `RecordError` if it cannot be opened."""
         if self.path is None:
             yield None
             return
@@ -87,13 +76,7 @@ class StreamOptions:
 
     @contextmanager
     def stopping(self, stream: EventStream | None) -> Iterator[None]:
-        """Send this process SIGTERM when the reader of the stream ends, where that is wanted.
-
-        Parameters
-        ----------
-        stream
-            From `opened`.
-        """
+        """Send this process SIGTERM when the reader of the stream from `opened` ends, where that is wanted."""
         if stream is None or not self.stop_with_reader:
             yield
             return

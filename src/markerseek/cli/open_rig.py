@@ -172,13 +172,7 @@ def confirmed(question: str) -> bool:
 
 
 def print_permissions(settings: drivers.BenchSettings) -> None:
-    """Print what a rig of devices may do once it is armed: limits, pulses, budgets, exposure, its start command.
-
-    Parameters
-    ----------
-    settings
-        From the user's rig file.
-    """
+    """Print what a user's rig file allows once it is armed: limits, pulses, budgets, exposure, its start command."""
     limits, firing, receiver = settings.limits, settings.firing, settings.receiver
     command = receiver.start_command if isinstance(receiver, drivers.BenchReceiver) else None
     lines = (

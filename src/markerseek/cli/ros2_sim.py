@@ -12,7 +12,7 @@ import typer
 
 from markerseek import rigs
 from markerseek.bridges import ros2
-from markerseek.cli.emulate import world_text, write_rig_file
+from markerseek.cli.emulate import true_marker, world_text, write_rig_file
 from markerseek.cli.ros2_nodes import (
     PlainCommand,
     PlainReached,
@@ -80,9 +80,7 @@ def command(
             nodes.append(opened.enter_context(made))
         by = "a simulated rig"
         beat.served = [
-            ros2.StageNode(
-                node=nodes[0], stage=world.stage, guard=guards[0], clock=clock, by=by, plain=plain, simulated=True
-            ),
+            ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
             ros2.AcquisitionNode(
                 node=nodes[1],
                 laser=world.laser,
@@ -96,10 +94,7 @@ def command(
         stdout.print("simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it")
         sys.stdout.flush()
         serve_until_stopped(beat)
-    truth = (
-        "there is no marker" if world.facts.truth_deg is None else f"the marker is at {world.facts.truth_deg:.3f} deg"
-    )
-    stderr.print(f"truth: {truth}")
+    stderr.print(true_marker(world.facts.truth_deg))
 
 
 def _rig_text(settings: SimulatedSettings) -> str:

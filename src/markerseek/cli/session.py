@@ -115,15 +115,7 @@ def _watch(session: Session) -> None:
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
-    """The shell command that resumes a journal.
-
-    Parameters
-    ----------
-    journal
-        The journal.
-    rig_file
-        Rig file of a rig of devices; None for any other rig.
-    """
+    """The shell command that resumes a journal; only a rig of devices needs its rig file."""
     rig = "" if rig_file is None else f" --rig {quoted(rig_file)}"
     return f"markerseek resume {quoted(journal)}{rig}"
 
@@ -163,13 +155,7 @@ def _new_journal(named: Path | None, configuration: Configuration) -> Journal | 
 
 @contextmanager
 def closed_at_end(journal: Journal | None) -> Iterator[None]:
-    """Close a journal at the end; a failure to close it is a warning only, so that the answer is still shown.
-
-    Parameters
-    ----------
-    journal
-        An open one, or None.
-    """
+    """Close a journal at the end; a failure to close it is a warning only, so that the answer is still shown."""
     try:
         yield
     finally:

@@ -13,13 +13,7 @@ from markerseek.cli.terminal import stdout
 
 
 def show_summary(summary: studies.Summary) -> None:
-    """Print the policies by number, tables for each cell, and one of the differences.
-
-    Parameters
-    ----------
-    summary
-        Summary of the study.
-    """
+    """Print the policies by number, tables for each cell, and one of the differences."""
     stdout.print(f"[bold]{escape(summary.name)}[/]: {summary.rows} simulated searches, level: {summary.level}")
     first = [policy for policy in summary.policies if policy.cell == summary.policies[0].cell]
     for policy in first:
@@ -79,13 +73,7 @@ def _show_legend(summary: studies.Summary) -> None:
 
 
 def show_bounds(comparisons: Sequence[studies.BoundComparison]) -> None:
-    """Policies compared with the bound, and the time of their decisions.
-
-    Parameters
-    ----------
-    comparisons
-        One for each policy and cell.
-    """
+    """Print each policy in each cell compared with the bound, and the time of its decisions."""
     stdout.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
     table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
     for each in comparisons:

@@ -34,10 +34,7 @@ _CONTROL = frozenset({"Cc", "Cf", "Zl", "Zp"})
 def printable(text: str) -> str:
     """A text with control characters as escapes, so that a file or device cannot control the terminal.
 
-    Parameters
-    ----------
-    text
-        Any text; line feeds and tabs stay.
+    Line feeds and tabs stay.
     """
     return _escaped(text, lambda char: char if char in "\n\t" else repr(char)[1:-1])
 
@@ -49,13 +46,7 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 
 
 def one_line(text: str) -> str:
-    """A text escaped for one line of Rich markup: line feeds, control characters and brackets.
-
-    Parameters
-    ----------
-    text
-        Any text.
-    """
+    """A text escaped for one line of Rich markup: line feeds, control characters and brackets."""
     return escape(printable(text).replace("\n", "\\n"))
 
 

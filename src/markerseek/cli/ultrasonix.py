@@ -16,9 +16,9 @@ from rich.markup import escape
 from markerseek import signals
 from markerseek.cli.terminal import print_facts, print_report, save_picture, stdout
 from markerseek.core import (
+    NO_HEADER,
     BModeImage,
     ConfigError,
-    FrameHeader,
     LinearArray,
     RecordError,
     RFFrame,
@@ -109,8 +109,7 @@ def open_for_spare(
         preset = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
     except ConfigError as problem:
         raise RecordError(f"{path}: the lines in its header do not fit probe {probe}: {problem}") from problem
-    no_header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    frame = RFFrame(header=no_header, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
+    frame = RFFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=preset.sampling_hz)
     reader = signals.SpareReader(
         preset, receive_focus_m=receive_focus_m, min_depth_m=min_depth_m, max_depth_m=max_depth_m
     )

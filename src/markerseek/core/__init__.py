@@ -2,7 +2,7 @@
 
 from markerseek.core.array import LinearArray
 from markerseek.core.arrival import Arrival, LocalMaxima
-from markerseek.core.checks import require_range
+from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -18,6 +18,7 @@ from markerseek.core.errors import (
     RecordError,
     SaturationError,
     SearchError,
+    needs_package,
 )
 from markerseek.core.estimate import (
     Ambiguous,
@@ -32,12 +33,11 @@ from markerseek.core.estimate import (
 )
 from markerseek.core.events import Asked, Event, Failed, Finished, Measured, Refused, Role, Started
 from markerseek.core.facts import RigFacts, RigKind
-from markerseek.core.frame import BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
+from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
 from markerseek.core.image import BModeImage, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerPosition, marker_position
 from markerseek.core.marker_curve import MarkerCurve
-from markerseek.core.number import is_finite, is_whole
 from markerseek.core.permit import Permit
 from markerseek.core.plan import SearchPlan
 from markerseek.core.protocols import Clock, ConfirmablePolicy, Laser, Policy, Reader, Receiver, Stage
@@ -56,6 +56,7 @@ __all__ = [
     "MOST_ACQUISITIONS",
     "MOST_ARRIVALS",
     "MOST_INTENSITY",
+    "NO_HEADER",
     "PAPER_RANGE",
     "AcquisitionError",
     "Ambiguous",
@@ -128,5 +129,6 @@ __all__ = [
     "is_finite",
     "is_whole",
     "marker_position",
+    "needs_package",
     "require_range",
 ]

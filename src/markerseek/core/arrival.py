@@ -6,9 +6,8 @@ import math
 import struct
 from dataclasses import dataclass, fields
 
-from markerseek.core.checks import require_range
+from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
-from markerseek.core.number import is_finite, is_whole
 
 MOST_BLOCKS = 1_000_000
 """Most blocks of an image; the simulated probe's has some 1,200."""

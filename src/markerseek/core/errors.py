@@ -23,6 +23,8 @@ Programs tell the classes apart; the command line maps them to exit codes by ``e
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -47,6 +49,23 @@ class MissingExtraError(ConfigError):
             f"{purpose} needs the package {package}, which is not installed; "
             f"install it with: pip install 'markerseek[{extra}]'"
         )
+
+
+@contextmanager
+def needs_package(package: str, *, extra: str, purpose: str) -> Iterator[None]:
+    """Import an optional package in the block; `MissingExtraError` names the extra that installs it where it is absent.
+
+    Parameters
+    ----------
+    package, extra
+        Names of the package and of the extra, for the message.
+    purpose
+        What it is needed for, as the subject of a sentence: "a picture".
+    """
+    try:
+        yield
+    except ImportError as problem:
+        raise MissingExtraError(package=package, extra=extra, purpose=purpose) from problem
 
 
 class RecordError(MarkerseekError):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
 from markerseek.core.interval import Interval
-from markerseek.core.number import is_finite
 
 RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
 """Whether a rig is simulated, plays back a recording, or is one of devices."""

@@ -44,6 +44,10 @@ class FrameHeader:
     angle_after_deg: float | None = None
 
 
+NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+"""Header of a frame that no rig took."""
+
+
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _CountsFrame:

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-from markerseek.core.number import is_finite
 from markerseek.core.shapes import CHECKED, Float32, Float64, UInt8
 
 if TYPE_CHECKING or CHECKED:

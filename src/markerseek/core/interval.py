@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat
 
+from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-from markerseek.core.number import is_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

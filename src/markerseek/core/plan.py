@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from markerseek.core.checks import is_finite, is_whole
 from markerseek.core.errors import ConfigError
 from markerseek.core.marker_curve import MarkerCurve
-from markerseek.core.number import is_finite, is_whole
 from markerseek.core.reading import MOST_ACQUISITIONS
 
 MOST_DARK_FRAMES = 100

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from markerseek.core.arrival import Arrival, LocalMaxima
+from markerseek.core.checks import is_finite
 from markerseek.core.errors import ReadingError
 from markerseek.core.frame import Frame
-from markerseek.core.number import is_finite
 
 MOST_ACQUISITIONS = 500
 """Most acquisitions of one search, without dark frames."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import termios
 from typing import Any, Literal, TypeAlias
 
-from markerseek.core import MissingExtraError, NotConnectedError
+from markerseek.core import NotConnectedError, needs_package
 
 Parity: TypeAlias = Literal["N", "E", "O"]
 """Parity bit: none, even or odd."""
@@ -37,10 +37,8 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
     NotConnectedError
         If the port cannot be opened, or another program holds it.
     """
-    try:
+    with needs_package("pyserial", extra="devices", purpose="a serial port"):
         import serial  # type: ignore[import-untyped, unused-ignore]
-    except ImportError as missing:
-        raise MissingExtraError(package="pyserial", extra="devices", purpose="a serial port") from missing
     try:
         return serial.Serial(
             port=path,

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from markerseek.core import ConfigError, MissingExtraError
+from markerseek.core import ConfigError, needs_package
 from markerseek.files import replace_file
 from markerseek.pictures.style import new_figure
 
@@ -100,10 +100,8 @@ def png_data_uri(figure: Figure) -> str:
 @cache
 def _templates() -> Environment:
     """Jinja2 environment of the templates; an undefined name in a template is an error."""
-    try:
+    with needs_package("jinja2", extra="plot", purpose="a page"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
-    except ImportError as problem:
-        raise MissingExtraError(package="jinja2", extra="plot", purpose="a page") from problem
     return Environment(
         loader=PackageLoader("markerseek.pictures"),
         # Descriptions and paths come from files of other people and could contain markup.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any, Literal
 
-from markerseek.core import MissingExtraError
+from markerseek.core import needs_package
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,10 +39,8 @@ def new_figure(*, width_in: float, height_in: float, heading: str | None = None,
     MissingExtraError
         If Matplotlib is not installed.
     """
-    try:
+    with needs_package("matplotlib", extra="plot", purpose="a picture"):
         from matplotlib.figure import Figure
-    except ImportError as problem:
-        raise MissingExtraError(package="matplotlib", extra="plot", purpose="a picture") from problem
     # Not pyplot, which selects a display and keeps every figure in memory.
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     if heading is not None:

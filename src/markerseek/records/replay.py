@@ -119,7 +119,7 @@ class ReplayReceiver:
         self._bank = bank
         self._sequence = 0
         self._dark = 0
-        self._dark_frames = bank.dark_frames if isinstance(bank, FrameBank) else 0
+        self._dark_frames = bank.dark_frames
         self._armed: Permit | None = None
 
     def settle(self) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from markerseek.core import Float64, MissingExtraError, RecordError
+from markerseek.core import Float64, RecordError, needs_package
 from markerseek.records.sandbox import MOST_PER_BYTE
 
 if TYPE_CHECKING:
@@ -38,10 +38,8 @@ def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
     MissingExtraError
         If it is not installed.
     """
-    try:
+    with needs_package("h5py", extra="records", purpose=purpose):
         import h5py  # noqa: F401
-    except ImportError as problem:
-        raise MissingExtraError(package="h5py", extra="records", purpose=purpose) from problem
 
 
 class UntrustedHdf5:

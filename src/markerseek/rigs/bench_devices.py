@@ -109,13 +109,7 @@ def guard_of(settings: BenchSettings) -> Guard:
 
 
 def emulated(stage: Stage, laser: Laser, receiver: Receiver) -> tuple[str, ...]:
-    """Names of the devices that say of themselves that they are emulators, or simulated.
-
-    Parameters
-    ----------
-    stage, laser, receiver
-        The connected devices.
-    """
+    """Names of the devices that say of themselves that they are emulators, or simulated."""
     box = isinstance(laser, LaserBox) and laser.identity == laserbox_wire.EMULATOR
     controller = isinstance(stage, Kdc101Stage) and stage.identity.emulated
     node = isinstance(stage, Ros2Stage) and stage.simulated

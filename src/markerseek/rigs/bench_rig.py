@@ -89,15 +89,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
 
 
 def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
-    """Imaging chain of a bench.
-
-    Parameters
-    ----------
-    probe
-        Its probe.
-    sampling_hz
-        Sampling frequency of its receiver in Hz.
-    """
+    """Imaging chain of a bench with this probe and the sampling frequency of its receiver in Hz."""
     preset = probe_preset(probe.preset)
     # Another array or band makes another probe: a bank has to describe it in full.
     own = (probe.pitch_m, probe.low_hz, probe.high_hz, probe.f_number, probe.pickup_samples, probe.full_scale)
@@ -156,8 +148,7 @@ def bench_part(
     ConfigError
         If that part is itself behind ROS 2.
     """
-    over_ros = isinstance(settings.stage if part == "stage" else settings.receiver, RosStage | RosReceiver)
-    if over_ros:
+    if isinstance(settings.stage if part == "stage" else settings.receiver, RosStage | RosReceiver):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
     devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
     try:
@@ -175,13 +166,7 @@ def bench_part(
         else:
             laser, receiver, description = acquisition_of(settings, devices, clock)
             held = laser, receiver
-        return BenchPart(
-            part=held,
-            guard=guard_of(settings),
-            clock=clock,
-            description=description,
-            devices=devices,
-        )
+        return BenchPart(part=held, guard=guard_of(settings), clock=clock, description=description, devices=devices)
     except BaseException:
         devices.close()
         raise

@@ -100,7 +100,7 @@ def replayed(
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
-        dark_frames=bank.dark_frames if isinstance(bank, FrameBank) else 0,
+        dark_frames=bank.dark_frames,
         world=receiver,
         distinct_angles=None if interpolated else len(bank.angles_deg),
         recipe=ReplayedRecipe(

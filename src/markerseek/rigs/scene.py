@@ -71,13 +71,6 @@ class Scene:
 def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     """Draw a scene; values that the settings leave open are random.
 
-    Parameters
-    ----------
-    settings
-        The simulated rig.
-    rng
-        Source of randomness.
-
     Raises
     ------
     ConfigError
@@ -137,23 +130,10 @@ def _scaled(
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
 
-    Parameters
-    ----------
-    spot
-        Absorbers of the marker.
-    marker
-        Its place.
-    description
-        Description of the material.
-    settings
-        The simulated rig; laser, receiver and noise are used.
-    model
-        Acoustic model.
-
     Raises
     ------
     ConfigError
-        If no signal of it reaches the receiver.
+        If no signal of the spot reaches the receiver.
     """
     largest = largest_count(spot, model, marker)
     peak_over_largest = image_peak(spot, model, angle_deg=marker.angle_deg) / largest
@@ -209,15 +189,7 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 
 
 def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Marker of strength 1; its position is drawn where the settings leave it open.
-
-    Parameters
-    ----------
-    settings
-        The simulated rig.
-    rng
-        Source of randomness.
-    """
+    """Marker of strength 1; its position is drawn where the settings leave it open."""
     search, reach_m = settings.limits.search, _reach_m(settings)
     angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
     marker = settings.marker

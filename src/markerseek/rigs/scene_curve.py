@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Float64, PaImage
+from markerseek.core import NO_HEADER, ChannelFrame, Float64, PaImage
 from markerseek.rigs.scene import Scene
-from markerseek.rigs.spot import MOST_COUNTS, NO_HEADER, image_reader
+from markerseek.rigs.spot import MOST_COUNTS, image_reader
 from markerseek.signals import ImageReader, strongest_peaks
 from markerseek.sim import RecordedCurve
 
@@ -31,11 +31,6 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
     Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
     without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
     both sides, which is computed on one.
-
-    Parameters
-    ----------
-    scene
-        The sources, and how they are received.
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
     gain_to_counts = MOST_COUNTS / scene.peak_counts

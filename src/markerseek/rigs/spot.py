@@ -8,13 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, LinearArray
+from markerseek.core import NO_HEADER, ChannelFrame, ConfigError, Float32, LinearArray
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
 MOST_COUNTS = 25_000
 """Amplitude to which a noise-free frame is scaled, in counts, so that rounding to int16 has no effect on its image."""
-
-NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
 
 @lru_cache(maxsize=8)

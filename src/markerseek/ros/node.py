@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
-from markerseek.core import ConfigError, MissingExtraError, RecordError
+from markerseek.core import ConfigError, RecordError, needs_package
 from markerseek.ros.kinds import Kinds
 
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
@@ -43,13 +43,11 @@ class Network:
 
     def __init__(self, enclave: str | None = None) -> None:
         local_transport()
-        try:
+        with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
             import rclpy
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.signals import SignalHandlerOptions
-        except ImportError as problem:
-            raise MissingExtraError(package="rclpy", extra="ros2", purpose="ROS 2") from problem
         arguments = ["--ros-args", "--disable-rosout-logs", "--log-level", "error"]
         if enclave is not None:
             arguments += ["--enclave", enclave]

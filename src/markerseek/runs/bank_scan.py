@@ -76,17 +76,7 @@ def bank_facts(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -
 def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
     """Configuration of a scan for its stream of events: that of an exhaustive search which does not end at the marker.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    step_deg
-        As in `scan_angles`.
-
-    Raises
-    ------
-    ConfigError
-        As in `scan_angles`.
+    Arguments and errors as of `scan_angles`.
     """
     angles = scan_angles(rig, step_deg=step_deg)
     plan = SearchPlan(

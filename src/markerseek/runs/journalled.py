@@ -18,13 +18,7 @@ _RUN_LIMITS = RunLimits()
 
 
 def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
-    """Configuration of a new search for its journal.
-
-    Parameters
-    ----------
-    rig, plan
-        The rig, and what is asked of the search.
-    """
+    """Configuration of a new search for its journal."""
     return Configuration(
         plan=plan,
         facts=rig.facts,
@@ -99,22 +93,7 @@ def journalled(
 
 
 def streamed(events: Generator[Event, None, None], stream: EventStream, clock: Clock) -> Generator[Event, None, None]:
-    """A run without a journal, with each event sent to a stream before it is yielded.
-
-    Parameters
-    ----------
-    events
-        The run; it is closed with this generator.
-    stream
-        Receives the events.
-    clock
-        The run's clock.
-
-    Yields
-    ------
-    Event
-        As the run.
-    """
+    """A run without a journal, with each event sent to a stream before it is yielded; closed with this generator."""
     with closing(events):
         for event in events:
             stream.add(event, clock_s=clock.now_s())
@@ -125,14 +104,7 @@ def streamed(events: Generator[Event, None, None], stream: EventStream, clock: C
 def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
     """Close a run at the end, which stops the rig; a failure to stop it is recorded in the journal.
 
-    Parameters
-    ----------
-    events
-        The run.
-    clock
-        Its clock.
-    journal
-        Receives the fault, unless the run is over or ended with another.
+    It is not recorded if the run is over, or ended with another fault.
     """
     try:
         yield
@@ -145,24 +117,7 @@ def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Jou
 
 
 def commit_event(event: Event, clock: Clock, rig: Rig, journal: Journal) -> None:
-    """Commit an event, with the state of a simulated world where it has changed.
-
-    Parameters
-    ----------
-    event
-        The event.
-    clock
-        The run's clock.
-    rig
-        The rig; the state of a simulated one is stored too.
-    journal
-        The journal.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be written.
-    """
+    """Commit an event, with the state of a simulated world where it has changed; `RecordError` if that fails."""
     # `Asked` and `Finished` change nothing in a simulated world: no checkpoint is needed.
     changed = rig.world is not None and isinstance(event, Started | Measured | Refused | Failed)
     checkpoint = rig.world.checkpoint() if rig.world is not None and changed else None

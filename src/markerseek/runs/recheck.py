@@ -36,11 +36,6 @@ def samples_to_recheck(entries: Sequence[Entry]) -> tuple[Sample, ...]:
     The strongest alone is insensitive to a rotation, because the slope of the curve is zero at its peak. The second is
     the acquisition above the noise whose intensity is nearest to half of the strongest: there, a rotation by a degree
     changes the intensity by more than a laser drifts. Any rotation changes at least one of the two.
-
-    Parameters
-    ----------
-    entries
-        All of the run.
     """
     measured = (entry.event.sample for entry in entries if isinstance(entry.event, Measured))
     lit = [sample for sample in measured if not sample.dark]
@@ -167,13 +162,7 @@ def commanded_deg(sample: Sample) -> float:
 
 
 def change_of(before: Reading, now: Reading) -> str | None:
-    """Description of the change between two readings at one angle; None if noise can explain it.
-
-    Parameters
-    ----------
-    before, now
-        The readings.
-    """
+    """Description of the change between two readings at one angle; None if noise can explain it."""
     noise = max(before.noise_sigma or 0.0, now.noise_sigma or 0.0)
     allowed = SHARE * max(before.intensity, now.intensity) + SIGMAS * noise
     # `not <=` and not `>`, so that NaN counts as a change.

@@ -17,17 +17,8 @@ from markerseek.signals import IntensityReader
 def differences(held: RecordedRun, policy: Policy, reader: Reader) -> list[str]:
     """Differences, bit for bit, between a run recomputed from its frames and its journal; empty if there are none.
 
-    Each stored frame is read again, the policy receives the readings, and its decisions and its answer are compared
-    with those of the journal.
-
-    Parameters
-    ----------
-    held
-        The journal.
-    policy
-        The policy in its state before the run.
-    reader
-        Imaging chain of the rig.
+    Each stored frame is read again, the policy, in its state before the run, receives the readings, and its decisions
+    and its answer are compared with those of the journal.
     """
     found: list[str] = []
     again = [_read_again(entry, reader, found) for entry in held.entries if isinstance(entry.event, RUN_EVENTS)]

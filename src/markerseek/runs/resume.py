@@ -24,8 +24,6 @@ from markerseek.scan import AnyScanner, RunLimits
 RUN_EVENTS = (Started, Asked, Measured, Refused, Finished)
 """Events that are replayed; a fault is not one of them, because it has been reset."""
 
-_RUN_LIMITS = RunLimits()
-
 
 def resumed(
     policy: Policy,
@@ -35,7 +33,6 @@ def resumed(
     *,
     by: str,
     reset_fault: bool = False,
-    limits: RunLimits = _RUN_LIMITS,
 ) -> Generator[Event, None, None]:
     """The events of a run from its beginning: those of the journal, then those of the rig.
 
@@ -53,8 +50,6 @@ def resumed(
         Name of the person who arms the rig.
     reset_fault
         Whether that person has inspected the rig after a fault, and resets it.
-    limits
-        As in `run`.
 
     Yields
     ------
@@ -73,10 +68,10 @@ def resumed(
         raise RecordError(f"{held.path}: the run is over; it cannot be resumed")
     require_reset(held.path, state, reset_fault=reset_fault)
     repeated = tuple(entry for entry in held.entries if isinstance(entry.event, RUN_EVENTS))
-    step = _StepToRig(rig, journal, held, repeated, by=by, attempts=limits.attempts)
+    step = _StepToRig(rig, journal, held, repeated, by=by, attempts=RunLimits().attempts)
     scanner = step.scanner
     pending = deque(repeated)
-    events = run_plan(policy, scanner, journal.configuration.plan, limits=limits)
+    events = run_plan(policy, scanner, journal.configuration.plan)
     with closing_run(events, scanner.clock, journal):
         # A run that died before its first event has nothing to repeat.
         if not pending:
@@ -151,22 +146,7 @@ class _StepToRig:
 
 
 def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
-    """Refuse to resume after a fault that no person has reset.
-
-    Parameters
-    ----------
-    path
-        The journal, for the message.
-    state
-        State of its run.
-    reset_fault
-        Whether a person has inspected the rig, and resets it.
-
-    Raises
-    ------
-    DeviceError
-        If the run ended with a fault that is not reset.
-    """
+    """Refuse to resume a run that ended with a fault, by `DeviceError`, unless a person has inspected the rig."""
     if state.state == "fault" and not reset_fault:
         raise DeviceError(
             f"{path}: the run ended with a fault: {state.fault}; look at the rig, then resume with --reset-fault"

@@ -29,15 +29,7 @@ SAME = (
 
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
-    """Settings that differ, by dotted key, each with a description.
-
-    Parameters
-    ----------
-    recorded
-        Settings in the journal.
-    named
-        Settings in the user's rig file.
-    """
+    """Settings in the user's rig file that differ from those in the journal: a description by dotted key."""
     was, now = _by_key(msgspec.to_builtins(recorded)), _by_key(msgspec.to_builtins(named))
     keys = sorted(was.keys() | now.keys())
     return {key: f"{key} is {now.get(key)}, was {was.get(key)}" for key in keys if was.get(key) != now.get(key)}

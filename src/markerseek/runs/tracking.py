@@ -124,38 +124,16 @@ def following(
 
 
 def follow(rig: Rig, policy: Following, swing: Swing) -> Generator[Event, None, None]:
-    """Let the marker move, and follow it; the guard permits each move and each firing, as in a search.
+    """Let the marker of a `MovingWorld` move by its swing, and follow it: the events of `markerseek.scan.run`.
 
-    Parameters
-    ----------
-    rig
-        A simulated rig in a `MovingWorld`.
-    policy
-        From `following`.
-    swing
-        That of the world.
-
-    Yields
-    ------
-    Event
-        As `markerseek.scan.run`.
+    The guard permits each move and each firing, as in a search.
     """
     swing.begin(rig.scanner.clock.now_s())
     yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MOST_FRAMES))
 
 
 def quality_of(policy: Following, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
-    """Quality of a track on a simulated rig; None if there was no frame.
-
-    Parameters
-    ----------
-    policy
-        After the run.
-    swing
-        How the marker moved.
-    rest_deg
-        Its angle at rest in degrees.
-    """
+    """Quality of a track after the run, with the marker's angle at rest in degrees; None if there was no frame."""
     if not policy.track:
         return None
     moment_s = 1e-6

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import ChannelFrame, ConfigError, Float32, FrameHeader, Interval, LocalMaxima
+from markerseek.core import NO_HEADER, ChannelFrame, ConfigError, Float32, Interval, LocalMaxima
 from markerseek.rigs import image_reader
 from markerseek.signals import ImageReader
 from markerseek.studies.unknowns import Unknowns
@@ -26,8 +26,6 @@ an element, the pulse, what the reader gathers about a peak, and (after) the way
 
 _MARGIN_SAMPLES = 80
 """Samples that the filter fades in or out at each end of the cut."""
-
-_NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,7 +153,7 @@ def frame_of(counts: Float32[np.ndarray, "channels samples"], *, sampling_hz: fl
     """
     # Clipped like a converter: an overflow of int16 would change the sign.
     held = np.clip(np.rint(counts), -32767, 32767).astype(np.int16)
-    return ChannelFrame(header=_NO_HEADER, samples=held, sampling_hz=sampling_hz)
+    return ChannelFrame(header=NO_HEADER, samples=held, sampling_hz=sampling_hz)
 
 
 def _arrival_s(unknowns: Unknowns, off_deg: float) -> float:

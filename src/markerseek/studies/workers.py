@@ -18,7 +18,7 @@ from functools import partial
 from itertools import islice
 from typing import TypeVar
 
-from markerseek.core import ConfigError, MarkerseekError, MissingExtraError
+from markerseek.core import ConfigError, MarkerseekError, needs_package
 
 _AHEAD, _AHEAD_ON_CLUSTER = 2, 3
 """Jobs under way for each worker, and for each thread of a cluster: one at work, the others waiting."""
@@ -127,10 +127,8 @@ def on_cluster(
     ConfigError
         If no scheduler answers there.
     """
-    try:
+    with needs_package("distributed", extra="cluster", purpose="a study on a cluster"):
         distributed = importlib.import_module("distributed")
-    except ImportError as problem:
-        raise MissingExtraError(package="distributed", extra="cluster", purpose="a study on a cluster") from problem
     try:
         # Not the default client: the caller may have one of its own.
         client = distributed.Client(address, timeout=_TIMEOUT_S, set_as_default=False)

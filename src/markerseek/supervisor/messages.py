@@ -46,21 +46,12 @@ _KINDS = {int(kind): kind for kind in Kind}
 
 
 def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
-    """One message as bytes.
-
-    Parameters
-    ----------
-    kind
-        Kind of the message.
-    data
-        Its bytes, at most `MOST_BYTES`.
-    line
-        Number of the line, where the message belongs to one.
+    """One message as bytes, with the number of the line where it belongs to one.
 
     Raises
     ------
     DeviceError
-        If there are too many bytes.
+        If there are more than `MOST_BYTES`.
     """
     if len(data) > MOST_BYTES:
         raise DeviceError(f"supervisor: a message of {len(data)} bytes; the limit is {MOST_BYTES}")

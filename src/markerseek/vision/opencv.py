@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from markerseek.core import MissingExtraError
+from markerseek.core import needs_package
 
 
 def opencv(purpose: str) -> ModuleType:
@@ -20,8 +20,6 @@ def opencv(purpose: str) -> ModuleType:
     MissingExtraError
         If it is not installed.
     """
-    try:
+    with needs_package("opencv-python-headless", extra="vision", purpose=purpose):
         import cv2
-    except ImportError as problem:
-        raise MissingExtraError(package="opencv-python-headless", extra="vision", purpose=purpose) from problem
     return cv2

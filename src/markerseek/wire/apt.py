@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from markerseek.core import ConfigError, DeviceError, MissingExtraError
+from markerseek.core import ConfigError, DeviceError, needs_package
 from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
 
 # Thorlabs, "APT Communications Protocol", PRM1-Z8 with TDC001 or KDC101: 1919.64, 42941.66 and 14.66.
@@ -305,11 +305,7 @@ def _packed(name: str, **fields: int) -> bytes:
 @cache
 def _library() -> Any:
     # Imported on first use: it is an optional package, and rigs without a Thorlabs stage run without it.
-    try:
+    with needs_package("thorlabs-apt-protocol", extra="devices", purpose="a Thorlabs stage"):
         import thorlabs_apt_protocol.functions
         import thorlabs_apt_protocol.parsing
-    except ModuleNotFoundError as missing:
-        raise MissingExtraError(
-            package="thorlabs-apt-protocol", extra="devices", purpose="a Thorlabs stage"
-        ) from missing
     return thorlabs_apt_protocol

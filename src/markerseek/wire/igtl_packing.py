@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.core import ConfigError, MissingExtraError
+from markerseek.core import ConfigError, needs_package
 from markerseek.wire import igtl_contents as contents
 
 HEADER_BYTES = 58
@@ -198,8 +198,6 @@ def crc(body: bytes) -> int:
 
 @cache
 def _pyigtl() -> Any:
-    try:
+    with needs_package("pyigtl", extra="igtl", purpose="OpenIGTLink"):
         import pyigtl
-    except ImportError as problem:
-        raise MissingExtraError(package="pyigtl", extra="igtl", purpose="OpenIGTLink") from problem
     return pyigtl

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
-from markerseek.core import ConfigError, MissingExtraError
+from markerseek.core import ConfigError, needs_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -128,11 +128,9 @@ def serve(
     ConfigError
         If the page cannot be served there.
     """
-    try:
+    with needs_package("nicegui", extra="page", purpose="the live page"):
         import nicegui  # noqa: F401  tested before a port is opened
         import uvicorn
-    except ImportError as problem:
-        raise MissingExtraError(package="nicegui", extra="page", purpose="the live page") from problem
     from markerseek.bridges.page.application import page_application
 
     class Server(uvicorn.Server):

@@ -11,7 +11,7 @@ import numpy as np
 from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
 from markerseek.bridges.page.state import RunState, Snapshot
-from markerseek.core import PAPER_RANGE, ChannelFrame, FrameHeader, Measured, RFFrame, SearchPlan
+from markerseek.core import NO_HEADER, PAPER_RANGE, ChannelFrame, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
 from markerseek.runs import rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
@@ -111,9 +111,8 @@ def warm_up() -> None:
     """Load the compiled kernels of posterior and images, which takes a second, before the first search needs them."""
     PolicyMirror(SearchPlan(method="posterior"), limits=PAPER_RANGE)
     preset = probe_preset(PRESET_NAMES[0])
-    header = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
     samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
-    ImageReader(preset).picture(ChannelFrame(header=header, samples=samples, sampling_hz=preset.sampling_hz))
+    ImageReader(preset).picture(ChannelFrame(header=NO_HEADER, samples=samples, sampling_hz=preset.sampling_hz))
     # The collector passes over what has been loaded by now, so that it looks more often at what searches leave behind:
     # panels that were replaced hold the run that they showed.
     gc.freeze()

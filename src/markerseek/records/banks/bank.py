@@ -95,6 +95,11 @@ class Bank:
         """From the first angle to the last."""
         return Interval(low_deg=self.angles_deg[0], high_deg=self.angles_deg[-1])
 
+    @property
+    def planned(self) -> int:
+        """Number of angles planned; more than there are if the scan was cut short."""
+        return len(self.angles_deg)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntensityBank(Bank):
@@ -107,6 +112,11 @@ class IntensityBank(Bank):
     """
 
     intensities: tuple[float, ...] = field(repr=False)
+
+    @property
+    def dark_frames(self) -> int:
+        """Number of frames that were taken without laser: none, as there are no frames."""
+        return 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,11 +140,6 @@ class FrameBank(Bank, ABC):
     dark_frames: int = 0
     started_s: tuple[float, ...] = field(repr=False, default=())
     pulses: tuple[int, ...] = field(repr=False, default=())
-
-    @property
-    def planned(self) -> int:
-        """Number of angles planned; more than there are if the scan was cut short."""
-        return len(self.angles_deg)
 
     @abstractmethod
     def frame(self, index: int) -> ChannelFrame:

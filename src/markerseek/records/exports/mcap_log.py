@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from markerseek.core import ConfigError, MissingExtraError, PaImage
+from markerseek.core import ConfigError, PaImage, needs_package
 from markerseek.files import new_file
 from markerseek.records.exports.series import Series, grid_of, one_for_each
 from markerseek.ros import messages
@@ -70,11 +70,9 @@ def write_mcap(path: Path, images: Iterator[PaImage] | None, *, series: Series, 
     """
     if images is not None and not (brightest is not None and 0 < brightest < math.inf):
         raise ConfigError(f"brightest is {brightest} ADC counts, it must be positive and finite")
-    try:
+    with needs_package("rosbags", extra="records", purpose="an export as MCAP"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as problem:
-        raise MissingExtraError(package="rosbags", extra="records", purpose="an export as MCAP") from problem
     count = len(series.angles_deg)
     # rosbags writes a folder with the log and a description of it; the log alone is complete.
     with new_file(path) as part, tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:

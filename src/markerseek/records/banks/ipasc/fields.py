@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import LinearArray, MissingExtraError
+from markerseek.core import LinearArray, needs_package
 from markerseek.records.banks.bank import BankFacts
 
 BANK_VERSION = 1
@@ -80,10 +80,8 @@ class Layout:
 
 def pacfish_package() -> Any:
     """The package pacfish, which has no types; `MissingExtraError` where it is not installed."""
-    try:
+    with needs_package("pacfish", extra="records", purpose="a bank in IPASC HDF5"):
         import pacfish
-    except ImportError as problem:
-        raise MissingExtraError(package="pacfish", extra="records", purpose="a bank in IPASC HDF5") from problem
     return pacfish
 
 
