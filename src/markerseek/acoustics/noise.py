@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.fft
 
-from markerseek.acoustics._checks import not_negative, positive, within
+from markerseek.acoustics._checks import not_negative, positive
 from markerseek.acoustics.band import Band
-from markerseek.core import Float32
+from markerseek.core import Float32, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,9 +38,9 @@ class Bursts:
 
     def __post_init__(self) -> None:
         for name in ("frame_probability", "channel_probability"):
-            within(getattr(self, name), low=0.0, high=1.0, name=f"bursts: {name}", unit="", cure="0 is never")
-        positive(self.gain, name="bursts: gain", unit="", cure="5 is usual")
-        positive(self.freedom, name="bursts: freedom", unit="", cure="3 is usual")
+            require_range(f"bursts: {name}", getattr(self, name), low=0.0, high=1.0, cure="0 is never")
+        positive(self.gain, name="bursts: gain", cure="5 is usual")
+        positive(self.freedom, name="bursts: freedom", cure="3 is usual")
 
     def draw(self, rng: np.random.Generator, *, channels: int) -> Float32[np.ndarray, " channels"]:
         """Factors by which the noise of each channel is multiplied in one frame; 1 without a burst.
@@ -86,7 +86,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name in ("white_sigma", "coloured_sigma"):
-            not_negative(getattr(self, name), name=f"noise: {name}", unit="", cure="0 is none")
+            not_negative(getattr(self, name), name=f"noise: {name}", cure="0 is none")
 
     def sample(
         self, rng: np.random.Generator, *, channels: int, samples: int, sampling_hz: float
