@@ -101,8 +101,7 @@ class PowerCurve:
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
-        if not 0 < self.power <= MOST_POWER:
-            raise ConfigError(f"curve: power is {self.power}, it must lie in (0, {MOST_POWER:g}]; 1 to 2 are usual")
+        require_range("curve: power", self.power, low=0, high=MOST_POWER, open_low=True, cure="1 to 2 are usual")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""
