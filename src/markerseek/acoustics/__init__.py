@@ -10,7 +10,7 @@ from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.noise import Bursts, Noise
 from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse_echo import two_way_elevation
-from markerseek.acoustics.source import GaussianAbsorber, Source
+from markerseek.acoustics.source import GaussianAbsorber
 
 __all__ = [
     "LARGEST_COUNT",
@@ -27,7 +27,6 @@ __all__ = [
     "Probe",
     "RectanglePulse",
     "Reverberation",
-    "Source",
     "centroid_m",
     "digitise",
     "two_way_elevation",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from markerseek.acoustics._checks import not_negative, positive, quantity
-from markerseek.acoustics.source import GaussianAbsorber, Source
+from markerseek.acoustics.source import GaussianAbsorber
 from markerseek.core import ConfigError, Interval
 
 
@@ -29,14 +29,14 @@ class Absorber:
         Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
         data; negative inverts the pulse, 0 gives none.
     source
-        Size and shape.
+        Size.
     """
 
     radius_m: float
     angle_deg: float = 0.0
     lateral_m: float = 0.0
     strength: float = 1.0
-    source: Source = field(default_factory=GaussianAbsorber)
+    source: GaussianAbsorber = field(default_factory=GaussianAbsorber)
 
     def __post_init__(self) -> None:
         positive(self.radius_m, name="absorber: radius_m", unit="m", cure="35 to 70 mm from the axis are usual")
@@ -49,7 +49,7 @@ class Absorber:
                 raise ConfigError(f"absorber: {name} is {quantity(value, unit)}, it must be a finite number")
 
     @classmethod
-    def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: Source) -> Absorber:
+    def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: GaussianAbsorber) -> Absorber:
         """Absorber at a point of the TRUS frame (x across, y along the axis of rotation, z out of the probe at 0°)."""
         return cls(
             radius_m=math.hypot(x_m, z_m),

@@ -24,7 +24,7 @@ from markerseek.acoustics.laser import LaserPulse, RectanglePulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
-from markerseek.acoustics.source import Source
+from markerseek.acoustics.source import GaussianAbsorber
 from markerseek.core import ConfigError, Float32, Float64, require_range
 
 NEAREST_M = 1e-3
@@ -83,7 +83,7 @@ class AcousticModel:
             "acoustic model: trigger_offset_s", offset_s, low=-1e-3, high=1e-3, unit="s", cure="±1 µs are usual"
         )
 
-    def pulse(self, source: Source) -> PulseTable:
+    def pulse(self, source: GaussianAbsorber) -> PulseTable:
         """Pulse of a source under this model's light, medium and band; made once.
 
         Parameters
@@ -124,7 +124,7 @@ class AcousticModel:
         if not math.isfinite(angle_deg):
             raise ConfigError(f"acoustic model: angle_deg is {angle_deg} deg, it must be a finite number")
         data = np.zeros((self.probe.array.elements, self.samples), dtype=np.float32)
-        places: dict[Source, list[tuple[float, float, float, float]]] = {}
+        places: dict[GaussianAbsorber, list[tuple[float, float, float, float]]] = {}
         for absorber in absorbers:
             elevation, axial = self._place(absorber, angle_deg)
             if axial >= NEAREST_M and absorber.strength != 0:
