@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.timing import Effort, Single, alone
-from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
+from markerseek.acoustics import Absorber, AcousticModel, Noise, digitise
 from markerseek.core import ChannelFrame, FrameHeader
 from markerseek.signals import ImageReader, probe_preset
 from markerseek.signals.beamform import beamform, image_grid
@@ -52,4 +52,4 @@ def _frame() -> ChannelFrame:
         np.random.default_rng(2), channels=heard.shape[0], samples=heard.shape[1], sampling_hz=model.sampling_hz
     )
     header = FrameHeader(sequence=1, token="bench", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-    return ChannelFrame(header=header, samples=Digitiser().digitise(heard), sampling_hz=model.sampling_hz)
+    return ChannelFrame(header=header, samples=digitise(heard), sampling_hz=model.sampling_hz)

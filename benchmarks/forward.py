@@ -12,7 +12,7 @@ import scipy.signal
 
 from benchmarks.forward_peers import esdiva_element, pymust_simus
 from benchmarks.timing import Effort, Pair, Single, Work, alone, in_turn
-from markerseek.acoustics import Absorber, AcousticModel, Bursts, Digitiser, GaussianPulse, Medium, Noise, Probe
+from markerseek.acoustics import Absorber, AcousticModel, Bursts, GaussianPulse, Medium, Noise, Probe, digitise
 
 FORWARD = "simulate a frame, noise-free"
 NOISE = "noise, bursts and 12 bits"
@@ -78,13 +78,12 @@ def measure(effort: Effort) -> tuple[list[Single], list[str]]:
     )
     rng = np.random.default_rng(3)
     noise = Noise(white_sigma=3.0, coloured_sigma=6.0, bursts=Bursts(frame_probability=0.05, channel_probability=0.05))
-    digitiser = Digitiser()
     frame = model.channel_data([_absorber()], angle_deg=0.0)
 
     def listen() -> np.ndarray:
         drawn = noise.sample(rng, channels=frame.shape[0], samples=frame.shape[1], sampling_hz=model.sampling_hz)
         drawn += frame
-        return digitiser.digitise(drawn)
+        return digitise(drawn)
 
     return [*singles, further, alone(NOISE, listen, effort=effort)], []
 

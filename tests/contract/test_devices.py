@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from markerseek.acoustics import AcousticModel, Digitiser, Noise
+from markerseek.acoustics import AcousticModel, Noise
 from markerseek.core import Interval, Laser, Receiver, Stage
 from markerseek.records.banks import IntensityBank
 from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
@@ -19,7 +19,6 @@ def dark_world() -> World:
         model=AcousticModel(samples=64),
         absorbers=(),
         noise=Noise(white_sigma=1.0),
-        digitiser=Digitiser(),
         energy_jitter=0.0,
         start_deg=0.0,
         rng=np.random.default_rng(1),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
+from markerseek.acoustics import Absorber, AcousticModel, Noise
 from markerseek.core import AcquisitionError, ConfigError, Interval, LaserError, LimitError, Permit
 from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion, VirtualClock, World
 
@@ -20,7 +20,6 @@ def world(*, start_deg: float = 0.0, energy_jitter: float = 0.0, white_sigma: fl
         model=AcousticModel(),
         absorbers=(Absorber(radius_m=0.06, angle_deg=0.0, strength=500.0),),
         noise=Noise(white_sigma=white_sigma),
-        digitiser=Digitiser(),
         energy_jitter=energy_jitter,
         start_deg=start_deg,
         rng=np.random.default_rng(5),

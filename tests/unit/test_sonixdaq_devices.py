@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from markerseek.acoustics import AcousticModel, Digitiser, Noise
+from markerseek.acoustics import AcousticModel, Noise
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -43,7 +43,6 @@ class Bench:
             model=AcousticModel(samples=64),
             absorbers=(),
             noise=Noise(white_sigma=300.0),
-            digitiser=Digitiser(),
             energy_jitter=0.0,
             start_deg=0.0,
             rng=np.random.default_rng(1),

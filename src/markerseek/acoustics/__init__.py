@@ -2,7 +2,7 @@
 
 from markerseek.acoustics.absorber import Absorber, Clutter, centroid_m
 from markerseek.acoustics.band import Band
-from markerseek.acoustics.digitise import Digitiser
+from markerseek.acoustics.digitise import LARGEST_COUNT, digitise
 from markerseek.acoustics.echoes import Reverberation
 from markerseek.acoustics.forward import AcousticModel
 from markerseek.acoustics.laser import GaussianPulse, LaserPulse, RectanglePulse
@@ -10,15 +10,15 @@ from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.noise import Bursts, Noise
 from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse_echo import two_way_elevation
-from markerseek.acoustics.source import GaussianAbsorber, Source
+from markerseek.acoustics.source import GaussianAbsorber
 
 __all__ = [
+    "LARGEST_COUNT",
     "Absorber",
     "AcousticModel",
     "Band",
     "Bursts",
     "Clutter",
-    "Digitiser",
     "GaussianAbsorber",
     "GaussianPulse",
     "LaserPulse",
@@ -27,7 +27,7 @@ __all__ = [
     "Probe",
     "RectanglePulse",
     "Reverberation",
-    "Source",
     "centroid_m",
+    "digitise",
     "two_way_elevation",
 ]

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.acoustics._checks import not_negative, positive
-from markerseek.acoustics.source import GaussianAbsorber, Source
+from markerseek.acoustics._checks import not_negative, positive, quantity
+from markerseek.acoustics.source import GaussianAbsorber
 from markerseek.core import ConfigError, Interval
 
 
@@ -29,14 +29,14 @@ class Absorber:
         Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
         data; negative inverts the pulse, 0 gives none.
     source
-        Size and shape.
+        Size.
     """
 
     radius_m: float
     angle_deg: float = 0.0
     lateral_m: float = 0.0
     strength: float = 1.0
-    source: Source = field(default_factory=GaussianAbsorber)
+    source: GaussianAbsorber = field(default_factory=GaussianAbsorber)
 
     def __post_init__(self) -> None:
         positive(self.radius_m, name="absorber: radius_m", unit="m", cure="35 to 70 mm from the axis are usual")
@@ -46,10 +46,10 @@ class Absorber:
             ("strength", self.strength, ""),
         ):
             if not math.isfinite(value):
-                raise ConfigError(f"absorber: {name} is {value} {unit}, it must be a finite number")
+                raise ConfigError(f"absorber: {name} is {quantity(value, unit)}, it must be a finite number")
 
     @classmethod
-    def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: Source) -> Absorber:
+    def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: GaussianAbsorber) -> Absorber:
         """Absorber at a point of the TRUS frame (x across, y along the axis of rotation, z out of the probe at 0°)."""
         return cls(
             radius_m=math.hypot(x_m, z_m),
@@ -104,8 +104,6 @@ class Clutter:
         Sector about that axis.
     half_length_m
         Largest distance from the middle of the array along the axis, in metres.
-    source
-        Size and shape of all of them.
     """
 
     count: int
@@ -114,12 +112,11 @@ class Clutter:
     farthest_m: float = 70e-3
     angles: Interval = field(default_factory=lambda: Interval(low_deg=-60.0, high_deg=60.0))
     half_length_m: float = 30e-3
-    source: Source = field(default_factory=GaussianAbsorber)
 
     def __post_init__(self) -> None:
         if self.count < 0:
             raise ConfigError(f"clutter: count is {self.count}, it must not be negative; 0 is no clutter")
-        not_negative(self.strength, name="clutter: strength", unit="", cure="some per cent of the marker's are usual")
+        not_negative(self.strength, name="clutter: strength", cure="some per cent of the marker's are usual")
         positive(self.half_length_m, name="clutter: half_length_m", unit="m", cure="30 mm covers the array")
         if not 0 < self.nearest_m < self.farthest_m < math.inf:
             raise ConfigError(
@@ -142,6 +139,6 @@ class Clutter:
         strength = rng.exponential(self.strength, self.count) * rng.choice((-1.0, 1.0), self.count)
         places = zip(radius_m.tolist(), angle_deg.tolist(), lateral_m.tolist(), strength.tolist(), strict=True)
         return tuple(
-            Absorber(radius_m=radius, angle_deg=angle, lateral_m=lateral, strength=each, source=self.source)
+            Absorber(radius_m=radius, angle_deg=angle, lateral_m=lateral, strength=each)
             for radius, angle, lateral, each in places
         )

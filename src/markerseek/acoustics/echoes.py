@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from markerseek.acoustics._checks import positive, within
-from markerseek.core import ConfigError
+from markerseek.acoustics._checks import positive
+from markerseek.core import ConfigError, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,7 @@ class Reverberation:
 
     def __post_init__(self) -> None:
         positive(self.delay_s, name="reverberation: delay_s", unit="s", cure="1 to 20 µs are usual")
-        within(self.gain, low=-1.0, high=1.0, name="reverberation: gain", unit="", cure="0.05 to 0.3 are usual")
+        require_range("reverberation: gain", self.gain, low=-1.0, high=1.0, cure="0.05 to 0.3 are usual")
         if self.repeats < 1:
             raise ConfigError(
                 f"reverberation: repeats is {self.repeats}, it must be at least 1; leave the reverberation out for none"

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import roots_legendre
 
-from markerseek.acoustics._checks import positive, within
+from markerseek.acoustics._checks import positive
 from markerseek.acoustics._kernel import add_absorbers, nodes_needed
 from markerseek.acoustics.absorber import Absorber
 from markerseek.acoustics.band import Band
@@ -24,8 +24,8 @@ from markerseek.acoustics.laser import LaserPulse, RectanglePulse
 from markerseek.acoustics.medium import Medium
 from markerseek.acoustics.probe import Probe
 from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
-from markerseek.acoustics.source import Source
-from markerseek.core import ConfigError, Float32, Float64
+from markerseek.acoustics.source import GaussianAbsorber
+from markerseek.core import ConfigError, Float32, Float64, require_range
 
 NEAREST_M = 1e-3
 """Distance in front of the face's plane within which, as behind it, an absorber gives no signal, in metres."""
@@ -78,16 +78,12 @@ class AcousticModel:
         positive(self.sampling_hz, name="acoustic model: sampling_hz", unit="Hz", cure="40 MHz is usual")
         if self.samples < 1:
             raise ConfigError(f"acoustic model: samples is {self.samples}, it must be at least 1; 2080 is usual")
-        within(
-            self.trigger_offset_s,
-            low=-1e-3,
-            high=1e-3,
-            name="acoustic model: trigger_offset_s",
-            unit="s",
-            cure="±1 µs are usual",
+        offset_s = self.trigger_offset_s
+        require_range(
+            "acoustic model: trigger_offset_s", offset_s, low=-1e-3, high=1e-3, unit="s", cure="±1 µs are usual"
         )
 
-    def pulse(self, source: Source) -> PulseTable:
+    def pulse(self, source: GaussianAbsorber) -> PulseTable:
         """Pulse of a source under this model's light, medium and band; made once.
 
         Parameters
@@ -128,7 +124,7 @@ class AcousticModel:
         if not math.isfinite(angle_deg):
             raise ConfigError(f"acoustic model: angle_deg is {angle_deg} deg, it must be a finite number")
         data = np.zeros((self.probe.array.elements, self.samples), dtype=np.float32)
-        places: dict[Source, list[tuple[float, float, float, float]]] = {}
+        places: dict[GaussianAbsorber, list[tuple[float, float, float, float]]] = {}
         for absorber in absorbers:
             elevation, axial = self._place(absorber, angle_deg)
             if axial >= NEAREST_M and absorber.strength != 0:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.acoustics._checks import not_negative, within
-from markerseek.core import Float64
+from markerseek.acoustics._checks import not_negative
+from markerseek.core import Float64, require_range
 
 # 20 dB are a factor of 10, because this is an amplitude.
 _NEPER_PER_METRE = math.log(10) / 20 * 100
@@ -38,11 +38,11 @@ class Medium:
     power: float = 1.0
 
     def __post_init__(self) -> None:
-        within(
+        require_range(
+            "medium: sound_speed_m_s",
             self.sound_speed_m_s,
             low=300.0,
             high=7000.0,
-            name="medium: sound_speed_m_s",
             unit="m/s",
             cure="water and tissue have 1450 to 1600",
         )
@@ -52,7 +52,7 @@ class Medium:
             unit="dB/cm/MHz",
             cure="soft tissue has about 0.5",
         )
-        within(self.power, low=0.0, high=2.0, name="medium: power", unit="", cure="soft tissue has about 1, water 2")
+        require_range("medium: power", self.power, low=0.0, high=2.0, cure="soft tissue has about 1, water 2")
 
     def attenuation_np_m(
         self, frequency_hz: Float64[np.ndarray, " frequencies"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.fft
 
-from markerseek.acoustics._checks import not_negative, positive, within
+from markerseek.acoustics._checks import not_negative, positive
 from markerseek.acoustics.band import Band
-from markerseek.core import ConfigError, Float32
+from markerseek.core import Float32, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,9 +38,9 @@ class Bursts:
 
     def __post_init__(self) -> None:
         for name in ("frame_probability", "channel_probability"):
-            within(getattr(self, name), low=0.0, high=1.0, name=f"bursts: {name}", unit="", cure="0 is never")
-        positive(self.gain, name="bursts: gain", unit="", cure="5 is usual")
-        positive(self.freedom, name="bursts: freedom", unit="", cure="3 is usual")
+            require_range(f"bursts: {name}", getattr(self, name), low=0.0, high=1.0, cure="0 is never")
+        positive(self.gain, name="bursts: gain", cure="5 is usual")
+        positive(self.freedom, name="bursts: freedom", cure="3 is usual")
 
     def draw(self, rng: np.random.Generator, *, channels: int) -> Float32[np.ndarray, " channels"]:
         """Factors by which the noise of each channel is multiplied in one frame; 1 without a burst.
@@ -75,8 +75,6 @@ class Noise:
         Standard deviation of noise with the spectrum of the band, in the same unit.
     band
         Band that colours it.
-    channel_gains
-        Factor for each channel, in order; None when all are alike.
     bursts
         Bursts; None for none.
     """
@@ -84,14 +82,11 @@ class Noise:
     white_sigma: float = 0.0
     coloured_sigma: float = 0.0
     band: Band = field(default_factory=Band)
-    channel_gains: tuple[float, ...] | None = None
     bursts: Bursts | None = None
 
     def __post_init__(self) -> None:
         for name in ("white_sigma", "coloured_sigma"):
-            not_negative(getattr(self, name), name=f"noise: {name}", unit="", cure="0 is none")
-        for channel, gain in enumerate(self.channel_gains or ()):
-            not_negative(gain, name=f"noise: channel_gains[{channel}]", unit="", cure="1 is as all others")
+            not_negative(getattr(self, name), name=f"noise: {name}", cure="0 is none")
 
     def sample(
         self, rng: np.random.Generator, *, channels: int, samples: int, sampling_hz: float
@@ -106,11 +101,6 @@ class Noise:
             Shape of the frame.
         sampling_hz
             Sampling frequency in Hz.
-
-        Raises
-        ------
-        ConfigError
-            If there are gains for another number of channels.
         """
         if self.coloured_sigma > 0:
             noise = self._shaped(rng, channels, samples, sampling_hz)
@@ -119,9 +109,8 @@ class Noise:
             noise *= np.float32(self.white_sigma)
         else:
             return np.zeros((channels, samples), dtype=np.float32)
-        sizes = self._sizes(rng, channels)
-        if sizes is not None:
-            noise *= sizes[:, np.newaxis]
+        if self.bursts is not None:
+            noise *= self.bursts.draw(rng, channels=channels)[:, np.newaxis]
         return noise
 
     def _shaped(
@@ -154,19 +143,3 @@ class Noise:
         np.multiply(drawn.view(np.complex64), scale, out=spectrum[:, low:high])
         noise: Float32[np.ndarray, "channels samples"] = scipy.fft.irfft(spectrum, samples, axis=1, overwrite_x=True)
         return noise
-
-    def _sizes(self, rng: np.random.Generator, channels: int) -> Float32[np.ndarray, " channels"] | None:
-        """Factor of each channel in this frame; None when all are 1."""
-        if self.channel_gains is None and self.bursts is None:
-            return None
-        sizes = np.ones(channels, dtype=np.float32)
-        if self.channel_gains is not None:
-            if len(self.channel_gains) != channels:
-                raise ConfigError(
-                    f"noise: channel_gains has {len(self.channel_gains)} entries for {channels} channels; "
-                    "give one for each channel, or None"
-                )
-            sizes *= np.array(self.channel_gains, dtype=np.float32)
-        if self.bursts is not None:
-            sizes *= self.bursts.draw(rng, channels=channels)
-        return sizes

@@ -17,7 +17,7 @@ import scipy.fft
 from markerseek.acoustics.band import Band
 from markerseek.acoustics.laser import LaserPulse
 from markerseek.acoustics.medium import Medium
-from markerseek.acoustics.source import Source
+from markerseek.acoustics.source import GaussianAbsorber
 from markerseek.core import Complex128, ConfigError, Float32
 
 REFERENCE_RANGE_M = 50e-3
@@ -61,7 +61,7 @@ class PulseTable:
 
 @lru_cache(maxsize=64)
 def pulse_table(
-    source: Source, *, laser: LaserPulse, band: Band, medium: Medium, sampling_hz: float, longest_m: float
+    source: GaussianAbsorber, *, laser: LaserPulse, band: Band, medium: Medium, sampling_hz: float, longest_m: float
 ) -> PulseTable:
     """Table of the pulse of a source, made once for each set of arguments.
 
@@ -126,7 +126,7 @@ def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
 
 
 def _lines(
-    spectra: Complex128[np.ndarray, "ranges frequencies"], source: Source
+    spectra: Complex128[np.ndarray, "ranges frequencies"], source: GaussianAbsorber
 ) -> tuple[int, Float32[np.ndarray, "ranges phases length"]]:
     """Pulses laid out by phase, and the sample after the arrival at which they begin."""
     ranges, fine = spectra.shape[0], _WINDOW * PHASES

@@ -1,4 +1,4 @@
-"""Absorbers: their far-field photoacoustic pulses in closed form.
+"""A Gaussian absorber: its far-field photoacoustic pulse in closed form.
 
 A short light pulse leaves an initial pressure p0(x). Far from an absorber of linear size much below the distance r,
 the pressure is (1/r)·q(s), s = c·t − r, with q(s) = (1/4π)·dA(s)/ds, where A(s) is the integral of p0 over the plane at
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,17 +24,6 @@ Frequencies: TypeAlias = Float64[np.ndarray, " frequencies"]
 
 Spectrum: TypeAlias = Complex128[np.ndarray, " frequencies"]
 """Transform of a pulse over time, of the sign convention exp(−i 2π f t)."""
-
-
-@runtime_checkable
-class Source(Protocol):
-    """Small absorber with a pulse; two that are equal have equal hashes, because tables are cached by source."""
-
-    def __hash__(self) -> int:
-        """Hash by value."""
-
-    def spectrum(self, frequency_hz: Frequencies, *, sound_speed_m_s: float) -> Spectrum:
-        """Transform Q(f) of r times the far-field pressure, in metre seconds, at frequencies in Hz."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

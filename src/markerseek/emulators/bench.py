@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.acoustics import Digitiser
 from markerseek.core import Clock, ConfigError, require_range
 from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
 from markerseek.emulators.laserbox import EmulatedLaserBox
@@ -72,7 +71,6 @@ class EmulatedBench:
             model=scene.model,
             absorbers=scene.absorbers,
             noise=scene.noise,
-            digitiser=Digitiser(),
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,

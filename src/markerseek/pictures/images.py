@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import BModeImage, Int16, PaImage, UInt8
+from markerseek.core import BModeImage, Float32, Int16, PaImage, UInt8
 from markerseek.pictures.style import ACCENT, new_figure, put_title
 
 if TYPE_CHECKING:
@@ -36,9 +36,7 @@ def draw_image(axes: Axes, image: PaImage) -> None:
     image
         The image.
     """
-    # An image of zeros is drawn black instead of dividing by 0.
-    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
-    decibels = 20 * np.log10(np.maximum(image.envelope / peak, 10 ** (-DYNAMIC_RANGE_DB / 20)))
+    decibels = _below_peak_db(image, least=10 ** (-DYNAMIC_RANGE_DB / 20))
     # The first row at the top: the depth axis runs downwards.
     (left, right), (top, bottom) = 1e3 * image.lateral_m[[0, -1]], 1e3 * image.depth_m[[0, -1]]
     extent = (left, right, bottom, top)
@@ -62,9 +60,7 @@ def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
     """
     extent = b_mode.geometry.edges_mm(*b_mode.pixels.shape)
     axes.imshow(b_mode.pixels, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="equal", interpolation="nearest")
-    # An image of zeros is wholly transparent instead of dividing by 0.
-    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
-    share = 20 * np.log10(np.maximum(image.envelope / peak, 1e-6)) / OVERLAY_RANGE_DB + 1
+    share = _below_peak_db(image, least=1e-6) / OVERLAY_RANGE_DB + 1
     shown = axes.imshow(
         np.clip(share, 0, 1),
         cmap="hot",
@@ -80,6 +76,14 @@ def draw_overlay(axes: Axes, b_mode: BModeImage, image: PaImage) -> None:
     axes.set_ylim(extent[2], extent[3])
     bar = _finish(axes, shown, label="photoacoustic, below its peak")
     bar.set_ticks([0, 1], labels=[f"-{OVERLAY_RANGE_DB:g} dB", "0 dB"])
+
+
+def _below_peak_db(image: PaImage, *, least: float) -> Float32[np.ndarray, "depths laterals"]:
+    """The image over its peak in dB, not below the share ``least`` of it."""
+    # An image of zeros is at that share everywhere, instead of dividing by 0.
+    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
+    decibels: Float32[np.ndarray, "depths laterals"] = 20 * np.log10(np.maximum(image.envelope / peak, least))
+    return decibels
 
 
 def _finish(axes: Axes, shown: AxesImage, *, label: str) -> Colorbar:

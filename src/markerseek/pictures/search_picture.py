@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from markerseek.core import BModeImage, Float64, Found, Interval, PaImage, Sample
+from markerseek.core import BModeImage, Estimate, Float64, Found, Interval, PaImage, Sample
 from markerseek.pictures.images import draw_image, draw_overlay
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from markerseek.core import Estimate
-
 
 _Numbered: TypeAlias = list[tuple[tuple[float, float], str]]
 """Points and their labels."""
@@ -84,9 +81,7 @@ def search_figure(
     curve.set_xlim(shown)
     track.set_ylim(shown)
     known = ("reference", reference_deg) if truth_deg is None else ("truth", truth_deg)
-    if recorded is not None:
-        curve.plot(*recorded, color=QUIET, linewidth=1, zorder=1, label="recorded")
-    _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation)
+    _draw_curve(curve, samples, estimate, known=known, confirmation=confirmation, recorded=recorded)
     curve.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     _draw_track(track, samples, estimate, start_deg=start_deg, known=known, confirmation=confirmation)
     if density is not None:
@@ -116,13 +111,19 @@ def _draw_curve(
     *,
     known: tuple[str, float | None],
     confirmation: Sample | None,
+    recorded: Curve | None,
 ) -> None:
-    angles = np.array([sample.angle_deg for sample in samples])
-    intensities = np.array([sample.reading.intensity for sample in samples])
+    angles = [sample.angle_deg for sample in samples]
+    intensities = [sample.reading.intensity for sample in samples]
+    heights = [1e-12, *intensities]
+    if recorded is not None:
+        axes.plot(*recorded, color=QUIET, linewidth=1, zorder=1, label="recorded")
+        heights.append(float(np.max(recorded[1])))
     # Stems, because a line from point to point would look like a measured curve.
     axes.vlines(angles, 0, intensities, color=QUIET, linewidth=1, zorder=1)
     axes.scatter(angles, intensities, color=SIGNAL, s=28, zorder=3, label="acquisitions, numbered where there is room")
     if confirmation is not None:
+        heights.append(confirmation.reading.intensity)
         axes.scatter(
             [confirmation.angle_deg],
             [confirmation.reading.intensity],
@@ -135,13 +136,10 @@ def _draw_curve(
     _draw_answer(axes.axvline, axes.axvspan, estimate, known)
     floor = estimate.floor
     if floor is not None and floor.level is not None:
-        axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
-    lines = [float(np.max(line.get_ydata())) for line in axes.lines if line.get_label() == "recorded"]
-    heights = [*intensities.tolist(), *lines, 0.0 if confirmation is None else confirmation.reading.intensity]
-    if floor is not None and floor.level is not None:
         heights.append(floor.level)
-    axes.set_ylim(bottom=0, top=1.12 * max(*heights, 1e-12))
-    for place, numbers in _with_room(axes, _numbered(angles.tolist(), intensities.tolist())):
+        axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
+    axes.set_ylim(bottom=0, top=1.12 * max(heights))
+    for place, numbers in _with_room(axes, _numbered(angles, intensities)):
         # Beside the star, not under it.
         near = confirmation is not None and _near(axes, place, (confirmation.angle_deg, confirmation.reading.intensity))
         axes.annotate(

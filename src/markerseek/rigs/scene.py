@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markerseek.acoustics import (
+    LARGEST_COUNT,
     Absorber,
     AcousticModel,
     Band,
-    Digitiser,
     GaussianAbsorber,
     Noise,
     RectanglePulse,
@@ -171,7 +171,7 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
     flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / math.sqrt(settings.laser.pulses)
     # One count below full scale, at which the guard takes a channel for saturated.
     markers = 2 if settings.second.present else 1
-    most = (Digitiser().largest - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
+    most = (LARGEST_COUNT - 1) / (markers * _OFF_PLANE * flash + _NOISE_SIGMAS * sigma_over_largest)
     return min(max(_USUAL_COUNTS, _LEAST_SIGMA / sigma_over_largest), most)
 
 

@@ -11,7 +11,7 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, Digitiser
+from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError
 from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
@@ -90,7 +90,6 @@ def simulated(
         model=scene.model,
         absorbers=scene.absorbers,
         noise=scene.noise,
-        digitiser=Digitiser(),
         energy_jitter=settings.laser.energy_jitter,
         start_deg=settings.start_deg,
         rng=rng,

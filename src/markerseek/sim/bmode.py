@@ -204,11 +204,12 @@ class BModeWorld:
 
     def _tip_echo(self) -> Complex128[np.ndarray, "rows columns"]:
         """Echo of the tip's face, blurred by pulse and beam."""
-        rows, columns = self._settings.shape
+        settings = self._settings
+        rows, columns = settings.shape
         if self._tip is None:
             return np.zeros((rows, columns), np.complex128)
         tip_deg, radius_m, lateral_m = self._tip
-        half_m = self._settings.tip_m / 2
+        half_m = settings.tip_m / 2
         # Strips of the face across the image plane, weighted by their length.
         across_m = half_m * (np.arange(21) - 10) / 10.5
         strip = np.sqrt(half_m**2 - across_m**2)
@@ -218,16 +219,16 @@ class BModeWorld:
             for off_deg in (0.0, self.angle_deg - tip_deg)
         )
         turned = math.radians(self.angle_deg - tip_deg)
-        r, face = self._probe.face_radius_m, self._settings
-        slant_m = math.sqrt(r**2 + radius_m**2 - 2 * r * radius_m * math.cos(turned))
-        row, column = face.geometry.pixel(lateral_m=lateral_m, depth_m=slant_m)
-        down = (np.arange(rows) - row)[:, None] * face.pixel_m
-        along = (np.arange(columns) - column)[None, :] * face.pixel_m
+        face_m = self._probe.face_radius_m
+        slant_m = math.sqrt(face_m**2 + radius_m**2 - 2 * face_m * radius_m * math.cos(turned))
+        row, column = settings.geometry.pixel(lateral_m=lateral_m, depth_m=slant_m)
+        down = (np.arange(rows) - row)[:, None] * settings.pixel_m
+        along = (np.arange(columns) - column)[None, :] * settings.pixel_m
         # Half as high as wide: the face is seen from below.
         distance = np.hypot(2 * down, along) / half_m
         edge = BEAM_M / half_m
         shape = 0.5 * (1 - np.tanh((distance - 1) / edge))
-        return np.asarray(_amplitude(face.tip_db) * now / in_plane * shape, dtype=np.complex128)
+        return np.asarray(_amplitude(settings.tip_db) * now / in_plane * shape, dtype=np.complex128)
 
 
 def _amplitude(level_db: float) -> float:

@@ -30,6 +30,9 @@ WIDTH_DEG = (1e-6, 1e6)
 MOST_POWER = 20.0
 """Steepest power of a curve's tails, with which the narrowest one does not overflow."""
 
+_STEP_DEG = 0.02
+"""Step of the fine grid of a recorded curve, in degrees."""
+
 
 def _check_width(fwhm_deg: float) -> None:
     low_deg, high_deg = WIDTH_DEG
@@ -98,8 +101,7 @@ class PowerCurve:
 
     def __post_init__(self) -> None:
         _check_width(self.fwhm_deg)
-        if not 0 < self.power <= MOST_POWER:
-            raise ConfigError(f"curve: power is {self.power}, it must lie in (0, {MOST_POWER:g}]; 1 to 2 are usual")
+        require_range("curve: power", self.power, low=0, high=MOST_POWER, open_low=True, cure="1 to 2 are usual")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """One peak; see the class."""
@@ -145,8 +147,6 @@ class RecordedCurve:
         Angles off the marker in degrees, ascending.
     heights
         Heights of the peaks at each, strongest first, shape (angles, peaks), not negative.
-    step_deg
-        Step of the fine grid in degrees.
 
     Raises
     ------
@@ -158,8 +158,6 @@ class RecordedCurve:
         self,
         off_plane_deg: Float64[np.ndarray, " angles"],
         heights: Float64[np.ndarray, "angles peaks"],
-        *,
-        step_deg: float = 0.02,
     ) -> None:
         if off_plane_deg.size < 2 or not np.all(np.diff(off_plane_deg) > 0):
             raise ConfigError("recorded curve: off_plane_deg must hold at least two angles, each above the one before")
@@ -167,7 +165,7 @@ class RecordedCurve:
             raise ConfigError(f"recorded curve: heights have the shape {heights.shape}, (angles, peaks) is needed")
         if not np.all((heights >= 0) & np.isfinite(heights)):
             raise ConfigError("recorded curve: heights must be finite and not negative")
-        count = max(2, math.ceil((off_plane_deg[-1] - off_plane_deg[0]) / step_deg) + 1)
+        count = max(2, math.ceil((off_plane_deg[-1] - off_plane_deg[0]) / _STEP_DEG) + 1)
         fine = np.linspace(off_plane_deg[0], off_plane_deg[-1], count)
         self._low_deg = float(fine[0])
         self._per_deg = (count - 1) / float(fine[-1] - fine[0])

@@ -37,24 +37,9 @@ class RFWorld:
     def __init__(self, *, world: World, receive_focus_m: float | None) -> None:
         self._world = world
         self._receive_focus_m = receive_focus_m
-
-    @property
-    def angle_deg(self) -> float:
-        """True angle of the probe, in degrees."""
-        return self._world.angle_deg
-
-    @angle_deg.setter
-    def angle_deg(self, angle_deg: float) -> None:
-        self._world.angle_deg = angle_deg
-
-    @property
-    def flashes(self) -> list[Flash]:
-        """Light that was on the tissue."""
-        return self._world.flashes
-
-    @flashes.setter
-    def flashes(self, flashes: list[Flash]) -> None:
-        self._world.flashes = flashes
+        self.angle_deg = world.angle_deg
+        # The same list: flashes are added by the world behind.
+        self.flashes: list[Flash] = world.flashes
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue, as the world behind."""
@@ -62,6 +47,7 @@ class RFWorld:
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> RFFrame:
         """Lines after a flash; after none, noise alone."""
+        self._world.angle_deg = self.angle_deg
         lines = post_beamformed(self._world.counts(flash), self._world.model, receive_focus_m=self._receive_focus_m)
         return RFFrame(header=header, samples=lines, sampling_hz=self._world.model.sampling_hz)
 

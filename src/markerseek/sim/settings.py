@@ -71,8 +71,7 @@ class LaserSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.energy_jitter < 1:
             raise ConfigError(f"laser: energy_jitter is {self.energy_jitter}, it is a share between 0 and 1")
-        if not 0 < self.rate_hz <= 1000:
-            raise ConfigError(f"laser: rate_hz is {self.rate_hz} Hz, it must lie in (0, 1000] Hz")
+        require_range("laser: rate_hz", self.rate_hz, low=0, high=1000, unit="Hz", open_low=True)
         most = FiringLimits().pulses_per_permit
         if not 1 <= self.pulses <= most:
             raise ConfigError(f"laser: pulses is {self.pulses}, it must lie between 1 and {most}")
@@ -153,8 +152,7 @@ class ReceiverSettings:
             raise ConfigError(
                 f'receiver: peak_counts is {self.peak_counts}, it must lie in (0, 1e6]; "none" chooses it to fit'
             )
-        if not 0 <= self.readout_s <= 3600:
-            raise ConfigError(f"receiver: readout_s is {self.readout_s} s, it must lie in [0, 3600] s; 10 s is usual")
+        require_range("receiver: readout_s", self.readout_s, low=0, high=3600, unit="s", cure="10 s is usual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -77,7 +77,7 @@ class Speckle:
         return field
 
     def _drawn_slice(self, number: int) -> Complex128[np.ndarray, "rows columns"]:
-        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self._seed, number % 2**32])))
+        rng = np.random.Generator(np.random.PCG64([self._seed, number % 2**32]))
         return filtered_noise(rng, self._shape, pixel_m=self._pixel_m)
 
 

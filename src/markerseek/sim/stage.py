@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from markerseek.core import Clock, ConfigError, Interval, LimitError
+from markerseek.core import Clock, ConfigError, Interval, LimitError, require_range
 from markerseek.sim.world import SimulatedWorld
 
 
@@ -42,8 +42,7 @@ class StageMotion:
             if not 0 < getattr(self, name) <= most:
                 raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in (0, {most}]")
         for name, most in (("backlash_deg", 360.0), ("approach_deg", 360.0), ("settle_s", 3600.0)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ConfigError(f"stage motion: {name} is {getattr(self, name)}, it must lie in [0, {most:g}]")
+            require_range(f"stage motion: {name}", getattr(self, name), low=0, high=most)
 
     def duration_s(self, distance_deg: float) -> float:
         """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.

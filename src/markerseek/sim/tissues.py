@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation, Source, centroid_m
+from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation, centroid_m
 from markerseek.core import ConfigError, Float64
 
 
@@ -28,13 +28,13 @@ class Spot:
     depth_m
         Mean depth of the absorbers below the disc, away from the probe, in metres; exponentially distributed.
     grain
-        Size and shape of each.
+        Size of each.
     """
 
     count: int = 1
     radius_m: float = 0.0
     depth_m: float = 0.0
-    grain: Source = field(default_factory=GaussianAbsorber)
+    grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
 
     def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
         """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength.
@@ -61,7 +61,7 @@ class Spot:
         return [_grain(place_m, share, self.grain) for place_m in places_m + (middle_m - centroid_m(drawn))]
 
 
-def _grain(place_m: Float64[np.ndarray, 3], strength: float, source: Source) -> Absorber:
+def _grain(place_m: Float64[np.ndarray, 3], strength: float, source: GaussianAbsorber) -> Absorber:
     x_m, y_m, z_m = place_m.tolist()
     return Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=strength, source=source)
 

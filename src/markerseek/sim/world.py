@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from markerseek.acoustics import Absorber, AcousticModel, Digitiser, Noise
+from markerseek.acoustics import Absorber, AcousticModel, Noise, digitise
 from markerseek.core import ChannelFrame, Float32, Frame, FrameHeader, Int16
 
 
@@ -56,9 +56,7 @@ class World:
     absorbers
         Absorbers; none is a world without a marker.
     noise
-        Noise of one acquisition, after averaging, in the unit of the channel data.
-    digitiser
-        The converter.
+        Noise of one acquisition, after averaging, in counts, the unit of the channel data.
     energy_jitter
         Standard deviation of a pulse's energy over its mean.
     start_deg
@@ -73,7 +71,6 @@ class World:
         model: AcousticModel,
         absorbers: Sequence[Absorber],
         noise: Noise,
-        digitiser: Digitiser,
         energy_jitter: float,
         start_deg: float,
         rng: np.random.Generator,
@@ -83,7 +80,6 @@ class World:
         self.flashes: list[Flash] = []
         self._absorbers = tuple(absorbers)
         self._noise = noise
-        self._digitiser = digitiser
         self._energy_jitter = energy_jitter
         self._rng = rng
 
@@ -107,7 +103,7 @@ class World:
         if flash is not None:
             # In single precision: a NumPy double would make the product, of the size of a frame, a double one.
             data += np.float32(flash.energy) * _without_noise(model, self._absorbers, self.angle_deg)
-        return self._digitiser.digitise(data)
+        return digitise(data)
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek import rigs
-from markerseek.acoustics import Absorber, AcousticModel, Digitiser
+from markerseek.acoustics import Absorber, AcousticModel
 from markerseek.core import Reader
 from markerseek.rigs import Scene, image_peak, image_reader, in_world, largest_count, scene_curve, scene_of
 from markerseek.rigs import draw_scene as draw_rig_scene
@@ -144,7 +144,6 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
             model=scene.model,
             absorbers=scene.absorbers,
             noise=scene.noise,
-            digitiser=Digitiser(),
             energy_jitter=settings.laser.energy_jitter,
             start_deg=settings.start_deg,
             rng=rng,

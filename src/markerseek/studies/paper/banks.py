@@ -127,7 +127,7 @@ def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
     scans = []
     for number, (material, tissue) in enumerate(TISSUES.items()):
         # Seeded by the material: its positions do not depend on the other materials.
-        markers = grid(np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, number]))))
+        markers = grid(np.random.Generator(np.random.PCG64([options.seed, number])))
         count = 1 if material == ONE_BANK else max(2, round(len(markers) * options.share))
         for position, marker in enumerate(markers[:count], start=1):
             banks = tuple(

@@ -128,7 +128,7 @@ def _combinations(
     source_radius_m: float, *, levels_db: Sequence[float], trials: int, repeats: int, seed: int
 ) -> list[Combination]:
     """One width under every noise."""
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 8])))
+    rng = np.random.Generator(np.random.PCG64([seed, 8]))
     # The same positions under every noise, so that only the noise differs.
     positions_deg = [marker.angle_deg for _ in range(repeats) for marker in grid(rng)]
     combinations = []

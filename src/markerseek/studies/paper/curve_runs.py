@@ -70,6 +70,10 @@ class Condition:
         return f"FWHM {fwhm_deg(self.source_radius_m):.1f}°, {self.peak_snr_db:g} dB"
 
 
+USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+"""The defaults of the simulated rig (physics notes)."""
+
+
 @lru_cache(maxsize=32)
 def fwhm_deg(source_radius_m: float) -> float:
     """Full width at half maximum of the noise-free curve of an absorber of that radius, in degrees.

@@ -17,7 +17,7 @@ from markerseek.scan import Scanner
 from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import RECEIVER_FAULTS, Fault, FaultyReceiver, IntensityCurve, SimulatedSettings
-from markerseek.studies.paper.curve_runs import Condition
+from markerseek.studies.paper.curve_runs import USUAL, Condition
 from markerseek.studies.paper.methods import (
     ALL_METHODS,
     BUILT,
@@ -37,9 +37,6 @@ WIDE = Condition(source_radius_m=0.4e-3, peak_snr_db=50.0)
 
 FRAMED = Condition(source_radius_m=0.35e-3, peak_snr_db=50.0)
 """Curve and noise of the cases from frames: noise that is larger than the steps of a 12-bit converter."""
-
-NARROW = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
-"""The default of the simulated rig."""
 
 MOVED_DEG, MOVED_AFTER = 5.0, 8
 """How far, and after how many acquisitions, a moving marker moves."""
@@ -118,7 +115,7 @@ CASES: dict[str, FaultCase] = {
     "dead": FaultCase(words="dead receiver: all intensities 0", receiver=RECEIVER_FAULTS["dead"]),
     "late": FaultCase(words="frames one step late", receiver=RECEIVER_FAULTS["late frames"]),
     "clipped": FaultCase(words="intensities clipped at 50 %", receiver=_CLIPPED),
-    "narrow": FaultCase(words="narrow curve over a noise floor, no fault", condition=NARROW, observable=None),
+    "narrow": FaultCase(words="narrow curve over a noise floor, no fault", condition=USUAL, observable=None),
     "fading": FaultCase(
         words=f"energy drifts: {1 - FADING:.0%} less at each acquisition", fading=FADING, observable=False
     ),

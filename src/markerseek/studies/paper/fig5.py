@@ -11,12 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import PAPER_RANGE, Float64
-from markerseek.studies.paper.curve_runs import (
-    Condition,
-    MarkerAnswers,
-    over_trials,
-    study_of,
-)
+from markerseek.studies.paper.curve_runs import USUAL, Condition, MarkerAnswers, over_trials, study_of
 from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
@@ -42,9 +37,6 @@ from markerseek.studies.policies import PolicySettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
-"""The defaults of the simulated rig (physics notes)."""
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of

@@ -103,7 +103,7 @@ def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
     x_m = PLACES_M[place]
     reference_deg = math.degrees(math.atan2(x_m, HEIGHT_M))
     # One seed for each position: the tissue is the same for all tips.
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 9, place])))
+    rng = np.random.Generator(np.random.PCG64([seed, 9, place]))
     settings = BModeSettings(tip_m=tip[0], tip_db=tip[1])
     world = BModeWorld(
         settings=settings,

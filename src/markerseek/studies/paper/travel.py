@@ -94,7 +94,7 @@ class _Way:
 
 def travel(options: RunOptions) -> Section:
     """Rotation travel and time of 16 acquisitions, for markers spread evenly over ±35°."""
-    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([options.seed, 4])))
+    rng = np.random.Generator(np.random.PCG64([options.seed, 4]))
     markers_deg = rng.uniform(PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, options.markers)
     options.progress("travel", 0, len(PAPER_METHODS))
     ways: list[_Way] = []

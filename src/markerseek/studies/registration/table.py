@@ -36,9 +36,9 @@ def cases() -> list[Case]:
         Case("Horn alone, weights by size", replace(usual, refined=False)),
         Case("Horn alone, one frame", replace(usual, refined=False, frames=1)),
         *(Case(f"Horn alone, {count} markers", replace(usual, refined=False, markers=count)) for count in (6, 4, 3)),
-        *(Case(f"only the error of {_and(source)}", replace(usual, sources=(source,))) for source in SOURCES),
+        *(Case(f"only the error of {_with_article(source)}", replace(usual, sources=(source,))) for source in SOURCES),
         *(
-            Case(f"Horn, only the error of {_and(source)}", replace(usual, refined=False, sources=(source,)))
+            Case(f"Horn, only the error of {_with_article(source)}", replace(usual, refined=False, sources=(source,)))
             for source in SOURCES
         ),
         Case("sound speed 1 % off", replace(usual, sound_speed_error=0.01)),
@@ -59,7 +59,7 @@ def cases() -> list[Case]:
     ]
 
 
-def _and(source: str) -> str:
+def _with_article(source: str) -> str:
     return {"angle": "the angle", "spot": "the spot", "calibration": "the calibration"}.get(source, source)
 
 
