@@ -20,7 +20,6 @@ PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 
 READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "real time, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
-
 METHOD_FIELDS = ("method", "acquisitions", "as_published")
 """Settings of any search."""
 

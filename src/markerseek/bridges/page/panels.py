@@ -106,8 +106,7 @@ class Panels:
 
     def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)
-        floor = snapshot.belief.estimate.floor if snapshot.belief else None
-        level = None if floor is None else floor.level
+        level = snapshot.floor_level
         key = (run, picture, level)
         if key == self._image_key:
             return
