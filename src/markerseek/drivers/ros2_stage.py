@@ -57,10 +57,8 @@ class Ros2Stage:
         kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
         node.advertise(settings.command_topic, kind)
         node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
-        self._stop_topic = None if settings.state_topic is None else topics.STOP
-        if self._stop_topic is not None:
-            node.advertise(self._stop_topic, "std_msgs/msg/Empty")
         if settings.state_topic is not None:
+            node.advertise(topics.STOP, "std_msgs/msg/Empty")
             node.subscribe(settings.state_topic, messages.state_kind(node.kinds), self._on_state)
         self._connect()
 
@@ -180,5 +178,6 @@ class Ros2Stage:
 
     def stop(self) -> None:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
-        if self._stop_topic is not None and self._busy:
-            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))
+        # A node that publishes no state is never known to be busy.
+        if self._busy:
+            self._node.publish(topics.STOP, messages.empty(self._node.kinds))
