@@ -73,7 +73,6 @@ class Bench:
             node=self.node,
             stage=self.stage,
             guard=self.guard,
-            clock=self.clock,
             by="a test",
             plain=PlainTopics(command="/goto", reached="/angle", unit="deg"),
         )

@@ -54,7 +54,6 @@ class TestStageNode(_OverRos, StageContract):
             node=server,
             stage=world.stage,
             guard=self.guard(world),
-            clock=world.scanner.clock,
             by="a test",
             simulated=True,
         )

@@ -85,7 +85,6 @@ def _serve_part(
                 node=node,
                 stage=held.part,
                 guard=held.guard,
-                clock=held.clock,
                 by=person(),
                 plain=plain,
                 dead_man=held.devices.supervisor,

@@ -80,9 +80,7 @@ def command(
             nodes.append(opened.enter_context(made))
         by = "a simulated rig"
         beat.served = [
-            ros2.StageNode(
-                node=nodes[0], stage=world.stage, guard=guards[0], clock=clock, by=by, plain=plain, simulated=True
-            ),
+            ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
             ros2.AcquisitionNode(
                 node=nodes[1],
                 laser=world.laser,

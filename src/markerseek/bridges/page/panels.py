@@ -67,7 +67,7 @@ class Panels:
             with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
                 empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
                 self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
-            with _panel("photoacoustic image", "image") as self._image_panel:
+            with _panel("photoacoustic image", "image"):
                 self._image = Image(image_model(None, floor=None)).classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
             with _panel("what is known", "numbers"):

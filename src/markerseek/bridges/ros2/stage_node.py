@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from markerseek.bridges.ros2.serving import Interrupted, Served
-from markerseek.core import Clock, LimitError, MarkerseekError, Stage
+from markerseek.core import LimitError, MarkerseekError, Stage
 from markerseek.guard import Guard, State
 from markerseek.ros import MOST_AGE_S, RosNode, degrees, joint_angle_deg, messages, topics
 from markerseek.scan import DeadMan
@@ -50,8 +50,8 @@ class StageNode(Served):
     ----------
     node, guard, by, dead_man, simulated
         As of `Served`; the lease is held during a move.
-    stage, clock
-        The stage, and its time.
+    stage
+        The stage.
     plain
         Topics of plain numbers; None for none.
     """
@@ -62,14 +62,13 @@ class StageNode(Served):
         node: RosNode,
         stage: Stage,
         guard: Guard,
-        clock: Clock,
         by: str,
         plain: PlainTopics | None = None,
         dead_man: DeadMan | None = None,
         simulated: bool = False,
     ) -> None:
         super().__init__(node=node, guard=guard, by=by, dead_man=dead_man, simulated=simulated)
-        self._stage, self._clock, self._plain = stage, clock, plain
+        self._stage, self._plain = stage, plain
         self._wanted: _Wanted | None = None
         self._moving: _Wanted | None = None
         self._renewed_s = -math.inf
