@@ -51,14 +51,14 @@ def test_each_node_has_what_the_policy_allows_it_and_nothing_else() -> None:
         acquisition_node = node("trus_acquisition", parameters={"simulated": True}, network=network)
         search_node = node("pa_search", parameters={"method": "posterior"}, network=network)
         rig_node = node("markerseek_rig", network=network)
-        devices = {"guard": guard, "by": "a test"}
-        served = StageNode(node=stage_node, stage=world.stage, **devices)
+        served = StageNode(node=stage_node, stage=world.stage, guard=guard, by="a test")
         AcquisitionNode(
             node=acquisition_node,
             laser=world.laser,
             receiver=world.receiver,
+            guard=guard,
             clock=world.scanner.clock,
-            **devices,
+            by="a test",
         )
         publish_registration(
             search_node,

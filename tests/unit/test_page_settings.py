@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from urllib.parse import parse_qsl
 
 import pytest
@@ -69,9 +70,9 @@ def test_arguments_are_those_of_the_command():
 
 
 def test_change_is_checked():
-    assert PageSettings().changed("seed", 5).seed == 5
+    assert replace(PageSettings(), seed=5).seed == 5
     with pytest.raises(ConfigError, match="seed is"):
-        PageSettings().changed("seed", 0.5)
+        replace(PageSettings(), seed=0.5)
 
 
 def test_simulated_rig_has_the_noise_and_the_receiver_that_were_asked_for():

@@ -24,6 +24,9 @@ from markerseek.records.stream import StreamDecoder, StreamItem
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""
 
+_NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
+"""Exit codes of commands that gave an answer, were not armed, or were stopped."""
+
 _READ_BYTES = 1 << 20
 _MOST_ANSWER_BYTES = 1 << 24
 """Largest JSON object of a command; the result of 500 acquisitions has 100 kilobytes."""
@@ -44,6 +47,11 @@ class Outcome:
 
     exit_code: int
     answer: dict[str, Any] | None
+
+    @property
+    def failed(self) -> bool:
+        """Whether it ended by a fault, neither with an answer nor because somebody stopped it or did not arm it."""
+        return self.exit_code not in _NO_FAULT
 
     @property
     def message(self) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -32,7 +33,7 @@ class Recording:
 
     name: str
     outcome: Outcome | None
-    _source: RecordedRun | tuple[Rig, IntensityBank | FrameBank]
+    _items: Callable[[], Iterator[tuple[float, StreamItem]]]
 
     def items(self) -> Iterator[tuple[float, StreamItem]]:
         """Its items, each with its time in seconds since the first; frames of a bank are read one at a time.
@@ -42,10 +43,8 @@ class Recording:
         RecordError, AcquisitionError
             If a frame of a bank cannot be read.
         """
-        source = self._source
-        timed = _journal_items(source) if isinstance(source, RecordedRun) else _bank_items(*source)
         after_s, before_s = 0.0, None
-        for time_s, item in timed:
+        for time_s, item in self._items():
             # The clock of a run that was resumed in another process starts again.
             after_s += max(0.0, time_s - (time_s if before_s is None else before_s))
             before_s = time_s
@@ -67,8 +66,8 @@ def open_recording(path: Path) -> Recording:
     """
     if is_journal(path):
         held = read_journal(path)
-        return Recording(name=path.name, outcome=_outcome(held), _source=held)
-    return Recording(name=path.name, outcome=None, _source=(replayed(path), read_bank(path)))
+        return Recording(name=path.name, outcome=_outcome(held), _items=partial(_journal_items, held))
+    return Recording(name=path.name, outcome=None, _items=partial(_bank_items, replayed(path), read_bank(path)))
 
 
 def _outcome(held: RecordedRun) -> Outcome | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markerseek.core import require_range
 
-_LIGHT = {
+LIGHT = {
     "wavelength_nm": (400, 1400, "nm"),
     "pulse_energy_j": (1e-9, 10, "J"),
     "pulse_width_s": (1e-9, 1e-3, "s"),
@@ -38,7 +38,7 @@ class LaserKeys:
     spot_diameter_m: float | None = None
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in _LIGHT.items():
+        for name, (low, high, unit) in LIGHT.items():
             value = getattr(self, name)
             if value is not None:
                 require_range(f"laser: {name}", value, low=low, high=high, unit=unit)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import ConfigError, require_range
+from markerseek.drivers._receivers import require_noise_ratio
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,5 +55,4 @@ class PlusSettings:
         for name, high in (("connect_s", 600), ("timeout_s", 600), ("quiet_s", 60)):
             require_range(f"receiver: {name}", getattr(self, name), low=0, high=high, unit="s", open_low=True)
         require_range("receiver: clock_s", self.clock_s, low=0, high=60, unit="s")
-        if not 1 < self.noise_ratio < math.inf:
-            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
+        require_noise_ratio(self.noise_ratio)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import ConfigError, require_range
 from markerseek.drivers._light import LaserKeys
+from markerseek.drivers._receivers import require_noise_ratio
 from markerseek.ros import topics
 
 
@@ -106,5 +106,4 @@ class RosReceiver:
         require_range("receiver: sampling_hz", self.sampling_hz, low=0, high=1e9, unit="Hz", open_low=True)
         for name in ("connect_s", "timeout_s"):
             require_range(f"receiver: {name}", getattr(self, name), low=0, high=600, unit="s", open_low=True)
-        if not 1 < self.noise_ratio < math.inf:
-            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
+        require_noise_ratio(self.noise_ratio)

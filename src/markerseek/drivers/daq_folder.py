@@ -15,9 +15,6 @@ from markerseek.wire import sonixdaq as wire
 _LARGEST_BYTES = 1 << 26
 """Largest channel file that is read: 800 pulses of 40,000 samples."""
 
-_MOST_SAMPLES = 1 << 16
-"""Most samples of one pulse: sound travels 2.5 m meanwhile, and all channels take 16 MiB."""
-
 FolderState: TypeAlias = dict[str, tuple[int, int, int]]
 """Channel files by name: time of the last change in ns, size in bytes, inode."""
 
@@ -154,10 +151,10 @@ def numbered(names: list[str]) -> dict[int, str]:
 
 def _require_sound(name: str, header: wire.DaqHeader, *, number: int, first: wire.DaqHeader, pulses: int) -> None:
     """Refuse a file that is not of one acquisition of that many pulses."""
-    if not header.samples <= _MOST_SAMPLES:
+    if not header.samples <= wire.MOST_SAMPLES:
         raise AcquisitionError(
-            f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {_MOST_SAMPLES} are read; record "
-            "a shorter time"
+            f"sonixdaq: {name} holds {header.samples} samples of each pulse, at most {wire.MOST_SAMPLES} are read; "
+            "record a shorter time"
         )
     if header != first:
         raise AcquisitionError(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from markerseek.core import ConfigError
-from markerseek.drivers._light import LaserKeys
+from markerseek.drivers._light import LIGHT, LaserKeys
 
 CAVEAT = "A laser safety officer must confirm this; the eye's limit is hundreds of times lower."
 
@@ -35,7 +35,6 @@ def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
     return 2e3 * c_a * duration_s
 
 
-_KEYS = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
 _LONG_S = 10.0
 """Duration in seconds from which the limit is a constant irradiance: longer trains have the same share."""
 
@@ -45,7 +44,7 @@ def exposure_line(laser: LaserKeys) -> str:
 
     The three shares are those of a pulse, of one acquisition, and of pulses without a pause; a search pauses.
     """
-    light = {name: getattr(laser, name) for name in _KEYS}
+    light = {name: getattr(laser, name) for name in LIGHT}
     missing = [f"laser.{name}" for name, value in light.items() if value is None]
     if missing:
         return f"skin exposure: not shown, the rig file has no {', '.join(missing)}. {CAVEAT}"

@@ -19,8 +19,8 @@ from markerseek.core import (
     NotConnectedError,
     Permit,
 )
-from markerseek.drivers._acquired_frame import acquired_frame
 from markerseek.drivers._plus_settings import PlusSettings
+from markerseek.drivers._receivers import acquired_frame
 from markerseek.wire import igtl
 
 MOST_IMAGE_BYTES = 1 << 24

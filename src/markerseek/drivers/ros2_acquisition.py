@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import secrets
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ from markerseek.core import (
     Permit,
     is_finite,
 )
-from markerseek.drivers._acquired_frame import acquired_frame
+from markerseek.drivers._receivers import acquired_frame
 from markerseek.drivers._ros2_settings import RosReceiver
-from markerseek.drivers._ros2_wait import RosWait
+from markerseek.drivers._ros2_wait import wait_until
 from markerseek.ros import RosNode, messages, topics
 
 _STATE_S = 1.0
@@ -51,7 +52,7 @@ class Ros2Acquisition:
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
         self._node, self._clock, self._settings = node, clock, settings
-        self._wait = RosWait(node, clock)
+        self._wait_until = partial(wait_until, node, clock)
         # Tokens of two searches are alike; what an earlier search asked for must not answer this one.
         self._session = secrets.token_hex(4)
         self._used: set[str] = set()
@@ -71,7 +72,7 @@ class Ros2Acquisition:
                 node.publishes(topic) for topic in (settings.answer_topic, settings.frame_topic)
             )
 
-        if not self._wait.until(found, timeout_s=settings.connect_s):
+        if not self._wait_until(found, timeout_s=settings.connect_s):
             raise NotConnectedError(
                 f"receiver: no acquisition node on {settings.request_topic} within {settings.connect_s:g} s; start "
                 "markerseek ros2 acquire, and compare topics, ROS_DOMAIN_ID and the transport"
@@ -79,7 +80,7 @@ class Ros2Acquisition:
 
         # A node of another program need not say what it is.
         says = node.publishes(topics.ACQUISITION_STATE)
-        self._wait.until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
+        self._wait_until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
 
     def _on_state(self, message: Any) -> None:
         state = messages.decoded(message.data, messages.AcquisitionState)
@@ -137,7 +138,7 @@ class Ros2Acquisition:
 
     def _answered(self, permit: Permit, step: str, *, what: str) -> messages.Acquired:
         keys = f"{self._id(permit)} {step}", f"{self._id(permit)} error"
-        if not self._wait.until(lambda: any(key in self._answers for key in keys), timeout_s=self._settings.timeout_s):
+        if not self._wait_until(lambda: any(key in self._answers for key in keys), timeout_s=self._settings.timeout_s):
             raise DeviceTimeoutError(
                 f"{what}: the acquisition node does not answer within {self._settings.timeout_s:g} s; look at it, and "
                 "at receiver.timeout_s"
@@ -174,7 +175,7 @@ class Ros2Acquisition:
         answer = self._answered(permit, "frame", what="receiver")
         if answer.error:
             raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")
-        if not self._wait.until(lambda: answer.stamp_ns in self._frames, timeout_s=self._settings.timeout_s):
+        if not self._wait_until(lambda: answer.stamp_ns in self._frames, timeout_s=self._settings.timeout_s):
             raise DeviceTimeoutError(
                 f"receiver: the channel data of its answer did not come on {self._settings.frame_topic} within "
                 f"{self._settings.timeout_s:g} s"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 from markerseek.core import Clock, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
 from markerseek.drivers._ros2_settings import RosStage
-from markerseek.drivers._ros2_wait import RosWait
+from markerseek.drivers._ros2_wait import wait_until
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
 _MOST_WAITING = 200
@@ -42,7 +43,7 @@ class Ros2Stage:
     def __init__(self, *, node: RosNode, clock: Clock, settings: RosStage, travel: Interval) -> None:
         self.limits = travel
         self._node, self._clock, self._settings = node, clock, settings
-        self._wait = RosWait(node, clock)
+        self._wait_until = partial(wait_until, node, clock)
         self._angle_deg = math.nan
         self._heard_s = -math.inf
         self._reached_ns = 0
@@ -57,10 +58,8 @@ class Ros2Stage:
         kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
         node.advertise(settings.command_topic, kind)
         node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
-        self._stop_topic = None if settings.state_topic is None else topics.STOP
-        if self._stop_topic is not None:
-            node.advertise(self._stop_topic, "std_msgs/msg/Empty")
         if settings.state_topic is not None:
+            node.advertise(topics.STOP, "std_msgs/msg/Empty")
             node.subscribe(settings.state_topic, messages.state_kind(node.kinds), self._on_state)
         self._connect()
 
@@ -71,7 +70,7 @@ class Ros2Stage:
             (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
             (f"publishes its state on {settings.state_topic}", lambda: not settings.state_topic or self._states > 0),
         ):
-            if not self._wait.until(found, timeout_s=settings.connect_s):
+            if not self._wait_until(found, timeout_s=settings.connect_s):
                 raise NotConnectedError(
                     f"stage: no node {what} within {settings.connect_s:g} s; start it, and compare topics, message "
                     "types, ROS_DOMAIN_ID and the transport"
@@ -124,7 +123,7 @@ class Ros2Stage:
             def fresh() -> bool:
                 return self._clock.now_s() - self._heard_s <= age_s
 
-            if not self._wait.until(fresh, timeout_s=age_s):
+            if not self._wait_until(fresh, timeout_s=age_s):
                 raise DeviceTimeoutError(
                     f"stage: no angle on {self._settings.reached_topic} for more than {age_s:g} s; its node is gone "
                     "or busy"
@@ -159,7 +158,7 @@ class Ros2Stage:
             near = abs(self._angle_deg - angle_deg) <= self._settings.arrival_deg
             return self._readings > readings and near
 
-        if not self._wait.until(ended, timeout_s=self._settings.timeout_s):
+        if not self._wait_until(ended, timeout_s=self._settings.timeout_s):
             raise DeviceTimeoutError(
                 f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
                 f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
@@ -180,5 +179,6 @@ class Ros2Stage:
 
     def stop(self) -> None:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
-        if self._stop_topic is not None and self._busy:
-            self._node.publish(self._stop_topic, messages.empty(self._node.kinds))
+        # A node that publishes no state is never known to be busy.
+        if self._busy:
+            self._node.publish(topics.STOP, messages.empty(self._node.kinds))

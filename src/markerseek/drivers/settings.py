@@ -5,7 +5,6 @@ What has no default cannot be guessed: a port, a folder, and the stage's reading
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -13,6 +12,7 @@ from markerseek.core import ConfigError, require_range
 from markerseek.drivers._kdc101_settings import StageKeys
 from markerseek.drivers._light import LaserKeys
 from markerseek.drivers._plus_settings import PlusSettings
+from markerseek.drivers._receivers import require_noise_ratio
 from markerseek.drivers._ros2_settings import RosLaser, RosReceiver, RosStage
 from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
@@ -80,8 +80,7 @@ class BenchReceiver(SonixDaqKeys):
 
     def __post_init__(self) -> None:
         SonixDaqKeys.__post_init__(self)
-        if not 1 < self.noise_ratio < math.inf:
-            raise ConfigError(f"receiver: noise_ratio is {self.noise_ratio}, it must be a finite factor above 1")
+        require_noise_ratio(self.noise_ratio)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

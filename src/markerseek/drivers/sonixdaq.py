@@ -18,7 +18,7 @@ from markerseek.core import (
     DeviceTimeoutError,
     Permit,
 )
-from markerseek.drivers._acquired_frame import acquired_frame
+from markerseek.drivers._receivers import acquired_frame
 from markerseek.drivers._sonixdaq_settings import SonixDaqSettings
 from markerseek.drivers.daq_folder import DaqFolder, FolderState, numbered
 from markerseek.drivers.program import run_to_its_end

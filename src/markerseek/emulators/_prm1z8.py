@@ -150,7 +150,6 @@ class Prm1z8:
         self._play_deg = play_deg
         self._sense = sense
         self._fault = fault
-        self._slipped_deg = 0.0
         self._jumped = False
         self._rng = rng
         self._jumps_in_s: float | None = None

@@ -272,11 +272,13 @@ def b_mode(kinds: Kinds, image: BModeImage, *, time_s: float) -> Any:
     return _image(kinds, image.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
 
 
-def grey(values: Float32[np.ndarray, "rows columns"], *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
-    """Envelope in ADC counts as shades from 0 (`RANGE_DB` and more below) to 255 (the brightest and above)."""
+def grey(
+    values: Float32[np.ndarray, "rows columns"], *, brightest: float, range_db: float = RANGE_DB
+) -> UInt8[np.ndarray, "rows columns"]:
+    """Envelope in ADC counts as shades from 0 (``range_db`` and more below) to 255 (the brightest and above)."""
     # The lower end is clipped before the logarithm, which has none of zero; a frame without sound is black.
-    share = np.clip(values / (brightest or 1.0), 10 ** (-RANGE_DB / 20), 1.0)
-    return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
+    share = np.clip(values / (brightest or 1.0), 10 ** (-range_db / 20), 1.0)
+    return np.rint(255 * (1 + 20 * np.log10(share) / range_db)).astype(np.uint8)
 
 
 def _image(kinds: Kinds, pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float, frame: str = IMAGE) -> Any:

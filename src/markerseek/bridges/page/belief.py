@@ -120,8 +120,10 @@ class PolicyMirror:
         self._policy = policy_for(plan, limits=limits)
         self._claims = not plan.as_published
         # The guarded form keeps its bracket to itself; the published form, told the same, has the same bracket.
-        published = None if plan.method == "posterior" else _published(plan, limits)
-        self._bracket = published if isinstance(published, BracketSearch) else None
+        self._bracket: BracketSearch | None = None
+        if plan.method != "posterior":
+            published = build(plan.method, limits=limits, acquisitions=plan.acquisitions, as_published=True)
+            self._bracket = published if isinstance(published, BracketSearch) else None
         self._weighted = plan.method == "weighted-average"
         self._intensities: list[float] = []
 
@@ -154,10 +156,6 @@ class PolicyMirror:
             bracket_deg=None if bracket is None else (bracket.low_deg, bracket.high_deg),
             weights=_weights(self._intensities) if self._weighted else (),
         )
-
-
-def _published(plan: SearchPlan, limits: Interval) -> object:
-    return build(plan.method, limits=limits, acquisitions=plan.acquisitions, as_published=True)
 
 
 def _weights(intensities: list[float]) -> tuple[float, ...]:

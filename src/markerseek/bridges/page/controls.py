@@ -20,7 +20,6 @@ PACES = {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 
 READOUTS = {SONIXDAQ_READOUT_S: "SonixDAQ, 10 s", REAL_TIME_READOUT_S: "real time, 0.1 s"}
 """Receivers that can be chosen, by the time in seconds to read one acquisition."""
 
-
 METHOD_FIELDS = ("method", "acquisitions", "as_published")
 """Settings of any search."""
 
@@ -90,7 +89,7 @@ class SettingsRow:
 
     def _number(self, name: str, label: str, width_px: int) -> None:
         field = ui.number(label, value=self._values[name])
-        field.on_value_change(lambda event: self._set(name, _number(name, event.value)))
+        field.on_value_change(lambda event: self._set(name, _setting_of(name, event.value)))
         field.props('dense outlined debounce=300 placeholder="usual" stack-label').style(f"width: {width_px}px")
 
     def _set(self, name: str, value: object) -> None:
@@ -160,6 +159,6 @@ def _pace_text(pace: float) -> str:
     return f"{1 / pace:.3g} × faster" if pace < 1 else f"{pace:.3g} × slower"
 
 
-def _number(name: str, value: float | None) -> float | int | None:
-    """The number of a field; a whole one where the setting is a count."""
+def _setting_of(name: str, value: float | None) -> float | int | None:
+    """The setting of a field with a number; a whole one where the setting is a count."""
     return int(value) if value is not None and name != "snr_db" and value == int(value) else value

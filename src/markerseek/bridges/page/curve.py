@@ -138,8 +138,7 @@ def _line(angle_deg: float, text: str, colour: str, kind: str, *, above_px: int 
 
 
 def _floor_line(snapshot: Snapshot) -> dict[str, Any]:
-    floor = snapshot.belief.estimate.floor if snapshot.belief else None
-    level = None if floor is None else floor.level
+    level = snapshot.floor_level
     # Its name is in the title of the panel: beside the line it would cover numbers of acquisitions.
     data = [] if level is None else [{"yAxis": level, "label": {"show": False}}]
     return {"silent": True, "symbol": "none", "lineStyle": {"color": GREY, "type": "dashed"}, "data": data}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -17,13 +16,8 @@ from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
-
 MOST_WAITING = 16
 """Events that may wait with their frames, of half a megabyte each; more wait without, and have no image."""
-
-
-_NO_FAULT = frozenset({0, 3, 4, 128 + signal.SIGINT, 128 + signal.SIGTERM})
-"""Exit codes of commands that gave an answer, were not armed, or were stopped."""
 
 
 class Child(Protocol):
@@ -106,10 +100,8 @@ class LiveRun:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended by a fault, neither with an answer nor because somebody stopped it or did not arm it."""
-        if self._failure is not None:
-            return True
-        return self.outcome is not None and self.outcome.exit_code not in _NO_FAULT
+        """Whether it ended by a fault, also one of the page; see `Outcome.failed`."""
+        return self._failure is not None or (self.outcome is not None and self.outcome.failed)
 
     def stop(self) -> None:
         """Stop it; allowed at any time, also twice."""

@@ -136,14 +136,13 @@ def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str,
         Energy of one pulse in joules where the rig file names it; None elsewhere.
     """
     belief = snapshot.belief
-    floor = belief.estimate.floor if belief else None
     virtual = " (virtual)" if snapshot.rig == "simulated" else ""
     rows = [
         ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),
         ("peak SNR", "–" if snapshot.snr_db is None else f"{snapshot.snr_db:.1f} dB"),
-        ("noise floor", "unknown" if floor is None or floor.level is None else f"{floor.level:.4g} a.u."),
+        ("noise floor", "unknown" if snapshot.floor_level is None else f"{snapshot.floor_level:.4g} a.u."),
         ("pulses", "–" if snapshot.rig == "replayed" else str(snapshot.pulses)),
     ]
     if belief is not None:

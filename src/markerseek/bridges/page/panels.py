@@ -67,7 +67,7 @@ class Panels:
             with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
                 empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
                 self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
-            with _panel("photoacoustic image", "image") as self._image_panel:
+            with _panel("photoacoustic image", "image"):
                 self._image = Image(image_model(None, floor=None)).classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
             with _panel("what is known", "numbers"):
@@ -106,8 +106,7 @@ class Panels:
 
     def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)
-        floor = snapshot.belief.estimate.floor if snapshot.belief else None
-        level = None if floor is None else floor.level
+        level = snapshot.floor_level
         key = (run, picture, level)
         if key == self._image_key:
             return

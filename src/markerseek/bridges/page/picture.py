@@ -19,6 +19,7 @@ from markerseek.core import (
     ScanGeometry,
     UInt8,
 )
+from markerseek.ros import messages
 from markerseek.signals import AnyImageReader
 
 RANGE_DB, OVER_B_MODE_DB = 40, 20
@@ -112,14 +113,16 @@ def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
         first_depth_m=image.geometry.position_m(row=(together - 1) / 2, column=0)[1],
         depth_step_m=together * image.geometry.depth_step_m,
     )
-    known = reading.lateral_m is not None and reading.depth_m is not None
+    peak_mm = None
+    if reading.lateral_m is not None and reading.depth_m is not None:
+        peak_mm = 1e3 * reading.lateral_m, 1e3 * reading.depth_m
     return Picture(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
         image=_layer(pooled_levels(image, brightest=brightest, range_db=range_db), geometry),
         b_mode=None if frame.b_mode is None else _b_mode_layer(frame.b_mode),
         range_db=range_db,
-        peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if known else None,
+        peak_mm=peak_mm,
     )
 
 
@@ -155,11 +158,7 @@ def pooled_levels(image: PaImage, *, brightest: float, range_db: float = RANGE_D
     range_db
         From level 255 to level 0, in dB.
     """
-    pooled = _pooled(image.envelope)
-    relative = pooled / max(brightest, float(np.finfo(np.float32).tiny))
-    decibels = 20 * np.log10(np.maximum(relative, 10 ** (-range_db / 20)))
-    share = 1 + np.minimum(decibels, 0.0) / range_db
-    return np.asarray(np.rint(255 * share), dtype=np.uint8)
+    return messages.grey(_pooled(image.envelope), brightest=brightest, range_db=range_db)
 
 
 def _rows_together(rows: int) -> int:

@@ -131,7 +131,7 @@ class SecurityLayer:
             await asyncio.sleep(self._refusal_s)
             await _refuse(scope, send, 403, refusal)
         elif scope["type"] == "websocket":
-            await self.app(scope, _Limited(receive, send, self._now_s).receive, send)
+            await self.app(scope, _limited(receive, send, self._now_s), send)
         elif _too_large(headers):
             await _refuse(scope, send, 413, f"the body has more than {BODY_BYTES} bytes")
         else:
@@ -169,24 +169,24 @@ class SecurityLayer:
         await _answer(send, 303, "", [*sent, (b"cache-control", b"no-store")])
 
 
-class _Limited:
+def _limited(receive: Receive, send: Send, now_s: Callable[[], float]) -> Receive:
     """The messages that a WebSocket receives, closed where they come too fast."""
+    since_s, count = now_s(), 0
 
-    def __init__(self, receive: Receive, send: Send, now_s: Callable[[], float]) -> None:
-        self._receive, self._send, self._now_s = receive, send, now_s
-        self._since_s, self._count = now_s(), 0
-
-    async def receive(self) -> Message:
-        message = await self._receive()
+    async def limited() -> Message:
+        nonlocal since_s, count
+        message = await receive()
         if message["type"] != "websocket.receive":
             return message
-        if self._now_s() - self._since_s > PER_S:
-            self._since_s, self._count = self._now_s(), 0
-        self._count += 1
-        if self._count > MESSAGES:
-            await self._send({"type": "websocket.close", "code": 1008, "reason": "too many messages"})
+        if now_s() - since_s > PER_S:
+            since_s, count = now_s(), 0
+        count += 1
+        if count > MESSAGES:
+            await send({"type": "websocket.close", "code": 1008, "reason": "too many messages"})
             return {"type": "websocket.disconnect", "code": 1008}
         return message
+
+    return limited
 
 
 def _headers(scope: Scope) -> dict[bytes, list[bytes]]:

@@ -8,18 +8,15 @@ import secrets
 import socket
 import ssl
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import FrameType
 
 from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, needs_package
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import FrameType
 
 LOOPBACK = "127.0.0.1"
 """Address that only programs on this computer reach."""
@@ -103,9 +100,7 @@ class Address:
         return listener
 
 
-def serve(
-    desk: Desk, address: Address, *, on_ready: Callable[[str], None], token: str | None = None, query: str = ""
-) -> None:
+def serve(desk: Desk, address: Address, *, on_ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; searches that run then are stopped.
 
     Parameters
@@ -115,11 +110,7 @@ def serve(
     address
         Where.
     on_ready
-        Called with the link once the port is open.
-    token
-        Secret of the link; None makes a new one.
-    query
-        Settings in the link.
+        Called with the link, which holds a new token, once the port is open.
 
     Raises
     ------
@@ -142,7 +133,7 @@ def serve(
             closing = threading.Thread(target=desk.close, name="close", daemon=True)
             asyncio.get_running_loop().call_soon_threadsafe(closing.start)
 
-    token = secrets.token_urlsafe(32) if token is None else token
+    token = secrets.token_urlsafe(32)
     with address.listening() as listener:
         port = listener.getsockname()[1]
         names = _LOOPBACK_NAMES if address.host in _LOOPBACK_NAMES else {address.host}
@@ -166,8 +157,7 @@ def serve(
             timeout_graceful_shutdown=1,
             server_header=False,
         )
-        settings = "" if not query else f"&{query}"
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
-            on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}{settings}")
+            on_ready(f"{address.scheme}://{address.host}:{port}/?{TOKEN_PARAMETER}={token}")
             asyncio.run(Server(config).serve(sockets=[listener]))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, fields
 from urllib.parse import urlencode
 
 import msgspec
@@ -121,17 +120,6 @@ class PageSettings:
             return msgspec.convert(dict(query), cls, strict=False)
         except msgspec.ValidationError as problem:
             raise ConfigError(f"link: {problem}") from problem
-
-    def changed(self, name: str, value: object) -> PageSettings:
-        """The settings with one of another value, checked.
-
-        Raises
-        ------
-        ConfigError
-            If a search with them would be refused.
-        """
-        changes: dict[str, Any] = {name: value}
-        return replace(self, **changes)
 
 
 def _as_text(value: object) -> str:

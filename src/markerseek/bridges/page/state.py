@@ -85,6 +85,12 @@ class Snapshot:
         return sum(point.role == "search" for point in self.points)
 
     @property
+    def floor_level(self) -> float | None:
+        """Level of the noise floor, in the unit of the intensities; None where it is not known."""
+        floor = self.belief.estimate.floor if self.belief else None
+        return None if floor is None else floor.level
+
+    @property
     def over(self) -> bool:
         """Whether the run has ended in any way."""
         return self.phase in {"finished", "fault", "stopped"}
@@ -105,7 +111,6 @@ class RunState:
         limits = configuration.facts.search
         self._mirror: PolicyMirror | None = PolicyMirror(configuration.plan, limits=limits) if believes else None
         self._as_published = configuration.plan.as_published
-        self._pulses = 0
         self._started_s = 0.0
         self.snapshot = Snapshot(rig=configuration.facts.kind)
 
@@ -128,12 +133,11 @@ class RunState:
             self._started_s = clock_s
         if lost:
             self._mirror = None
-        self._pulses += _pulses(event) if pulses is None else pulses
         now = replace(
             self.snapshot,
             number=self.snapshot.number + 1,
             elapsed_s=clock_s - self._started_s,
-            pulses=self._pulses,
+            pulses=self.snapshot.pulses + (_pulses(event) if pulses is None else pulses),
             belief=None if self._mirror is None else self.snapshot.belief,
         )
         self.snapshot = self._after(event, now)

@@ -73,7 +73,6 @@ class Timeline:
         if last != self._last:
             self._last = last
             self._slider.props["max"] = max(last, 1)
-            self._slider.update()
         if self._following and self._slider.value != last:
             self._slider.set_value(last)
         self._label.set_text(f"event {shown} of {last}")

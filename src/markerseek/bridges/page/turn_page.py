@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from nicegui import run, ui
 from nicegui.events import KeyEventArguments
 
@@ -54,7 +56,6 @@ class TurnPage:
         ui.keyboard(on_key=self._key)
         self._help = ui.label(HELP).classes("ms-help")
         self._panels = Panels()
-        self._desk = desk
         self._frame.run(self._update)
 
     async def _begin(self) -> Turn | None:
@@ -102,7 +103,7 @@ class TurnPage:
     def _let_search(self) -> None:
         chosen = self._row.settings if self._turn is None else self._turn.chosen
         try:
-            self._desk.start(chosen.changed("method", "posterior"))
+            self._frame.desk.start(replace(chosen, method="posterior"))
         except (MarkerseekError, OSError) as problem:
             ui.notify(str(problem), type="negative")
             return
@@ -112,7 +113,7 @@ class TurnPage:
         self._target.set_text(f"turn to {self._slider.value:+.1f}°")
         self._name.set_enabled(self._turn is not None and self._score is None)
         self._measure.set_enabled(not self._working and self._score is None)
-        self._show.set_enabled(self._score is not None and not self._desk.busy)
+        self._show.set_enabled(self._score is not None and not self._frame.desk.busy)
         self._help.set_text(HELP if self._score is None else score_text(self._score))
         if self._turn is None:
             self._frame.show_status("a scene of its own: nothing is sent to a rig")

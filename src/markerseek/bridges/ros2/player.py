@@ -13,15 +13,14 @@ from markerseek.ros import RosNode, messages, topics
 _FIND_S = 2.0
 """Time that subscribers are given to find the node before it begins, in seconds."""
 
-
 _FOUND_S = 0.5
+"""Time after that until who was found has found the node too, in seconds."""
 
 
 def _wait_for_subscribers(node: RosNode) -> None:
     ends_s = node.now_s() + _FIND_S
     while node.now_s() < ends_s and not (node.matched(topics.SAMPLE) and node.matched(topics.RESULT)):
         node.spin(0.05)
-    # Who is found has not yet found this node: it takes a moment more.
     ends_s = node.now_s() + _FOUND_S
     while node.now_s() < ends_s:
         node.spin(0.05)

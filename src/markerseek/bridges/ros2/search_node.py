@@ -88,20 +88,16 @@ class SearchNode:
 
     def step(self) -> None:
         """Publish what has happened since."""
-        while True:
-            try:
-                item = self._items.get_nowait()
-            except queue.Empty:
-                break
-            self._publish(item)
+        # Nobody else takes items out.
+        while not self._items.empty():
+            self._publish(self._items.get())
         self._diagnostics.step(fault=self._fault, facts={"running": self.running, **self._counts})
 
     def close(self) -> None:
         """Stop the search that is running, and wait for its end."""
         self._searches.cancel()
         while self.running:
-            item = self._items.get()
-            self._publish(item)
+            self._publish(self._items.get())
 
     def _publish(self, item: StreamItem | Outcome) -> None:
         match item:
@@ -119,7 +115,7 @@ class SearchNode:
 
     def _end(self, outcome: Outcome) -> None:
         self._child, self.outcome = None, outcome
-        self._fault = outcome.message if outcome.exit_code not in (0, 3, 4, 130, 143) else None
+        self._fault = outcome.message if outcome.failed else None
         self._publish_result(
             {"state": "ended", "exit_code": outcome.exit_code, "message": outcome.message, "result": outcome.answer}
         )
