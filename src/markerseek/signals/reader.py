@@ -127,7 +127,7 @@ class ImageReader:
             ),
             saturated_fraction=len(touching) / max(1, channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
-            arrivals=tuple(self._arrivals(chain, most=MOST_ARRIVALS)),
+            arrivals=tuple(self._arrivals(chain)),
             local_maxima=chain.layout.blocks.maxima(chain.image, chain.envelope, rows=chain.layout.rows),
         )
 
@@ -140,10 +140,10 @@ class ImageReader:
             depth_m=chain.layout.grid.depth_m[chain.layout.rows],
         )
 
-    def findings(self, frame: Frame, *, most: int = MOST_ARRIVALS) -> FrameFindings:
-        """Whether there is a source, where, and which other arrivals there are, at most ``most`` in all."""
+    def findings(self, frame: Frame) -> FrameFindings:
+        """Whether there is a source, where, and which other arrivals there are, at most `MOST_ARRIVALS` in all."""
         chain = self._chain(frame)
-        arrivals = self._arrivals(chain, most=most)
+        arrivals = self._arrivals(chain)
         strongest = arrivals[0] if arrivals else self._describe(chain, self._largest(chain))[0]
         touching, _ = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=strongest.lateral_m, depth_m=strongest.depth_m
@@ -239,7 +239,7 @@ class ImageReader:
         )
         return arrival, touching, channels
 
-    def _arrivals(self, chain: _Chain, *, most: int) -> list[Arrival]:
+    def _arrivals(self, chain: _Chain) -> list[Arrival]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
@@ -269,7 +269,7 @@ class ImageReader:
             if self._coherent_energies(chain, [arrival.lateral_m], [arrival.depth_m])[0][0] <= coherent:
                 continue
             arrivals.append(arrival)
-            if len(arrivals) == most:
+            if len(arrivals) == MOST_ARRIVALS:
                 break
         return sorted(arrivals, key=lambda each: -each.intensity)
 
