@@ -149,16 +149,15 @@ def image_rows(
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
     step = preset.depth_step_m
-    near = max(low_m, (preset.pickup_samples - origin) * metres, step)
-    far = min(high_m, (samples - 1 - origin) * metres)
+    first, last = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
+    near, far = max(low_m, first), min(high_m, last)
     if not far - near >= 3 * step:
         raise ConfigError(
             f"depths {range_in_mm(low_m, high_m)}: the record of {samples} samples holds "
-            f"{range_in_mm(max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres)}; "
-            "change the depth range"
+            f"{range_in_mm(first, last)}; change the depth range"
         )
     above = min(margin, math.floor((near - step / 2) / step))
-    below = min(margin, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
+    below = min(margin, max(0, math.floor((last - far) / step)))
     count = math.floor((far - near) / step) + 1
     return near + step * np.arange(-above, count + below), slice(above, above + count)
 
