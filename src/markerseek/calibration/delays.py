@@ -71,6 +71,4 @@ def _middle_s(waves: Waves) -> Float64[np.ndarray, " frames"]:
     """Middle of the power of each wave within its window, in seconds."""
     power = np.abs(hilbert(waves.wave, axis=1)) ** 2
     power = np.where(power > _SIGNIFICANT * power.max(axis=1, keepdims=True), power, 0.0)
-    window = waves.wave.shape[1]
-    time_s = (np.arange(window) - window // 2) / waves.sampling_hz
-    return np.asarray(power @ time_s / power.sum(axis=1))
+    return np.asarray(power @ waves.time_s / power.sum(axis=1))

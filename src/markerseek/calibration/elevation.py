@@ -120,6 +120,12 @@ class Waves:
     sigma: Float64[np.ndarray, " frames"] = field(repr=False)
     sampling_hz: float
 
+    @property
+    def time_s(self) -> Float64[np.ndarray, " window"]:
+        """Time of each sample after the arrival, in seconds."""
+        window = self.wave.shape[1]
+        return np.asarray((np.arange(window) - window // 2) / self.sampling_hz)
+
 
 def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     """Fit the geometry under which one wave, delayed and smeared, explains all waves.
@@ -158,7 +164,7 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
             waves,
             plane,
             height,
-            [float(waves.angle_deg[best]), 10.0 + distance, 10.0, late, tall, 13.0, speed],
+            [float(waves.angle_deg[best]), _FACE_MM + distance, _FACE_MM, late, tall, _BEND_1_M, speed],
             moveout,
         )
         for tall in _HEIGHTS_MM
@@ -187,14 +193,13 @@ def _scaled(value: Value, unit: float) -> Value:
 
 def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
     """Wave in the image plane, finely sampled over the time after its middle, and that middle in its window; in µs."""
-    window = waves.wave.shape[1]
-    time_us = (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
+    time_us = waves.time_s * 1e6
     wave = waves.wave[best] / height[best]
     power = np.abs(hilbert(wave)) ** 2
     strong = np.where(power > _SIGNIFICANT * power.max(), power, 0.0)
     middle = float(strong @ time_us / strong.sum())
     # Finely sampled once by a spline, so that the fit may interpolate linearly.
-    fine_us = np.linspace(time_us[0], time_us[-1], 16 * window)
+    fine_us = np.linspace(time_us[0], time_us[-1], 16 * len(time_us))
     return (fine_us - middle, np.asarray(CubicSpline(time_us, wave)(fine_us))), middle
 
 
@@ -254,8 +259,7 @@ def _residual(
     path = np.hypot(elevation[:, None] - eta, axial[:, None]) - lens
     still = np.hypot(eta, radius - face) - lens - (radius - face)
     delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + late
-    window = waves.wave.shape[1]
-    time_us = waves.arrival_s[:, None] * 1e6 + (np.arange(window) - window // 2) / waves.sampling_hz * 1e6
+    time_us = waves.arrival_s[:, None] * 1e6 + waves.time_s * 1e6
     # np.interp and no spline: it is called in every step of the fit, and the wave is finely sampled already.
     shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
     wave = waves.wave / height[:, None]

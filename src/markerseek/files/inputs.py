@@ -71,10 +71,9 @@ def read_input(path: Path, *, most_bytes: int) -> bytes:
     return bytes(data)
 
 
-def require_input(path: Path, *, most_bytes: int) -> int:
-    """Size in bytes of a file that a library will open by name; parameters and errors as of `open_input`."""
-    with open_input(path, most_bytes=most_bytes) as file:
-        return os.fstat(file.fileno()).st_size
+def require_input(path: Path, *, most_bytes: int) -> None:
+    """Check a file that a library will open by name; parameters and errors as of `open_input`."""
+    open_input(path, most_bytes=most_bytes).close()
 
 
 def _require(path: Path, status: os.stat_result, *, most_bytes: int) -> None:

@@ -6,6 +6,7 @@ B. K. P. Horn, "Closed-form solution of absolute orientation using unit quaterni
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from markerseek.core import Float64
 
@@ -33,8 +34,9 @@ def best_rotation(
     n[0, 0] = np.trace(s)
     n[0, 1:] = n[1:, 0] = cross
     n[1:, 1:] = s + s.T - np.trace(s) * np.eye(3)
-    # eigh sorts the eigenvalues in rising order.
-    rotation = _rotation_of(np.linalg.eigh(n)[1][:, -1])
+    # eigh sorts the eigenvalues in rising order; SciPy has the scalar last.
+    w, x, y, z = np.linalg.eigh(n)[1][:, -1]
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
     return rotation, to_middle - rotation @ from_middle
 
 
@@ -48,15 +50,3 @@ def mirror_image_fre(source_m: Float64[np.ndarray, "points 3"], target_m: Float6
     rotation, translation_m = best_rotation(-source_m, target_m, even)
     residual = -source_m @ rotation.T + translation_m - target_m
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
-
-
-def _rotation_of(quaternion: Float64[np.ndarray, " 4"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation matrix of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-    )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import ConfigError, Float64
-from markerseek.geometry.registration import LEAST_POINTS, register_points
+from markerseek.geometry.registration import register_points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +43,6 @@ def leave_one_out(
     found: list[LeftOut | None] = []
     for number in range(len(source_m)):
         others = np.arange(len(source_m)) != number
-        if np.count_nonzero(others) < LEAST_POINTS:
-            found.append(None)
-            continue
         try:
             rest = register_points(
                 source_m[others],
@@ -54,7 +51,7 @@ def leave_one_out(
                 target_covariances_m2=None if target_covariances_m2 is None else target_covariances_m2[others],
             )
         except ConfigError:
-            # The others lie on a line.
+            # The others are too few, or lie on a line.
             found.append(None)
             continue
         error_m = float(np.linalg.norm(rest.transform.apply(source_m[number]) - target_m[number]))

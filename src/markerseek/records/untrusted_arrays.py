@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +67,11 @@ def arrays_in(path: Path, sandbox: Sandbox, *, most_bytes: int) -> dict[str, np.
         require_h5py(purpose="a .mat of version 7.3")
         reader = read_mat73
     return sandbox.read(reader, path)
+
+
+def content(arrays: Mapping[str, np.ndarray]) -> str:
+    """The first of some arrays in words, for messages: name, type and shape of each."""
+    return ", ".join(f"{name[:40]} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
 
 
 def read_npy(path: Path) -> dict[str, np.ndarray]:

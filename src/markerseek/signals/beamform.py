@@ -8,11 +8,12 @@ of channels in it: white noise is then equally strong at every depth. No apodisa
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import Bool, ConfigError, Float32, Float64, Int32, LinearArray
+from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
 from markerseek.signals._kernel import PAD, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
@@ -90,9 +91,14 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
         raise ConfigError("depth_m must hold at least one depth, all positive, finite and rising")
     array = preset.array
     lateral = array.lateral_m[0] + np.arange(array.elements) * array.pitch_m
-    return ImageGrid(
-        lateral_m=lateral, depth_m=depth_m, samples=samples, table=_table(preset, samples=samples, depth_m=depth_m)
+    per_metre, origin = path_delay(preset)
+    table = delay_table(
+        array,
+        place=lambda offset_m: np.hypot(offset_m, depth_m) * per_metre + origin,
+        reach_m=half_aperture_m(preset, depth_m),
+        samples=samples,
     )
+    return ImageGrid(lateral_m=lateral, depth_m=depth_m, samples=samples, table=table)
 
 
 def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -> Float32[np.ndarray, "depth lateral"]:
@@ -143,16 +149,15 @@ def image_rows(
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
     step = preset.depth_step_m
-    near = max(low_m, (preset.pickup_samples - origin) * metres, step)
-    far = min(high_m, (samples - 1 - origin) * metres)
+    first, last = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
+    near, far = max(low_m, first), min(high_m, last)
     if not far - near >= 3 * step:
         raise ConfigError(
             f"depths {range_in_mm(low_m, high_m)}: the record of {samples} samples holds "
-            f"{range_in_mm(max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres)}; "
-            "change the depth range"
+            f"{range_in_mm(first, last)}; change the depth range"
         )
     above = min(margin, math.floor((near - step / 2) / step))
-    below = min(margin, max(0, math.floor(((samples - 1 - origin) * metres - far) / step)))
+    below = min(margin, max(0, math.floor((last - far) / step)))
     count = math.floor((far - near) / step) + 1
     return near + step * np.arange(-above, count + below), slice(above, above + count)
 
@@ -170,19 +175,11 @@ def range_in_mm(low_m: float, high_m: float) -> str:
     return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")
 
 
-def column_distances_m(array: LinearArray, *, reach_m: float) -> Float64[np.ndarray, " distances"]:
-    """Lateral distances of a table's rows in metres: as far as the aperture reaches, a multiple of four rows."""
-    distance = np.arange(array.elements) * array.pitch_m
-    rows = int(np.searchsorted(distance, reach_m, side="right")) if np.isfinite(reach_m) else array.elements
-    # Up to three more rows: the kernel takes four distances at a time.
-    return np.asarray(np.arange(-(-min(rows, array.elements) // 4) * 4) * array.pitch_m)
-
-
 def delay_table(
     array: LinearArray,
     *,
-    place: Float64[np.ndarray, "distances depths"],
-    within: Bool[np.ndarray, "distances depths"],
+    place: Callable[[Float64[np.ndarray, "distances 1"]], Float64[np.ndarray, "distances depths"]],
+    reach_m: Float64[np.ndarray, " depths"],
     samples: int,
 ) -> DelayTable:
     """Table of any delay that depends on the depth and on the lateral distance alone.
@@ -192,16 +189,20 @@ def delay_table(
     array
         The columns.
     place
-        Delay in samples, for the distances of `column_distances_m`.
-    within
-        Whether the aperture reaches that distance.
+        Delay in samples at lateral distances in metres.
+    reach_m
+        How far the aperture reaches at each depth, in metres; infinity for the whole array.
     samples
         Length of the records.
     """
+    reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
+    # Up to three more rows: the kernel takes four distances at a time.
+    number = np.arange(-(-int(reached) // 4) * 4)[:, None]
+    distance_m = number * array.pitch_m
+    delay = place(distance_m)
     # Linear interpolation between samples: weight 1 − w before the delay and w after it.
-    first = np.floor(place)
-    usable = within & (first >= 0) & (first < samples - 1)
-    usable &= (np.arange(len(place)) < array.elements)[:, None]
+    first = np.floor(delay)
+    usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
     # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
     # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
     usable &= np.cumsum(~usable, axis=0) == 0
@@ -212,14 +213,6 @@ def delay_table(
     used = np.where((count > 0) & (column < array.elements), used, 0)
     return DelayTable(
         first=np.where(usable, first, -1).astype(np.int32),
-        weight=np.where(usable, place - first, 0).astype(np.float32),
+        weight=np.where(usable, delay - first, 0).astype(np.float32),
         scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
     )
-
-
-def _table(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> DelayTable:
-    per_metre, origin = path_delay(preset)
-    half = half_aperture_m(preset, depth_m)
-    distance = column_distances_m(preset.array, reach_m=float(half.max()))
-    place = np.hypot(distance[:, None], depth_m) * per_metre + origin
-    return delay_table(preset.array, place=place, within=distance[:, None] <= half, samples=samples)

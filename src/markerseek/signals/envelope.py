@@ -31,12 +31,8 @@ def quadrature_taps() -> Float64[np.ndarray, " taps"]:
 
 def envelope(rf: Float32[np.ndarray, "depth lateral"]) -> Float32[np.ndarray, "depth lateral"]:
     """Magnitude of the analytic signal of an image along depth, in its unit; what lies outside counts as zero."""
-    margin = ENVELOPE_MARGIN
     # Not scipy.signal.hilbert, whose transform is periodic in depth: the pick-up would reach the deepest rows.
-    padded = np.empty((rf.shape[0] + 2 * margin, rf.shape[1]), np.float32)
-    padded[:margin] = 0
-    padded[-margin:] = 0
-    padded[margin:-margin] = rf
+    padded = np.pad(rf, ((ENVELOPE_MARGIN, ENVELOPE_MARGIN), (0, 0)))
     out = np.empty(rf.shape, np.float32)
     magnitude(padded, quadrature_taps().astype(np.float32), out)
     return out

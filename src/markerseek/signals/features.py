@@ -165,13 +165,25 @@ def saturated_channels(
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
     middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)
+    used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
+    return at_full_scale(samples, preset, rows=used, middle=middle[used], full_scale=preset.full_scale), len(used)
+
+
+def at_full_scale(
+    samples: Int16[np.ndarray, "channels samples"],
+    preset: ProbePreset,
+    *,
+    rows: Int64[np.ndarray, " used"],
+    middle: Int64[np.ndarray, " used"],
+    full_scale: int,
+) -> tuple[int, ...]:
+    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``."""
     # Twice the shortest pulse on each side: a long laser pulse touches full scale for longer.
     half = 2 * window_samples(preset)
-    used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
-    window = np.clip(middle[used, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
+    window = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
     # As 32 bits, because the magnitude of -32768 does not fit in 16.
-    largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
-    return tuple(int(channel) for channel in used[largest >= preset.full_scale]), len(used)
+    largest = np.abs(samples[rows[:, None], window].astype(np.int32)).max(axis=1, initial=0)
+    return tuple(rows[largest >= full_scale].tolist())
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:

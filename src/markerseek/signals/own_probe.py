@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
-from markerseek.core import LinearArray
 from markerseek.signals.presets import PRESET_NAMES, ProbePreset
 
 
@@ -43,24 +42,12 @@ class ProbeKeys:
         ConfigError
             If a value cannot be used.
         """
-        array = LinearArray(
-            elements=preset.array.elements if self.elements is None else self.elements,
-            pitch_m=preset.array.pitch_m if self.pitch_m is None else self.pitch_m,
-        )
-        given = {
-            "low_hz": self.low_hz,
-            "high_hz": self.high_hz,
-            "sound_speed_m_s": self.sound_speed_m_s,
-            "f_number": self.f_number,
-            "pickup_samples": self.pickup_samples,
-            "full_scale": self.full_scale,
-            "trigger_offset_s": self.trigger_offset_s,
-            "face_radius_m": self.face_radius_m,
-            "sampling_hz": sampling_hz,
-            "name": name,
-        }
-        # replace() checks the types of keywords one by one, which a dictionary of several types cannot have.
-        return replace(preset, array=array, **{key: value for key, value in given.items() if value is not None})  # type: ignore[arg-type]
+        # A subclass may have keys that are none of a preset's.
+        keys = {each.name: getattr(self, each.name) for each in fields(ProbeKeys)}
+        keys |= {"sampling_hz": sampling_hz, "name": name}
+        given = {key: value for key, value in keys.items() if value is not None}
+        of_array = {key: given.pop(key) for key in ("elements", "pitch_m") if key in given}
+        return replace(preset, array=replace(preset.array, **of_array), **given)
 
 
 def is_own(preset: ProbePreset) -> bool:

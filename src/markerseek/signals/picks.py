@@ -15,6 +15,7 @@ from scipy.signal import fftconvolve
 from markerseek.core import ChannelFrame, Float64
 from markerseek.signals._kernel import PAD
 from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.peaks import parabola_peak
 from markerseek.signals.presets import ProbePreset
 
 HALF_WINDOW_S = 1.6e-6
@@ -132,14 +133,13 @@ def _best_lag(
     shifts = np.arange(-margin, margin + 1)
     fine = np.linspace(-_STEP_SAMPLES, _STEP_SAMPLES, int(2 * _STEP_SAMPLES * _FINE) + 1)
     scale = np.sqrt(np.maximum(energy, 1e-30) * float(wave @ wave))
-    smooth = _sinc_at(products, fine + margin)
+    smooth = _cubic_at(products, fine + margin)
     best = int(np.argmax(smooth))
     if best in (0, len(fine) - 1):
         return 0.0, 0.0
-    left, top, right = smooth[best - 1 : best + 2]
-    bend = left - 2 * top + right
-    lag = fine[best] + (0.5 * (left - right) / bend if bend < 0 else 0.0) / _FINE
-    return float(lag), float(top / np.interp(lag, shifts, scale))
+    left, top, right = smooth[best - 1 : best + 2].tolist()
+    lag = float(fine[best]) + parabola_peak(left, top, right)[0] / _FINE
+    return lag, float(top / np.interp(lag, shifts, scale))
 
 
 def _window(signal: Float64[np.ndarray, " samples"], centre: float, half: int) -> Float64[np.ndarray, " window"]:
@@ -154,7 +154,7 @@ def _window(signal: Float64[np.ndarray, " samples"], centre: float, half: int) -
     return np.convolve(section, kernel, mode="valid")
 
 
-def _sinc_at(values: Float64[np.ndarray, " n"], places: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
+def _cubic_at(values: Float64[np.ndarray, " n"], places: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
     """Values between equally spaced ones, by a cubic through the four nearest."""
     base = np.clip(np.floor(places).astype(np.int64), 1, len(values) - 3)
     t = places - base

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from markerseek.core import ConfigError, LinearArray
+from markerseek.core import ConfigError, LinearArray, require_range
 
 SAMPLING_HZ = (1e5, 1e9)
 """Slowest and fastest sampling, and lowest and highest edge of a band, in Hz."""
@@ -62,36 +62,33 @@ class ProbePreset:
     face_radius_m: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value, (low, high), unit in (
-            ("sampling_hz", self.sampling_hz, SAMPLING_HZ, "Hz"),
-            ("sound_speed_m_s", self.sound_speed_m_s, SOUND_SPEED_M_S, "m/s"),
-            ("low_hz", self.low_hz, SAMPLING_HZ, "Hz"),
-            ("high_hz", self.high_hz, SAMPLING_HZ, "Hz"),
+        preset = f"preset {self.name}"
+        for name, (low, high), unit in (
+            ("sampling_hz", SAMPLING_HZ, "Hz"),
+            ("sound_speed_m_s", SOUND_SPEED_M_S, "m/s"),
+            ("low_hz", SAMPLING_HZ, "Hz"),
+            ("high_hz", SAMPLING_HZ, "Hz"),
+            ("trigger_offset_s", (-1e-3, 1e-3), "s"),
+            ("pickup_samples", (0, math.inf), ""),
+            ("full_scale", (1, 32767), "counts"),
         ):
-            if not low <= value <= high:
-                raise ConfigError(
-                    f"preset {self.name}: {name} is {value} {unit}, it must lie between {low:g} and {high:g} {unit}"
-                )
+            require_range(f"{preset}: {name}", getattr(self, name), low=low, high=high, unit=unit)
         if not self.low_hz < self.high_hz <= 0.45 * self.sampling_hz:
             raise ConfigError(
-                f"preset {self.name}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must ascend and end below "
+                f"{preset}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must ascend and end below "
                 f"0.45 of the sampling frequency, {0.45 * self.sampling_hz:g} Hz"
             )
         if not 0 <= self.f_number < math.inf:
-            raise ConfigError(f"preset {self.name}: f_number is {self.f_number}, it must be 0 or more and finite")
-        if not abs(self.trigger_offset_s) <= 1e-3:
-            raise ConfigError(
-                f"preset {self.name}: trigger_offset_s is {self.trigger_offset_s} s, it must lie between "
-                "-1e-3 and 1e-3 s"
-            )
-        if self.pickup_samples < 0:
-            raise ConfigError(f"preset {self.name}: pickup_samples is {self.pickup_samples}, it must be 0 or more")
-        if not 1 <= self.full_scale <= 32767:
-            raise ConfigError(f"preset {self.name}: full_scale is {self.full_scale} counts, it must be 1 to 32767")
-        if self.face_radius_m is not None and not 0 < self.face_radius_m <= MOST_FACE_RADIUS_M:
-            raise ConfigError(
-                f"preset {self.name}: face_radius_m is {self.face_radius_m} m, it must lie in "
-                f"(0, {MOST_FACE_RADIUS_M:g}] m; 0.01 is usual"
+            raise ConfigError(f"{preset}: f_number is {self.f_number}, it must be 0 or more and finite")
+        if self.face_radius_m is not None:
+            require_range(
+                f"{preset}: face_radius_m",
+                self.face_radius_m,
+                low=0,
+                high=MOST_FACE_RADIUS_M,
+                unit="m",
+                open_low=True,
+                cure="0.01 is usual",
             )
 
     @property

@@ -59,6 +59,16 @@ class _Chain:
     profile: Float64[np.ndarray, " blocks"]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Peak:
+    """A peak of the image: its arrival, the energy of its coherent sum, and of its channels the saturated and all."""
+
+    arrival: Arrival
+    energy: float
+    saturated: tuple[int, ...]
+    channels: int
+
+
 class ImageReader:
     """Reads channel frames of one probe.
 
@@ -102,7 +112,8 @@ class ImageReader:
             If the frame is not one of this probe: number of channels, sampling frequency or length.
         """
         chain = self._chain(frame)
-        peak, touching, channels = self._describe(chain, self._largest(chain))
+        largest = self._describe(chain, self._largest(chain))
+        peak = largest.arrival
         middle, spread = features.energy_in_depth(
             chain.signals, self.preset, lateral_m=peak.lateral_m, depth_m=peak.depth_m, sigma=chain.sigma
         )
@@ -125,9 +136,9 @@ class ImageReader:
                 intensity=peak.intensity,
                 sigma=chain.sigma,
             ),
-            saturated_fraction=len(touching) / max(1, channels),
+            saturated_fraction=len(largest.saturated) / max(1, largest.channels),
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
-            arrivals=tuple(self._arrivals(chain, most=MOST_ARRIVALS)),
+            arrivals=tuple(each.arrival for each in self._peaks(chain)),
             local_maxima=chain.layout.blocks.maxima(chain.image, chain.envelope, rows=chain.layout.rows),
         )
 
@@ -140,22 +151,19 @@ class ImageReader:
             depth_m=chain.layout.grid.depth_m[chain.layout.rows],
         )
 
-    def findings(self, frame: Frame, *, most: int = MOST_ARRIVALS) -> FrameFindings:
-        """Whether there is a source, where, and which other arrivals there are, at most ``most`` in all."""
+    def findings(self, frame: Frame) -> FrameFindings:
+        """Whether there is a source, where, and which other arrivals there are, at most `MOST_ARRIVALS` in all."""
         chain = self._chain(frame)
-        arrivals = self._arrivals(chain, most=most)
-        strongest = arrivals[0] if arrivals else self._describe(chain, self._largest(chain))[0]
-        touching, _ = features.saturated_channels(
-            chain.frame.samples, self.preset, lateral_m=strongest.lateral_m, depth_m=strongest.depth_m
-        )
+        peaks = self._peaks(chain)
+        strongest = peaks[0] if peaks else self._describe(chain, self._largest(chain))
         return FrameFindings(
-            found=bool(arrivals),
-            reason=self._reason(chain, strongest, found=bool(arrivals)),
-            strongest=strongest,
-            others=tuple(arrivals[1:]),
+            found=bool(peaks),
+            reason=self._reason(chain, strongest.arrival, found=bool(peaks)),
+            strongest=strongest.arrival,
+            others=tuple(each.arrival for each in peaks[1:]),
             noise_sigma=chain.sigma,
             cells=chain.layout.cells,
-            saturated_channels=touching,
+            saturated_channels=strongest.saturated,
             dead_channels=features.dead_channels(chain.signals, channels=self.preset.array.elements),
         )
 
@@ -221,13 +229,13 @@ class ImageReader:
         row, column = np.unravel_index(int(np.argmax(window)), window.shape)
         return int(row) + chain.layout.rows.start, int(column)
 
-    def _describe(self, chain: _Chain, place: tuple[int, int]) -> tuple[Arrival, tuple[int, ...], int]:
-        """The peak at a pixel, refined between the columns; the saturated channels, and the number of channels used."""
+    def _describe(self, chain: _Chain, place: tuple[int, int]) -> _Peak:
+        """The peak at a pixel, refined between the columns."""
         lateral, depth, intensity = refine_peak(
             partial(beamform_at, chain.signals, self.preset), self.preset, chain.layout.grid, place=place
         )
         energy, used = self._coherent_energies(chain, [lateral], [depth])
-        touching, channels = features.saturated_channels(
+        saturated, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
         )
         arrival = Arrival(
@@ -237,9 +245,9 @@ class ImageReader:
             intensity=intensity,
             coherence=min(1.0, energy[0] / max(1, used[0])),
         )
-        return arrival, touching, channels
+        return _Peak(arrival=arrival, energy=energy[0], saturated=saturated, channels=channels)
 
-    def _arrivals(self, chain: _Chain, *, most: int) -> list[Arrival]:
+    def _peaks(self, chain: _Chain) -> list[_Peak]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
@@ -248,13 +256,13 @@ class ImageReader:
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
-        peaks = strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED)
-        depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in peaks]
-        laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in peaks]
+        places = strongest_peaks(window, level=level * chain.sigma, limit=features.MOST_TESTED)
+        depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in places]
+        laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in places]
         # All at once: one after another, they take longer than beamforming does.
         energies = self._coherent_energies(chain, laterals, depths)[0]
-        arrivals: list[Arrival] = []
-        for (row, column), lateral, depth, energy in zip(peaks, laterals, depths, energies, strict=True):
+        peaks: list[_Peak] = []
+        for (row, column), lateral, depth, energy in zip(places, laterals, depths, energies, strict=True):
             # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
             local = chain.profile[min(row // features.BLOCK_ROWS, len(chain.profile) - 1)]
             # Between two columns the coherence comes out too low, by half at most: below that it need not be refined.
@@ -262,16 +270,16 @@ class ImageReader:
                 continue
             if any(
                 abs(each.depth_m - depth) < apart_depth and abs(each.lateral_m - lateral) < apart_lateral
-                for each in arrivals
+                for each in (peak.arrival for peak in peaks)
             ):
                 continue
-            arrival = self._describe(chain, (row + chain.layout.rows.start, column))[0]
-            if self._coherent_energies(chain, [arrival.lateral_m], [arrival.depth_m])[0][0] <= coherent:
+            peak = self._describe(chain, (row + chain.layout.rows.start, column))
+            if peak.energy <= coherent:
                 continue
-            arrivals.append(arrival)
-            if len(arrivals) == most:
+            peaks.append(peak)
+            if len(peaks) == MOST_ARRIVALS:
                 break
-        return sorted(arrivals, key=lambda each: -each.intensity)
+        return sorted(peaks, key=lambda each: -each.arrival.intensity)
 
     def _coherent_energies(
         self, chain: _Chain, lateral_m: list[float], depth_m: list[float]

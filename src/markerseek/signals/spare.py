@@ -37,7 +37,6 @@ from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import (
     ImageGrid,
     beamform,
-    column_distances_m,
     delay_table,
     depth_range_m,
     image_rows,
@@ -76,7 +75,7 @@ class SpareReader:
         receive_focus_m: float | None = None,
         min_depth_m: float | None = None,
         max_depth_m: float | None = None,
-        false_found: float = 1e-3,
+        false_found: float = features.FALSE_FOUND,
     ) -> None:
         if receive_focus_m is not None:
             require_range("SPARE: receive_focus_m", receive_focus_m, low=1e-3, high=1.0, unit="m")
@@ -191,12 +190,10 @@ class SpareReader:
             depth, rows = image_rows(
                 preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
             )
-            half = self._half_aperture_m(depth)
-            distance = column_distances_m(preset.array, reach_m=float(half.max()))
             table = delay_table(
                 preset.array,
-                place=self._place(distance[:, None], depth),
-                within=distance[:, None] <= half,
+                place=lambda offset_m: self._place(offset_m, depth),
+                reach_m=self._half_aperture_m(depth),
                 samples=samples,
             )
             grid = ImageGrid(lateral_m=preset.array.lateral_m, depth_m=depth, samples=samples, table=table)
@@ -251,15 +248,11 @@ class SpareReader:
 
     def _saturated_lines(self, frame: Frame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
         """Lines that touch full scale where a point's sound is in them."""
-        samples = self._admitted(frame).samples
         offset = np.abs(self.preset.array.lateral_m - lateral_m)
         used = np.flatnonzero(offset <= self._half_aperture_m(np.array([depth_m])))
         middle = np.rint(self._place(offset[used], np.array(depth_m))).astype(np.int64)
-        half = 2 * features.window_samples(self.preset)
-        window = np.clip(middle[:, None] + np.arange(-half, half + 1), 0, samples.shape[1] - 1)
-        # As 32 bits, because the magnitude of -32768 does not fit in 16.
-        largest = np.abs(samples[used[:, None], window].astype(np.int32)).max(axis=1, initial=0)
-        return tuple(int(line) for line in used[largest >= FULL_SCALE])
+        samples = self._admitted(frame).samples
+        return features.at_full_scale(samples, self.preset, rows=used, middle=middle, full_scale=FULL_SCALE)
 
 
 AnyImageReader: TypeAlias = ImageReader | SpareReader

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from markerseek.core import ConfigError, require_range
 
@@ -40,12 +40,7 @@ class Rectangle:
 
     def centred(self, row: float, column: float) -> Rectangle:
         """The same size, with its middle at a pixel."""
-        return Rectangle(
-            row=round(row - (self.rows - 1) / 2),
-            column=round(column - (self.columns - 1) / 2),
-            rows=self.rows,
-            columns=self.columns,
-        )
+        return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
     def grown(self, rows: int, columns: int) -> Rectangle:
         """Larger by so many pixels on each side."""
@@ -70,9 +65,7 @@ class Rectangle:
 
     def relative_to(self, other: Rectangle) -> Rectangle:
         """The same part of the image, counted from the upper left pixel of another rectangle."""
-        return Rectangle(
-            row=self.row - other.row, column=self.column - other.column, rows=self.rows, columns=self.columns
-        )
+        return replace(self, row=self.row - other.row, column=self.column - other.column)
 
     @property
     def slices(self) -> tuple[slice, slice]:

@@ -127,7 +127,7 @@ def sensitive_range(
         reference_deg=angles[reference],
         below_deg=angles[reference] - angles[low] if reference > 0 else None,
         above_deg=angles[high] - angles[reference] if reference < len(order) - 1 else None,
-        open_below=reference > 0 and low - 0 < GONE_FRAMES,
+        open_below=reference > 0 and low < GONE_FRAMES,
         open_above=reference < len(order) - 1 and len(order) - 1 - high < GONE_FRAMES,
         remark=_remark(rivals),
     )

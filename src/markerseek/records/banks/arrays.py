@@ -19,7 +19,7 @@ from markerseek.files import as_read_error
 from markerseek.records.banks.bank import BankFacts, FrameBank, IntensityBank, require_angles
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in
+from markerseek.records.untrusted_arrays import arrays_in, content
 
 USUAL_SAMPLING_HZ = 40e6
 """Sampling frequency of the SonixDAQ in Hz, assumed where the file names none."""
@@ -85,12 +85,10 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
         first_deg, step_deg = first_and_step_deg
         angles = first_deg + step_deg * np.arange(len(frames) if frames.ndim else 0)
     elif first_and_step_deg is not None:
-        raise RecordError(
-            f"{path}: a first angle and a step are for frames without angles, it holds {_content(arrays)}"
-        )
+        raise RecordError(f"{path}: a first angle and a step are for frames without angles, it holds {content(arrays)}")
     if angles is None:
         raise RecordError(
-            f"{path}: angle_deg is missing, it holds {_content(arrays)}; add it, or give the first angle and the step"
+            f"{path}: angle_deg is missing, it holds {content(arrays)}; add it, or give the first angle and the step"
         )
     order = _rising(path, angles.ravel())
     facts = BankFacts(
@@ -102,7 +100,7 @@ def read_arrays(path: Path, *, first_and_step_deg: tuple[float, float] | None = 
         counts = _counts(path, frames, len(rising))
         return ArrayBank(path=path, angles_deg=rising, samples=counts[order], facts=facts)
     if intensity is None:
-        raise RecordError(f"{path}: intensity or frames expected, it holds {_content(arrays)}")
+        raise RecordError(f"{path}: intensity or frames expected, it holds {content(arrays)}")
     values = _intensity(path, intensity, len(rising))[order]
     return IntensityBank(angles_deg=rising, intensities=tuple(values.tolist()), facts=facts)
 
@@ -119,10 +117,6 @@ def _named(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _picked(arrays: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
     return next((arrays[name] for name in names if name in arrays), None)
-
-
-def _content(arrays: Mapping[str, np.ndarray]) -> str:
-    return ", ".join(f"{name[:40]} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
 
 
 def _rising(path: Path, angles: np.ndarray) -> np.ndarray:

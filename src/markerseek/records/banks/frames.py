@@ -18,7 +18,7 @@ from markerseek.records.banks.bank import HDF5_SUFFIXES
 from markerseek.records.banks.counts import as_counts, scale_of
 from markerseek.records.journal import is_journal
 from markerseek.records.sandbox import Sandbox
-from markerseek.records.untrusted_arrays import arrays_in
+from markerseek.records.untrusted_arrays import arrays_in, content
 from markerseek.wire import sonixdaq
 
 MAT_PROBE = "L3-8"
@@ -130,9 +130,8 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
     # and channel c is in row c mod 32 of bank c div 32.
     frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
-        found = ", ".join(f"{name} {each.dtype} {each.shape}" for name, each in sorted(arrays.items())[:8]) or "nothing"
         raise RecordError(
-            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {found}; "
+            f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {content(arrays)}; "
             "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
             f"see 'markerseek bank import {path} scan.hdf5'"
         )

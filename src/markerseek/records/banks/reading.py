@@ -36,14 +36,15 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank 
         If a bank in HDF5 is given and h5py is not installed.
     """
     with as_read_error(path):
-        is_table = path.is_file() and not is_journal(path) and path.suffix.lower() not in HDF5_SUFFIXES
+        journal = path.is_file() and is_journal(path)
+        is_table = path.is_file() and not journal and path.suffix.lower() not in HDF5_SUFFIXES
         if table != DEFAULT_FORMAT and path.exists() and not is_table:
             raise ConfigError(f"{path}: it is no CSV, and columns and unit are for a CSV; leave them out")
         if path.is_dir():
             return read_folder(path)
         if not path.exists():
             raise RecordError(f"{path}: there is no such file or folder")
-        if path.is_file() and is_journal(path):
+        if journal:
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
                 f"'markerseek journal replay {path}', and its frames become a bank by "

@@ -72,11 +72,8 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
-            # Python's csv ends lines with CR LF by default, also on Linux.
-            writer = csv.writer(lines, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
+        with replace_file(path) as part:
+            _write_rows(part, bank.angles_deg, bank.intensities)
     except OSError as problem:
         raise RecordError(f"{path}: the bank cannot be written: {problem.strerror}; name another place") from problem
 
@@ -84,7 +81,15 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
     """Write intensities over angles in degrees as a new CSV; `RecordError` if it cannot be written."""
     with new_file(path) as part:
-        write_bank(IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities)), part)
+        _write_rows(part, angles_deg, intensities)
+
+
+def _write_rows(path: Path, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as lines:
+        # Python's csv ends lines with CR LF by default, also on Linux.
+        writer = csv.writer(lines, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(zip(angles_deg, intensities, strict=True))
 
 
 def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:

@@ -39,7 +39,7 @@ def default_journal(*, method: str) -> Path:
     """
     # With microseconds, so that two searches begun in one second get two names.
     now = datetime.now(UTC)
-    return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}.journal"
+    return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}{SUFFIX}"
 
 
 def make_folder(folder: Path) -> None:
