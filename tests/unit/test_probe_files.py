@@ -57,7 +57,7 @@ def test_a_preset_may_be_named_from_which_the_probe_differs(tmp_path: Path) -> N
         ({"pitch": "1"}, "the key pitch is unknown; did you mean pitch_m"),
         ({"high_hz": "19e6"}, "the band is 3e.06 to 1.9e.07 Hz; it must ascend and end below 0.45 of the sampling"),
         ({"face_radius_m": "10.0"}, "face_radius_m is 10.0 m, it must lie in"),
-        ({"sampling_hz": '"fast"'}, "Expected `float | null`, got `str`"),
+        ({"sampling_hz": '"fast"'}, 'sampling_hz is text, it must be a number or "none"'),
         ({"preset": '"X"'}, "probe 'X' is not known; choose one of"),
     ],
 )

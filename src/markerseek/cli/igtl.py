@@ -11,7 +11,7 @@ from markerseek import bridges, rigs, runs
 from markerseek.bridges import igtl
 from markerseek.cli.options import RigFile
 from markerseek.cli.signals import STOPPING
-from markerseek.cli.terminal import stderr
+from markerseek.cli.terminal import printable, stderr
 from markerseek.core import ConfigError
 
 EXAMPLES = (
@@ -67,7 +67,8 @@ def command(
     searches = bridges.Searches(bridges.SearchOptions(rig=rig, pace=pace or 0.0, frames=True))
     service = igtl.SearchService(
         searches if recording is None else None,
-        recording=None if recording is None else recording.name,
+        # The name of a file may be no text, and is sent as text.
+        recording=None if recording is None else printable(recording.name),
         registration=None if registration is None else runs.read_registration(registration),
         version=1 if header_version == 1 else 2,
         on_note=_note,

@@ -27,8 +27,9 @@ from markerseek.core import ConfigError, Event, MarkerseekError, Measured, Refus
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CONTROL = frozenset({"Cc", "Cf", "Zl", "Zp"})
-"""Unicode categories of control characters: control, formatting, line and paragraph separators."""
+_CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
+stand for the bytes of a file's name that are no text."""
 
 
 def printable(text: str) -> str:

@@ -51,7 +51,7 @@ class Ros2Stage:
         self._in_degrees = False
         self._states = 0
         self.simulated = False
-        self._busy = self._was_busy = False
+        self._busy = self._was_busy = self._commanded = False
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
         joint = settings.message == "joint_state"
@@ -147,6 +147,7 @@ class Ros2Stage:
         self._node.drain(_MOST_WAITING)
         self._was_busy, self._refused = False, None
         readings = self._readings
+        self._commanded = True
         sent_ns = self._send(angle_deg)
 
         def ended() -> bool:
@@ -163,6 +164,7 @@ class Ros2Stage:
                 f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
                 f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
             )
+        self._commanded = False
         if self._refused is not None and self._refused[0] == sent_ns:
             raise MoveError(f"stage: its node refuses {angle_deg:.3f} deg: {self._refused[1]}")
         return self._angle_deg
@@ -179,6 +181,6 @@ class Ros2Stage:
 
     def stop(self) -> None:
         """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
-        # A node that publishes no state is never known to be busy.
-        if self._busy:
+        # A command that was sent a moment ago moves the stage before its node says that it is busy.
+        if self._settings.state_topic is not None and (self._busy or self._commanded):
             self._node.publish(topics.STOP, messages.empty(self._node.kinds))

@@ -37,9 +37,7 @@ def draw_image(axes: Axes, image: PaImage) -> None:
         The image.
     """
     decibels = _below_peak_db(image, least=10 ** (-DYNAMIC_RANGE_DB / 20))
-    # The first row at the top: the depth axis runs downwards.
-    (left, right), (top, bottom) = 1e3 * image.lateral_m[[0, -1]], 1e3 * image.depth_m[[0, -1]]
-    extent = (left, right, bottom, top)
+    extent = image.geometry.edges_mm(*image.envelope.shape)
     shown = axes.imshow(
         decibels, extent=extent, cmap="gray", vmin=-DYNAMIC_RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
     )

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, require_range
-from markerseek.files import known_keys, read_toml
+from markerseek.files import in_words, known_keys, read_toml
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
 
 
@@ -84,6 +84,8 @@ def read_stereo(path: Path) -> StereoSettings:
         settings = msgspec.convert(known_keys(table, StereoSettings), StereoSettings)
         # The base is checked with the pair.
         settings.cameras  # noqa: B018
-    except (ConfigError, msgspec.ValidationError) as problem:
+    except msgspec.ValidationError as problem:
+        raise ConfigError(f"{path}: {in_words(problem)}") from problem
+    except ConfigError as problem:
         raise ConfigError(f"{path}: {problem}") from problem
     return settings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import socket
 import time
 from collections.abc import Callable, Mapping
 from typing import Literal
@@ -67,7 +68,9 @@ class IgtlServer:
                 raise ConfigError(
                     f"port {port} of {host} is taken by another program; end that one, or name another --port"
                 ) from problem
-            raise ConfigError(f"{host}, port {port}: {os.strerror(problem.errno or 0)}; name another") from problem
+            # asyncio's own text is a paragraph; the number of a name that is not known is none of the system's errors.
+            why = problem.strerror if isinstance(problem, socket.gaierror) else os.strerror(problem.errno or 0)
+            raise ConfigError(f"{host}, port {port}: {why}; name another") from problem
         return int(self._server.sockets[0].getsockname()[1])
 
     async def close(self) -> None:

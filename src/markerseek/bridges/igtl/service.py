@@ -66,11 +66,13 @@ class SearchService:
         """Stop the search that runs, wait for its end, and end all connections."""
         if self._searches is not None:
             self._searches.cancel()
-        if self._following is not None:
-            await self._following
-        if self._alive is not None:
-            self._alive.cancel()
-        await self.server.close()
+        try:
+            if self._following is not None:
+                await self._following
+        finally:
+            if self._alive is not None:
+                self._alive.cancel()
+            await self.server.close()
 
     def _publish(self, streams: Iterable[Stream]) -> None:
         for stream in streams:

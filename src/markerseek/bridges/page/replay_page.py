@@ -74,11 +74,13 @@ class ReplayPage:
         try:
             # In a thread: images of all acquisitions are formed. None while the program ends.
             read = await run.io_bound(_read, path)
-            if read is not None:
+            # Another recording may have been chosen since.
+            if read is not None and self._recordings.get(self._chosen.value) == path:
                 self._run, self._answer = read
                 self._journal, self._message = path, self._run.configuration.facts.description
         except MarkerseekError as problem:
-            self._message = str(problem)
+            if self._recordings.get(self._chosen.value) == path:
+                self._message = str(problem)
 
     def _search_bank(self) -> None:
         self._show_nothing()

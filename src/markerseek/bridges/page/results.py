@@ -49,7 +49,11 @@ def make_report(journal: Path) -> dict[str, bytes]:
             raise SearchError(f"the report was not drawn within {REPORT_S:g} s; press again") from problem
         made = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
         if not made:
-            raise SearchError(msgspec.json.decode(done.stdout, type=dict[str, Any])["error"])
+            try:
+                told = msgspec.json.decode(done.stdout, type=dict[str, Any])["error"]
+            except (msgspec.MsgspecError, KeyError):
+                told = f"the report was not drawn: its command ended with exit code {done.returncode}"
+            raise SearchError(told)
         return made
 
 
