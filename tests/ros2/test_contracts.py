@@ -21,7 +21,7 @@ from markerseek.bridges.ros2 import AcquisitionNode, StageNode
 from markerseek.core import Laser, Receiver, Stage
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.ros import RosNode
+from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 
 
@@ -61,6 +61,33 @@ class TestStageNode(_OverRos, StageContract):
         stage = Ros2Stage(node=node, clock=self.clock(served.step), settings=RosStage(), travel=world.limits.search)
         assert stage.simulated
         return stage
+
+
+class TestStopRightAfterACommand(_OverRos):
+    def test_it_reaches_the_node_before_that_says_it_is_busy(self) -> None:
+        world = rigs.simulated(seed=1)
+        server, node = self.nodes()
+        listener = self.opened.enter_context(RosNode("listener", network=server.network))
+        served = StageNode(node=server, stage=world.stage, guard=self.guard(world), by="a test", simulated=True)
+        heard: list[object] = []
+        listener.subscribe(topics.STOP, "std_msgs/msg/Empty", heard.append)
+        pressed = False
+
+        def step() -> None:
+            if pressed:
+                raise KeyboardInterrupt
+            served.step()
+
+        stage = Ros2Stage(node=node, clock=self.clock(step), settings=RosStage(), travel=world.limits.search)
+        stage.stop()
+        pressed = True
+        with pytest.raises(KeyboardInterrupt):
+            stage.move_to(stage.angle_deg + 5)
+        stage.stop()
+        for _ in range(100):
+            listener.spin(0.05)
+        # That of the stage at rest was not sent.
+        assert len(heard) == 1
 
 
 class TestStageOfPlainNumbers(_OverRos, StageContract):
