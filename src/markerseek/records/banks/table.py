@@ -75,7 +75,9 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
         with replace_file(path) as part:
             _write_rows(part, bank.angles_deg, bank.intensities)
     except OSError as problem:
-        raise RecordError(f"{path}: the bank cannot be written: {problem.strerror or problem}; name another place") from problem
+        raise RecordError(
+            f"{path}: the bank cannot be written: {problem.strerror or problem}; name another place"
+        ) from problem
 
 
 def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
