@@ -9,7 +9,9 @@ in the window, the arrivals, and the local maxima are therefore those of the ima
 - the local maxima of the rest of the image, from the law of `markerseek.core.LocalMaxima`;
 - the noise floor that a whole frame would give, with the scatter `FLOOR_SCATTER`.
 
-Not modelled: the converter (rounding to 12 bits and full scale), coloured noise, clutter, reverberation and bursts.
+Not modelled: the converter (rounding to 12 bits and full scale), coloured noise, clutter, reverberation and bursts. The
+coherence at the best focus takes the noise of the channels from the window, where the marker is: that of a point is
+nearer to 1 (0.999 in the mean at 40 dB) than from whole frames (0.997).
 Tests compare it with frames.
 """
 
