@@ -5,27 +5,16 @@ from __future__ import annotations
 import sys
 
 from number_stage import NumberStage
+from simulated_acquisition import acquisition_of, armed_guard
 
 from markerseek import rigs
-from markerseek.bridges.ros2 import AcquisitionNode
-from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.ros import RosNode
 
 
 def main() -> None:
     world = rigs.simulated(seed=int(sys.argv[1]))
-    guard = Guard(limits=world.limits, firing=FiringLimits(), admission=Admission())
-    guard.arm(by="a test")
     with RosNode("acquisition") as node:
-        acquisition = AcquisitionNode(
-            node=node,
-            laser=world.laser,
-            receiver=world.receiver,
-            guard=guard,
-            clock=world.scanner.clock,
-            by="a test",
-            simulated=True,
-        )
+        acquisition = acquisition_of(world, node=node, guard=armed_guard(world))
         import rclpy
 
         plain = rclpy.create_node("labview_bridge", context=node.network.context)

@@ -15,12 +15,12 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 import rclpy
 from number_stage import NumberStage
+from simulated_acquisition import acquisition_of, armed_guard
 
 from markerseek import rigs
-from markerseek.bridges.ros2 import AcquisitionNode, StageNode
+from markerseek.bridges.ros2 import StageNode
 from markerseek.core import Laser, Receiver, Stage
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
-from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 
@@ -37,11 +37,6 @@ class _OverRos:
         server = self.opened.enter_context(RosNode("server"))
         return server, self.opened.enter_context(RosNode("markerseek_rig", network=server.network))
 
-    def guard(self, world: rigs.Rig) -> Guard:
-        guard = Guard(limits=world.limits, firing=FiringLimits(), admission=Admission())
-        guard.arm(by="a test")
-        return guard
-
     def clock(self, step: Callable[[], None]) -> SystemClock:
         return SystemClock(beat=step)
 
@@ -53,7 +48,7 @@ class TestStageNode(_OverRos, StageContract):
         served = StageNode(
             node=server,
             stage=world.stage,
-            guard=self.guard(world),
+            guard=armed_guard(world),
             by="a test",
             simulated=True,
         )
@@ -68,7 +63,7 @@ class TestStopRightAfterACommand(_OverRos):
         world = rigs.simulated(seed=1)
         server, node = self.nodes()
         listener = self.opened.enter_context(RosNode("listener", network=server.network))
-        served = StageNode(node=server, stage=world.stage, guard=self.guard(world), by="a test", simulated=True)
+        served = StageNode(node=server, stage=world.stage, guard=armed_guard(world), by="a test", simulated=True)
         heard: list[object] = []
         listener.subscribe(topics.STOP, "std_msgs/msg/Empty", heard.append)
         pressed = False
@@ -111,15 +106,7 @@ class _Acquisition(_OverRos):
     def acquisition(self) -> Ros2Acquisition:
         world = rigs.simulated(seed=1)
         server, node = self.nodes()
-        served = AcquisitionNode(
-            node=server,
-            laser=world.laser,
-            receiver=world.receiver,
-            guard=self.guard(world),
-            clock=world.scanner.clock,
-            by="a test",
-            simulated=True,
-        )
+        served = acquisition_of(world, node=server, guard=armed_guard(world))
         settings = RosReceiver(sampling_hz=world.imaging.preset.sampling_hz)
         return Ros2Acquisition(node=node, clock=self.clock(served.step), settings=settings)
 

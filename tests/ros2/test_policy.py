@@ -12,12 +12,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
+from simulated_acquisition import acquisition_of, armed_guard
+
 from markerseek import rigs
 from markerseek.bridges import Searches, SearchOptions, SearchRequest
-from markerseek.bridges.ros2 import AcquisitionNode, SearchNode, StageNode, publish_registration
+from markerseek.bridges.ros2 import SearchNode, StageNode, publish_registration
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
 from markerseek.geometry import RigidTransform
-from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.ros import RosNode
 from markerseek.runs import KnownRegistration
 
@@ -39,7 +40,7 @@ def allowed(node: str, kind: tuple[str, str]) -> set[str]:
 
 def test_each_node_has_what_the_policy_allows_it_and_nothing_else() -> None:
     world = rigs.simulated(seed=1)
-    guard = Guard(limits=world.limits, firing=FiringLimits(), admission=Admission())
+    guard = armed_guard(world)
     nobody = RigidTransform(source="DaVinci", target="Trus", rotation=np.eye(3), translation_m=np.zeros(3))
     with ExitStack() as opened:
 
@@ -52,14 +53,7 @@ def test_each_node_has_what_the_policy_allows_it_and_nothing_else() -> None:
         search_node = node("pa_search", parameters={"method": "posterior"}, network=network)
         rig_node = node("markerseek_rig", network=network)
         served = StageNode(node=stage_node, stage=world.stage, guard=guard, by="a test")
-        AcquisitionNode(
-            node=acquisition_node,
-            laser=world.laser,
-            receiver=world.receiver,
-            guard=guard,
-            clock=world.scanner.clock,
-            by="a test",
-        )
+        acquisition_of(world, node=acquisition_node, guard=guard)
         publish_registration(
             search_node,
             KnownRegistration(name="a", davinci_to_trus=nobody, simulated=False, fre_m=0.0, tre_m=0.0),

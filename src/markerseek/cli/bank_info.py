@@ -122,7 +122,6 @@ def _began_unix_s(bank: IntensityBank | FrameBank) -> float | None:
 def _print_facts(
     path: Path, bank: IntensityBank | FrameBank, peak: Peak, *, dark: float | None, computed_with: str | None
 ) -> None:
-
     stdout.print(f"[bold]{escape(str(path))}[/]: {_content(bank)}")
     facts, angles, began_unix_s = bank.facts, bank.angles_deg, _began_unix_s(bank)
     cut, dark_frames = "", None

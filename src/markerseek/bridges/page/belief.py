@@ -7,7 +7,7 @@ comes to the same posterior bit for bit (3 to 5 ms a sample).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -129,8 +129,6 @@ class PolicyMirror:
 
     def tell(self, sample: Sample) -> None:
         """Take one sample, dark or with light."""
-        # Without its frame of half a megabyte: the runs of a page are kept for a while, and no search looks at frames.
-        sample = replace(sample, frame=None)
         self._policy.tell(sample)
         if not sample.dark:
             self._intensities.append(sample.reading.intensity)
@@ -140,7 +138,7 @@ class PolicyMirror:
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, where the policy weighs it."""
         if isinstance(self._policy, ConfirmablePolicy):
-            self._policy.confirm(replace(sample, frame=None))
+            self._policy.confirm(sample)
 
     def belief(self) -> Belief | None:
         """What follows from the samples so far; None before the first with light."""

@@ -50,10 +50,10 @@ def make_report(journal: Path) -> dict[str, bytes]:
         made = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
         if not made:
             try:
-                told = msgspec.json.decode(done.stdout, type=dict[str, Any])["error"]
+                reason = msgspec.json.decode(done.stdout, type=dict[str, Any])["error"]
             except (msgspec.MsgspecError, KeyError):
-                told = f"the report was not drawn: its command ended with exit code {done.returncode}"
-            raise SearchError(told)
+                reason = f"the report was not drawn: its command ended with exit code {done.returncode}"
+            raise SearchError(reason)
         return made
 
 

@@ -189,7 +189,8 @@ class RunState:
         line = f"{name}: {sample.angle_deg:.2f}°, intensity {sample.reading.intensity:.4g}"
         if self._mirror is not None:
             tell = self._mirror.confirm if event.role == "confirmation" else self._mirror.tell
-            tell(sample)
+            # Without its frame of half a megabyte: a page keeps its runs for a while, and no search looks at frames.
+            tell(replace(sample, frame=None))
         now = replace(now, phase="measured", target_deg=None, probe_deg=sample.angle_deg, line=line)
         if sample.dark:
             return now

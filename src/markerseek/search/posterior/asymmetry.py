@@ -107,12 +107,14 @@ def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | No
     if not known:
         return None
     coherence, each_sigma = np.array(known).T
-    weight = each_sigma**-2 / np.sum(each_sigma**-2)
+    precision = each_sigma**-2
+    total = float(precision.sum())
+    weight = precision / total
     mean = float(weight @ coherence)
     return MeanCoherence(
         mean=mean,
         # The samples of one point share its own deviation.
-        sigma=math.hypot(POINT_SIGMA, 1 / math.sqrt(float(np.sum(each_sigma**-2)))),
+        sigma=math.hypot(POINT_SIGMA, 1 / math.sqrt(total)),
         scatter=math.sqrt(float(weight @ (coherence - mean) ** 2)),
     )
 
