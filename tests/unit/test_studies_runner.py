@@ -6,14 +6,19 @@ import dataclasses
 import importlib
 import json
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import pytest
 
 from markerseek.core import ConfigError, MissingExtraError, RecordError
-from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, Summary, run_row, run_study, runner
+from markerseek.studies import Axis, CurveSettings, PolicySettings, Study, Summary, run_row, run_study, runner, workers
 from markerseek.studies.table import as_csv, chunks, columns, run_chunk, values_of
 from markerseek.studies.workers import on_processes
 
@@ -165,6 +170,30 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
 def test_no_workers_are_refused() -> None:
     with pytest.raises(ConfigError, match="workers is 0"):
         list(on_processes(math.sqrt, [1.0], workers=0))
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows sends Ctrl-C otherwise")
+def test_ctrl_c_that_a_librarys_thread_takes_does_not_interrupt_the_start_of_a_worker() -> None:
+    started: list[str] = []
+    starting, interrupted = threading.Event(), threading.Event()
+
+    def interrupt() -> None:
+        starting.wait()
+        signal.raise_signal(signal.SIGINT)
+        interrupted.set()
+
+    def start(_function: object, job: str) -> None:
+        starting.set()
+        interrupted.wait()
+        started.append(job)
+
+    threading.Thread(target=interrupt).start()
+    mask, handler = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)
+    pool = cast("ProcessPoolExecutor", SimpleNamespace(submit=start))
+    with pytest.raises(KeyboardInterrupt):
+        workers._submit(pool, abs, "job")
+    assert started == ["job"]
+    assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)) == (mask, handler)
 
 
 def test_without_dask_the_answer_is_the_command_that_installs_it(

@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from typing import TypeVar
@@ -82,15 +83,33 @@ def on_processes(function: Callable[[Job], Done], jobs: Iterable[Job], *, worker
 
 
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
-    """Submit a job, which may start a process, with Ctrl-C blocked: the process inherits that."""
-    # A Ctrl-C goes to all processes of a terminal, and one that is still importing would print a traceback.
-    if not hasattr(signal, "pthread_sigmask"):
+    """Submit a job, which may start a process; Ctrl-C takes effect afterwards."""
+    with _interrupt_later():
         return pool.submit(function, job)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Ctrl-C is blocked for processes started in this context, and takes effect in this one when the context ends.
+
+    A Ctrl-C goes to all processes of a terminal. A worker prints a traceback if it comes while the worker imports, or
+    if this process is interrupted before it has told the worker what to do.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    noted: list[int] = []
+    # The mask is what a new process inherits. It does not protect this one: a thread of a library can take the signal,
+    # and Python runs the handler in the main thread nevertheless.
+    handler = signal.signal(signal.SIGINT, lambda number, _frame: noted.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return pool.submit(function, job)
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if noted:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _as_ready(submit: Callable[[Job], Future[Done]], jobs: Iterable[Job], *, ahead: int) -> Iterator[tuple[int, Done]]:
