@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks import machine
 
-STUDY = Path(__file__).parents[1] / "examples" / "studies" / "posterior-40-db.toml"
+STUDY = Path(__file__).parents[1] / "examples" / "studies" / "answers-exactly-8.toml"
 
 OURS = "posterior"
 

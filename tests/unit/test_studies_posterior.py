@@ -18,7 +18,7 @@ from markerseek.studies.bound import compare_with_bound, marker_curve, mean_boun
 from markerseek.studies.bound_figure import error_figure
 from markerseek.studies.table import as_csv, columns, values_of
 from markerseek.studies.window import window_of
-from markerseek.studies.worlds import draw_trial
+from markerseek.studies.worlds import draw_trial, former_rig
 
 TERNARY = PolicySettings(method="ternary", acquisitions=6, as_published=True)
 AVERAGE = PolicySettings(method="weighted-average", acquisitions=9, as_published=True)
@@ -53,10 +53,34 @@ def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: 
         dataclasses.replace(DRAWN, **changes)  # type: ignore[arg-type]
 
 
-def test_cues_are_the_posteriors() -> None:
-    assert str(dataclasses.replace(POSTERIOR, cues=("intensity",))) == "posterior, 4, no early end, intensity only"
-    with pytest.raises(ConfigError, match="only the posterior has any"):
-        dataclasses.replace(TERNARY, cues=("intensity",))
+@pytest.mark.parametrize(
+    ("setting", "label"),
+    [
+        ({"cues": ("intensity",)}, "posterior, 4, no early end, intensity only"),
+        ({"single": True}, "posterior, 4, no early end, single"),
+        ({"prior": True}, "posterior, 4, no early end, with prior"),
+    ],
+)
+def test_some_settings_are_the_posteriors(setting: dict[str, object], label: str) -> None:
+    assert str(dataclasses.replace(POSTERIOR, **setting)) == label  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="only the posterior has this setting"):
+        dataclasses.replace(TERNARY, **setting)  # type: ignore[arg-type]
+
+
+def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
+    policy = PolicySettings(method="posterior", single=True)
+    study = dataclasses.replace(
+        DRAWN, policies=(policy, dataclasses.replace(policy, prior=True)), marks=(), trials=12, stay=True
+    )
+    cell = cells(study)[0]
+    former, drawn = former_rig(study, cell, 0), draw_trial(study, cell, 0)
+    assert former.facts.truth_deg != drawn.marker_deg
+    rows = [run_row(study, row) for row in range(study.rows)]
+    without, with_prior = rows[::2], rows[1::2]
+    # the same marker and the same first angle, then another search
+    assert [row.truth_deg for row in without] == [row.truth_deg for row in with_prior]
+    assert sum(a.mean_deg != b.mean_deg for a, b in zip(without, with_prior, strict=True)) >= 10
+    assert sum(row.acquisitions or 0 for row in with_prior) < sum(row.acquisitions or 0 for row in without)
 
 
 def test_a_setting_that_came_later_changes_no_seed() -> None:

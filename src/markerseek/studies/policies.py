@@ -11,7 +11,7 @@ import importlib
 from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
-from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerseekError, Policy
+from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy
 from markerseek.search import METHODS, Method, build, check_acquisitions, method_named
 
 
@@ -43,6 +43,8 @@ class PolicySettings:
         Whether a weighted average or a posterior may end before its last angle.
     single
         Whether a posterior may take it that there is one source only.
+    prior
+        Whether a posterior is told the intensity curve of another marker on the same rig, which it has found before.
     cues
         Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all.
     """
@@ -52,6 +54,7 @@ class PolicySettings:
     as_published: bool = False
     early_end: bool = True
     single: bool = False
+    prior: bool = False
     cues: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -61,12 +64,13 @@ class PolicySettings:
         least = _method_of(self.method).least
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
-        if self.single and self.method != "posterior":
-            raise ConfigError(
-                f"{self.method}: single is set, but only the posterior looks for other sources; leave it out"
-            )
-        if self.cues is not None and self.method != "posterior":
-            raise ConfigError(f"{self.method}: cues is {list(self.cues)}, only the posterior has any; leave it out")
+        if self.method == "posterior":
+            return
+        for name, value in (("single", self.single), ("prior", self.prior), ("cues", self.cues)):
+            if value not in (False, None):
+                raise ConfigError(
+                    f"{self.method}: {name} is set, but only the posterior has this setting; leave it out"
+                )
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
@@ -75,7 +79,13 @@ class PolicySettings:
                 f"{self.method}: acquisitions is None, a policy of your own needs the number of them; give it"
             )
         number = check_acquisitions(self.acquisitions, least=1, method=self.method)
-        for name, value, usual in (("early_end", self.early_end, True), ("cues", self.cues, None)):
+        settings = (
+            ("early_end", self.early_end, True),
+            ("single", self.single, False),
+            ("prior", self.prior, False),
+            ("cues", self.cues, None),
+        )
+        for name, value, usual in settings:
             if value != usual:
                 raise ConfigError(f"{self.method}: {name} is {value}, a policy of your own has no such setting")
         # A module that cannot be imported is an error when the study is read, not in a worker process.
@@ -91,11 +101,14 @@ class PolicySettings:
         # Named only where it has an effect: labels are the names of lines in a figure.
         end = "" if self.early_end or self.method not in ("weighted-average", "posterior") else ", no early end"
         single = ", single" if self.single else ""
+        prior = ", with prior" if self.prior else ""
         cues = "" if self.cues is None else f", {' and '.join(self.cues)} only"
-        return f"{self.method}{form}, {self.most}{end}{single}{cues}"
+        return f"{self.method}{form}, {self.most}{end}{single}{prior}{cues}"
 
 
-def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float | None) -> Policy:
+def build_policy(
+    settings: PolicySettings, *, limits: Interval, start_deg: float | None, prior: MarkerCurve | None = None
+) -> Policy:
     """Return a policy for one search.
 
     Parameters
@@ -106,6 +119,8 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         Range to search.
     start_deg
         Angle of the probe, in degrees.
+    prior
+        Intensity curve of a former marker on this rig, for a posterior; None if there was none.
 
     Raises
     ------
@@ -128,6 +143,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
             start_deg=start_deg,
             early_end=settings.early_end,
             single=settings.single,
+            prior=prior,
         )
     # Imported here, because SciPy and the compiled kernels take half a second to load.
     from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
@@ -139,6 +155,7 @@ def build_policy(settings: PolicySettings, *, limits: Interval, start_deg: float
         target_sigma_deg=TARGET_SIGMA_DEG if settings.early_end else 0.0,
         cues=settings.cues,
         single=settings.single,
+        prior=prior,
     )
 
 

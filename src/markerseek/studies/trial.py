@@ -16,6 +16,7 @@ from markerseek.core import (
     Estimate,
     Finished,
     Found,
+    MarkerCurve,
     MarkerseekError,
     Refused,
     SearchError,
@@ -26,7 +27,7 @@ from markerseek.scan import run
 from markerseek.studies.policies import PolicySettings, build_policy, described, is_own
 from markerseek.studies.settings import Value
 from markerseek.studies.study import Cell, Study, cells
-from markerseek.studies.worlds import draw_trial, study_rig
+from markerseek.studies.worlds import draw_trial, former_rig, study_rig
 
 ANSWERS = ("found", "not found", "ambiguous", "at bound", "unsure", "failed")
 """Answers of a search; "failed" is a fault of a device, which ends the search without an angle."""
@@ -96,7 +97,11 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
-    finished, refused, marks_deg = _search(study, settings, rig)
+    prior = None
+    if settings.prior:
+        former, _, _ = _search(study, settings, former_rig(study, cell, trial))
+        prior = former.estimate.curve if former is not None and isinstance(former.estimate, Found) else None
+    finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
@@ -178,9 +183,11 @@ def run_row(study: Study, row: int) -> Row:
     return run_trial(study, cells(study)[cell], trial, policy)
 
 
-def _search(study: Study, settings: PolicySettings, rig: rigs.Rig) -> tuple[Finished | None, int, tuple[float, ...]]:
+def _search(
+    study: Study, settings: PolicySettings, rig: rigs.Rig, *, prior: MarkerCurve | None = None
+) -> tuple[Finished | None, int, tuple[float, ...]]:
     """End of a search (None after a fault of a device), number of refused frames, and answers at the marks."""
-    policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg)
+    policy = build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg, prior=prior)
     finished, refused = None, 0
     marks_deg: list[float] = []
     dark_frames = 0 if settings.as_published else rig.dark_frames

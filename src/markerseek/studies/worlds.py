@@ -31,7 +31,7 @@ from markerseek.sim import (
 from markerseek.studies.scene import DrawnScene, draw_scene
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
-from markerseek.studies.unknowns import Unknowns, draw_unknowns
+from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
 from markerseek.studies.window import window_of
 from markerseek.studies.window_world import PrecomputedReader, WindowWorld
 
@@ -40,6 +40,9 @@ _LARGEST_COUNTS = 2000.0
 
 _STRONGEST_PULSE = 1.15
 """Largest energy over the mean that is expected of a laser with a jitter of 3 %, with some room."""
+
+FORMER_DB = 3.0
+"""A former marker on the same rig is so much louder or fainter at most, in dB."""
 
 _NOISE_SIGMAS = 5.0
 """Standard deviations of noise in a channel that the converter must hold beside a source."""
@@ -101,6 +104,35 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
         unknowns=unknowns,
         scene=scene,
     )
+
+
+def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
+    """Return the rig of a trial with another marker: at another place, and louder or fainter by up to `FORMER_DB`.
+
+    Parameters
+    ----------
+    study, cell, trial
+        Which trial.
+    """
+    draw, settings = draw_trial(study, cell, trial), cell.world.rig
+    rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 1)))
+    search, noise = settings.limits.search, settings.noise
+    marker_deg, lateral_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    noise = replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
+    unknowns = draw.unknowns
+    if unknowns is not None:
+        radius_m = float(rng.uniform(*MARKER_RADIUS_M))
+        marker = replace(unknowns.marker, angle_deg=marker_deg, lateral_m=lateral_m, radius_m=radius_m)
+        unknowns = replace(unknowns, marker=marker)
+    former = Draw(
+        marker_deg=marker_deg,
+        lateral_m=lateral_m,
+        curve=draw.curve,
+        noise_seed=int(rng.integers(2**63)),
+        unknowns=unknowns,
+    )
+    world = replace(cell.world, rig=replace(settings, noise=noise))
+    return study_rig(study, replace(cell, world=world), former)
 
 
 def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
