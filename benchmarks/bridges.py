@@ -184,14 +184,14 @@ def unnoticed(rounds: int, search: Callable[[int, Case], int]) -> None:
 def round_trip(moves: int) -> None:
     """From a command to the angle reached, with a simulated stage node in another process."""
     from markerseek.core import Interval
-    from markerseek.drivers import Ros2Stage, RosStage, SystemClock
+    from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
     from markerseek.ros import RosNode
 
     with subprocess.Popen([*MARKERSEEK, "ros2", "sim"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as server:
         server.stdout.readline()
         with RosNode("markerseek_rig") as node:
             travel = Interval(low_deg=-35.0, high_deg=35.0)
-            stage = Ros2Stage(node=node, clock=SystemClock(), settings=RosStage(), travel=travel)
+            stage = Ros2Stage(node=node, clock=SystemClock(), settings=Ros2StageSettings(), travel=travel)
             times = []
             for number in range(moves + 20):
                 began_s = time.perf_counter()

@@ -7,22 +7,22 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek.core import Stage
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
 from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.testing import StageContract
 
 
 @pytest.mark.parametrize("approach_from", ["below", "above"])
 @pytest.mark.parametrize(
-    "stands", [Kdc101Settings(), Kdc101Settings(zero_deg=123.4), Kdc101Settings(zero_deg=-10.0, turns=1)], ids=str
+    "stands", [EmulatedKdc101(), EmulatedKdc101(zero_deg=123.4), EmulatedKdc101(zero_deg=-10.0, turns=1)], ids=str
 )
 class TestKdc101Stage(StageContract):
     @pytest.fixture(autouse=True)
-    def _choose(self, stands: Kdc101Settings, approach_from: str) -> None:
+    def _choose(self, stands: EmulatedKdc101, approach_from: str) -> None:
         self.stands = stands
-        self.settings = StageSettings(zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
+        self.settings = Kdc101DriverSettings(zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
 
     def make(self) -> Stage:
         clock = VirtualClock()

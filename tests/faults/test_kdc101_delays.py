@@ -9,8 +9,8 @@ import pytest
 
 from delayed_lines import DelayedClock, DelayedPort, Delays
 from markerseek.drivers._apt_line import AptLine
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
 
@@ -44,12 +44,12 @@ def move_there(
     mirrored = number % 3 == 0
     port = DelayedPort(
         device=Kdc101Emulator(
-            probe=SimpleNamespace(angle_deg=start_deg), settings=Kdc101Settings(play_deg=0.3, mirrored=mirrored)
+            probe=SimpleNamespace(angle_deg=start_deg), settings=EmulatedKdc101(play_deg=0.3, mirrored=mirrored)
         ),
         clock=clock,
         delays=Delays(rng=rng, share=share, most_s=most_s),
     )
-    settings = StageSettings(
+    settings = Kdc101DriverSettings(
         speed_deg_s=float(rng.choice(SPEEDS)),
         acceleration_deg_s2=float(rng.choice(ACCELERATIONS)),
         approach_from="above" if number % 2 else "below",

@@ -18,7 +18,7 @@ from markerseek.core import (
 )
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import VirtualClock
 from markerseek.sim.faults import Fault, FaultKind
@@ -44,7 +44,7 @@ def tour(fault: Fault, *, seed: int = 1, targets: tuple[float, ...] = TARGETS, s
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=start_deg)
     emulator = Kdc101Emulator(
         probe=probe,
-        settings=Kdc101Settings(play_deg=PLAY_DEG),
+        settings=EmulatedKdc101(play_deg=PLAY_DEG),
         faults=[fault],
         rng=np.random.Generator(np.random.PCG64(seed)),
     )
@@ -182,7 +182,7 @@ def _lie(way_deg: float, *, late_s: float, fault: Fault | None) -> DeviceError |
     """The refusal of a short move that a stage claims to have made; None if it is accepted."""
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
     late = replace(STAGE_FAULTS["late answers"], amount=late_s)
-    emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(play_deg=0.0), faults=[late] if late_s else [])
+    emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=0.0), faults=[late] if late_s else [])
     stage = Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock)
     stage.move_to(0.0)
     if fault is not None:

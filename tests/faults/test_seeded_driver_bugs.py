@@ -19,7 +19,7 @@ from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox, LaserBoxFaults
 from markerseek.emulators.stage_faults import STAGE_FAULTS
 from markerseek.sim import VirtualClock
@@ -31,7 +31,7 @@ from seeding import Bug, caught
 
 def stage_at(start_deg: float = 0.0) -> tuple[Kdc101Stage, Kdc101Emulator, SimpleNamespace, VirtualClock, DirectPort]:
     clock, probe = VirtualClock(), SimpleNamespace(angle_deg=start_deg)
-    emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(play_deg=0.0))
+    emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=0.0))
     port = DirectPort(device=emulator, clock=clock)
     return Kdc101Stage(port=port, clock=clock), emulator, probe, clock, port
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from igtl_client import LONGEST_S, IgtlClient
 
-from markerseek.bridges.igtl import Answer, IgtlServer, Request, Stream
+from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, Stream
 from markerseek.bridges.igtl.peer import Peer
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
@@ -34,9 +34,9 @@ class Served:
         self._thread = threading.Thread(target=self.loop.run_forever)
         self._thread.start()
 
-    def _asked(self, request: Request) -> Answer:
+    def _asked(self, request: Request) -> CommandAnswer:
         self.requests.append(request)
-        return Answer(done=True, sentence=f"heard {request.name}")
+        return CommandAnswer(done=True, sentence=f"heard {request.name}")
 
     def _note(self, sentence: str) -> None:
         with self.changed:
@@ -282,6 +282,6 @@ def test_more_than_sixteen_clients_are_refused() -> None:
 
 def test_a_taken_port_is_a_sentence() -> None:
     with serving() as served:
-        other = IgtlServer(on_request=lambda _request: Answer(done=True, sentence=""))
+        other = IgtlServer(on_request=lambda _request: CommandAnswer(done=True, sentence=""))
         with pytest.raises(ConfigError, match=f"port {served.port} of 127.0.0.1 is taken by another program"):
             asyncio.run(other.open("127.0.0.1", served.port))

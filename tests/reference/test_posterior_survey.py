@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, family, log_curve
 from markerseek.search.posterior.survey import MODEL_ERROR, NARROWER_STEPS, SURVEY_PARTICLES, survey_of, undetected
 
 SHAPES = family()
-NOISE = Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
+NOISE = SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0)
 
 
 def candidate(angles_deg, *, peak=50.0, fwhm_deg=6.0, marker_deg=0.0):

@@ -12,7 +12,7 @@ from scipy.special import logsumexp, softmax
 from scipy.stats import multivariate_normal
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior._symmetry import expected_variance
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.inference import Inference, refine
@@ -219,7 +219,7 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
         for angle_deg, intensity in measured
     ]
     inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
-    coarse = inference._coarse(lit, Noise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
+    coarse = inference._coarse(lit, SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
     angles_deg = np.arange(30.0, 46.0, 0.02)
     hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))
     log_p, _ = symmetric_log_likelihood(SHAPES, hypotheses, inference._observations, angles_deg)

@@ -24,9 +24,9 @@ from markerseek.core import (
     SearchError,
 )
 from markerseek.guard import State
-from markerseek.rigs import in_world
+from markerseek.rigs import rig_in_world
 from markerseek.runs import follow, following, quality_of, stage_period_s, tracking
-from markerseek.search import Following, Tracker
+from markerseek.search import Tracker, TrackingPolicy
 from markerseek.search.tracking import SHAPE_ERROR, curve
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
@@ -178,7 +178,7 @@ def rig_of_intensities(swing, *, stage):
     world = CurveWorld.of_settings(
         settings, curve=PowerCurve(fwhm_deg=FWHM_DEG, power=1.2), marker_deg=1.0, cells=1000, rng=rng
     )
-    return in_world(
+    return rig_in_world(
         MovingWorld(world, swing),
         settings,
         clock=VirtualClock(),
@@ -254,7 +254,7 @@ def test_a_moving_world_is_seen_where_it_is_at_the_flash():
 
 
 def test_a_sample_without_time_is_refused():
-    policy = Following(tracker(), began_s=5.0, until_s=9.0, period_s=0.2)
+    policy = TrackingPolicy(tracker(), began_s=5.0, until_s=9.0, period_s=0.2)
     sample = Sample(angle_deg=2.0, reading=Reading(intensity=10.0))
     with pytest.raises(SearchError, match="has no time"):
         policy.tell(sample)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from markerseek.bridges.ros2 import Beat, PlainTopics, StageNode
+from markerseek.bridges.ros2 import MessagePump, PlainTopics, StageNode
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import SystemClock
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
@@ -48,7 +48,7 @@ class Bench:
     """A stage node and its client in one process and thread: the node is served whenever the client waits."""
 
     def __init__(self) -> None:
-        self.beat = Beat()
+        self.beat = MessagePump()
         self.clock = SystemClock(beat=self.beat)
         self.stage = SlowStage(self.clock)
         self.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())

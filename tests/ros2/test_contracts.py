@@ -20,7 +20,7 @@ from simulated_acquisition import acquisition_of, armed_guard
 from markerseek import rigs
 from markerseek.bridges.ros2 import StageNode
 from markerseek.core import Laser, Receiver, Stage
-from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
+from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 
@@ -53,7 +53,9 @@ class TestStageNode(_OverRos, StageContract):
             simulated=True,
         )
         # A stage node serves the angles that may be searched: those of its travel beyond them, it refuses.
-        stage = Ros2Stage(node=node, clock=self.clock(served.step), settings=RosStage(), travel=world.limits.search)
+        stage = Ros2Stage(
+            node=node, clock=self.clock(served.step), settings=Ros2StageSettings(), travel=world.limits.search
+        )
         assert stage.simulated
         return stage
 
@@ -73,7 +75,7 @@ class TestStopRightAfterACommand(_OverRos):
                 raise KeyboardInterrupt
             served.step()
 
-        stage = Ros2Stage(node=node, clock=self.clock(step), settings=RosStage(), travel=world.limits.search)
+        stage = Ros2Stage(node=node, clock=self.clock(step), settings=Ros2StageSettings(), travel=world.limits.search)
         stage.stop()
         pressed = True
         with pytest.raises(KeyboardInterrupt):
@@ -87,7 +89,7 @@ class TestStopRightAfterACommand(_OverRos):
 
 class TestStageOfPlainNumbers(_OverRos, StageContract):
     # Such a node does not say when it rests: an angle so near to the target counts as reached.
-    resolution_deg = RosStage().arrival_deg
+    resolution_deg = Ros2StageSettings().arrival_deg
 
     def make(self) -> Stage:
         server, node = self.nodes()
@@ -95,7 +97,7 @@ class TestStageOfPlainNumbers(_OverRos, StageContract):
         self.opened.callback(plain.destroy_node)
         NumberStage(plain)
         server.network.executor.add_node(plain)
-        settings = RosStage(
+        settings = Ros2StageSettings(
             command_topic="/goto", reached_topic="/angle", state_topic=None, message="float64", unit="deg"
         )
         limits = rigs.simulated(seed=1).limits

@@ -17,7 +17,7 @@ from simulated_acquisition import acquisition_of, armed_guard
 from markerseek import rigs
 from markerseek.bridges import Searches, SearchOptions, SearchRequest
 from markerseek.bridges.ros2 import SearchNode, StageNode, publish_registration
-from markerseek.drivers import Ros2Acquisition, Ros2Stage, RosReceiver, RosStage, SystemClock
+from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.geometry import RigidTransform
 from markerseek.ros import RosNode
 from markerseek.runs import KnownRegistration
@@ -60,7 +60,7 @@ def test_each_node_has_what_the_policy_allows_it_and_nothing_else() -> None:
         )
         SearchNode(node=search_node, searches=Searches(SearchOptions()), request=SearchRequest())
         clock = SystemClock(beat=served.step)
-        Ros2Stage(node=rig_node, clock=clock, settings=RosStage(), travel=world.limits.search)
+        Ros2Stage(node=rig_node, clock=clock, settings=Ros2StageSettings(), travel=world.limits.search)
         Ros2Acquisition(node=rig_node, clock=clock, settings=RosReceiver())
         for name in ("trus_stage", "trus_acquisition", "pa_search", "markerseek_rig"):
             for kind, question in KINDS.items():

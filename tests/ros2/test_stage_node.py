@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 from stage_bench import Bench
 
-from markerseek.bridges.ros2 import Interrupted
+from markerseek.bridges.ros2 import StepEnded
 from markerseek.guard import State
 from markerseek.ros import messages, topics
 
@@ -190,6 +190,6 @@ def test_nothing_interrupts_a_stage_that_rests(bench: Bench) -> None:
     bench.client.publish(topics.STOP, messages.empty(bench.client.kinds))
     try:
         bench.serve(0.3)
-    except Interrupted:
+    except StepEnded:
         pytest.fail("a stop of a stage at rest interrupts nothing")
     assert bench.stage.stops == 0

@@ -15,12 +15,12 @@ from markerseek.cli import direction as direction_of
 from markerseek.cli import doctor
 from markerseek.cli.direction import verdict_of
 from markerseek.core import RigFacts
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import DirectPort
 from markerseek.emulators.bench import BenchClock, EmulatedBench
-from markerseek.emulators.kdc101 import Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import Rig
 from markerseek.rigs.spot import image_reader
@@ -53,14 +53,14 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
         settings=SETTINGS,
         rng=np.random.default_rng(3),
         folder=folder,
-        stage=Kdc101Settings(play_deg=0.1, mirrored=mirrored),
+        stage=EmulatedKdc101(play_deg=0.1, mirrored=mirrored),
     )
     clock = BenchClock()
     clock.lead(bench.stage.advance, bench.daq.advance)
     imaging = image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz)
     devices = {
         "stage": Kdc101Stage(
-            port=DirectPort(device=bench.stage, clock=clock), clock=clock, settings=StageSettings(**stage)
+            port=DirectPort(device=bench.stage, clock=clock), clock=clock, settings=Kdc101DriverSettings(**stage)
         ),
         "laser": LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, dark_triggers=4),
         "receiver": SonixDaqReceiver(

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
 from markerseek.drivers.serial_port import SerialPort
 
 pytestmark = pytest.mark.real_time
@@ -27,7 +27,7 @@ with PtyLine(device=emulator, clock=SystemClock()) as line:
 """
 
 # A busy machine answers late: what is late is tested in virtual time.
-PATIENT = StageSettings(speed_deg_s=25.0, acceleration_deg_s2=25.0, answer_s=0.5, age_s=1.0)
+PATIENT = Kdc101DriverSettings(speed_deg_s=25.0, acceleration_deg_s2=25.0, answer_s=0.5, age_s=1.0)
 
 
 @pytest.fixture

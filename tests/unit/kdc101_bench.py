@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import Interval, NotConnectedError
-from markerseek.drivers.kdc101 import Kdc101Stage, StageSettings
+from markerseek.drivers.kdc101 import Kdc101DriverSettings, Kdc101Stage
 from markerseek.emulators import DirectPort
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 
@@ -70,7 +70,7 @@ class Bench:
     port: WatchedPort
 
     def stage(self, **fields: Any) -> Kdc101Stage:
-        return Kdc101Stage(port=self.port, clock=self.clock, settings=StageSettings(**fields))
+        return Kdc101Stage(port=self.port, clock=self.clock, settings=Kdc101DriverSettings(**fields))
 
     def let_be(self, duration_s: float) -> None:
         self.clock.killed_at_s = np.inf
@@ -80,5 +80,5 @@ class Bench:
 
 def bench(*, start_deg: float = 0.0, **fields: Any) -> Bench:
     clock, probe = WatchedClock(), SimpleNamespace(angle_deg=start_deg)
-    emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(**fields))
+    emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(**fields))
     return Bench(clock, probe, emulator, WatchedPort(device=emulator, clock=clock))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import ConfigError
 from markerseek.emulators._prm1z8 import Motor
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.sim import StageMotion
 from markerseek.wire import apt
 from markerseek.wire.apt_frames import AptFramer, AptMessage
@@ -24,7 +24,7 @@ class Talk:
 
     def __init__(self, *, start_deg: float = 0.0, **fields: object) -> None:
         self.probe = SimpleNamespace(angle_deg=start_deg)
-        self.emulator = Kdc101Emulator(probe=self.probe, settings=Kdc101Settings(**fields))  # type: ignore[arg-type]
+        self.emulator = Kdc101Emulator(probe=self.probe, settings=EmulatedKdc101(**fields))  # type: ignore[arg-type]
         self.now_s = 0.0
         self._framer = AptFramer()
 
@@ -196,4 +196,4 @@ def test_it_reports_its_status_unasked_if_another_program_left_it_so() -> None:
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Kdc101Settings(**wrong)  # type: ignore[arg-type]
+        EmulatedKdc101(**wrong)  # type: ignore[arg-type]

@@ -10,8 +10,8 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.page.desk import Desk, PageRig
 from markerseek.bridges.page.live import MOST_WAITING, LiveRun
+from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Measured, RecordError, SearchError, SearchPlan
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
@@ -178,7 +178,7 @@ def test_published_form_wins_no_race():
     assert verdict((published, published)) == "nothing is claimed"
 
 
-def desk(children, tmp_path, monkeypatch, **rig):
+def searches(children, tmp_path, monkeypatch, **rig):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     asked = []
 
@@ -186,11 +186,11 @@ def desk(children, tmp_path, monkeypatch, **rig):
         asked.append(list(arguments))
         return children.pop(0)
 
-    return Desk(launch, PageRig(**rig)), asked
+    return PageSearches(launch, PageRig(**rig)), asked
 
 
 def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
-    shared, asked = desk([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
+    shared, asked = searches([ScriptedChild(stream[:5], endless=True)], tmp_path, monkeypatch)
     shared.start(PageSettings(seed=4))
     for another in (
         lambda: shared.start(PageSettings()),
@@ -208,7 +208,7 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
 
 def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True)]
-    shared, asked = desk(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", simulated=False)
+    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", simulated=False)
     shared.start(PageSettings(seed=4, tissue="liver"))
     shared.search.journal.touch()
     shared.close()
@@ -222,10 +222,10 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
 
 
 def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
-    monkeypatch.setattr("markerseek.bridges.page.desk.END_S", 0.1)
+    monkeypatch.setattr("markerseek.bridges.page.page_searches.END_S", 0.1)
     child = ScriptedChild(stream[:5], endless=True)
     child.stop = lambda: None
-    shared, _ = desk([child], tmp_path, monkeypatch)
+    shared, _ = searches([child], tmp_path, monkeypatch)
     shared.start(PageSettings())
     shared.close()
     assert child.stopped.is_set()
@@ -237,13 +237,13 @@ def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
     kept = tmp_path / "markerseek" / "journals" / "run.journal"
     kept.parent.mkdir(parents=True)
     kept.touch()
-    shared = Desk(lambda _: ScriptedChild(), PageRig(), named)
+    shared = PageSearches(lambda _: ScriptedChild(), PageRig(), named)
     assert list(shared.recordings().values()) == [*named, kept]
     assert next(iter(shared.recordings())) == "run.journal"
 
 
 def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
-    shared, asked = desk([], tmp_path, monkeypatch)
+    shared, asked = searches([], tmp_path, monkeypatch)
     for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
         with pytest.raises(SearchError, match="no such recording"):
             shared.replay(name, PageSettings())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.belief import Belief, PolicyMirror, answer_in_words, is_claimed
+from markerseek.bridges.page.belief import PolicyMirror, ShownBelief, answer_in_words, is_claimed
 from markerseek.bridges.page.curve import curve_options
 from markerseek.bridges.page.models import (
     angle_text,
@@ -30,7 +30,7 @@ from markerseek.bridges.page.picture import (
     picture_of,
     pooled_levels,
 )
-from markerseek.bridges.page.state import RunState, Snapshot
+from markerseek.bridges.page.state import ShownRun, Snapshot
 from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import (
     PAPER_RANGE,
@@ -54,10 +54,10 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import new_session, plan_on
-from markerseek.search import BracketSearch, build
+from markerseek.search import METHODS, BracketSearch, build
 from markerseek.sim import GaussianCurve, MarkerSettings, ReceiverSettings, SimulatedSettings
 
-METHODS = ("posterior", "weighted-average", "golden-section", "golden-section-reuse", "ternary", "exhaustive", "manual")
+NAMES = [method.name for method in METHODS]
 
 
 def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
@@ -69,12 +69,12 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
 
 
 def shown(session, events, **how) -> list[Snapshot]:
-    state = RunState(session.configuration)
+    state = ShownRun(session.configuration)
     return [state.add(event, clock_s=clock_s, **how) for event, clock_s in events]
 
 
 @pytest.mark.parametrize(
-    ("method", "as_published"), [(each, False) for each in METHODS] + [(each, True) for each in METHODS[1:]]
+    ("method", "as_published"), [(each, False) for each in NAMES] + [(each, True) for each in NAMES[1:]]
 )
 def test_last_snapshot_is_the_result(method, as_published):
     session, events = finished_run(method, as_published=as_published)
@@ -88,7 +88,7 @@ def test_last_snapshot_is_the_result(method, as_published):
     assert last.pulses == sum(frames) > 0
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", NAMES)
 def test_policy_that_is_told_the_same_asks_the_same(method):
     session, events = finished_run(method)
     mirror = PolicyMirror(session.configuration.plan, limits=session.configuration.facts.search)
@@ -141,7 +141,7 @@ def test_probe_is_expected_only_while_it_moves():
 
 def test_lost_events_leave_no_belief_and_all_the_rest():
     session, events = finished_run("posterior")
-    state, lost = RunState(session.configuration), events[9:11]
+    state, lost = ShownRun(session.configuration), events[9:11]
     for event, clock_s in events:
         if (event, clock_s) not in lost:
             snapshot = state.add(event, clock_s=clock_s, lost=2 if event is events[11][0] else 0)
@@ -153,7 +153,7 @@ def test_lost_events_leave_no_belief_and_all_the_rest():
 
 def test_states_that_end_or_interrupt_a_run():
     session, _ = finished_run("posterior")
-    state = RunState(session.configuration)
+    state = ShownRun(session.configuration)
     limits = Interval(low_deg=-35.0, high_deg=35.0)
     said = [
         (Started(start_deg=1.0, limits=limits), "ready", False),
@@ -186,7 +186,7 @@ def test_published_form_claims_nothing():
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
     session, events = finished_run("posterior")
-    state = RunState(session.configuration)
+    state = ShownRun(session.configuration)
     second = next(
         n
         for n, (event, _) in enumerate(events)
@@ -369,7 +369,7 @@ FLOOR = Floor(level=120.0, source="dark frames")
     ids=("not found", "ambiguous", "found"),
 )
 def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
-    snapshot = Snapshot(rig="simulated", belief=Belief(estimate=estimate))
+    snapshot = Snapshot(rig="simulated", belief=ShownBelief(estimate=estimate))
     assert angle_text(snapshot) == angle
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
     fan = fan_model(snapshot, facts, duration_s=0.0, known_deg=None)

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, MissingExtraError
-from markerseek.drivers import BenchSettings, RosReceiver, RosStage
+from markerseek.drivers import BenchSettings, Ros2StageSettings, RosReceiver
 from markerseek.rigs import BenchRecipe, read_rig_file
 from markerseek.ros import (
     RosNode,
@@ -123,7 +123,7 @@ def test_a_text_that_is_no_request_is_none(data: str) -> None:
 def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
     settings = read_rig_file(written(tmp_path, RIG))
     assert isinstance(settings, BenchSettings)
-    assert settings.stage == RosStage()
+    assert settings.stage == Ros2StageSettings()
     assert settings.receiver == RosReceiver()
     # As a journal stores it, and reads it back.
     recipe = msgspec.json.decode(msgspec.json.encode(BenchRecipe.of(settings)), type=BenchRecipe)
@@ -213,6 +213,6 @@ def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path:
     usual = read_rig_file(written(tmp_path, RIG + "[probe]\nface_radius_m = 0.01\n"))
     assert example == usual
     text = (EXAMPLES / "rigs" / "ros2.toml").read_text()
-    for kind in (RosStage, RosReceiver):
+    for kind in (Ros2StageSettings, RosReceiver):
         for field in fields(kind):
             assert f"\n{field.name} = " in text

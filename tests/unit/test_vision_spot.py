@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import ConfigError, MissingExtraError
 from markerseek.sim import EndoscopeSettings, spot_images
-from markerseek.vision import NoSpot, Spot, TwoSpots, find_spot, opencv
+from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot, opencv
 
 pytest.importorskip("cv2")
 
@@ -30,7 +30,7 @@ def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:
         rng = np.random.default_rng(100 + seed)
         place = (float(rng.uniform(60, 260)), float(rng.uniform(60, 190)))
         found = find_spot(images(place, seed=seed))
-        assert isinstance(found, Spot)
+        assert isinstance(found, LaserSpot)
         assert found.frames == 25
         assert found.sigma_px is not None
         pulls += [(found.x_px - place[0]) / found.sigma_px, (found.y_px - place[1]) / found.sigma_px]
@@ -43,7 +43,7 @@ def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:
 @pytest.mark.parametrize("place", [(160.0, 120.0), (160.5, 120.25), (100.7, 80.9), (6.0, 200.0)])
 def test_a_spot_without_jitter_is_found_to_a_twentieth_of_a_pixel(place: tuple[float, float]) -> None:
     found = find_spot(images(place, spot_sigma_px=0.0, spot_radius_px=4.0))
-    assert isinstance(found, Spot)
+    assert isinstance(found, LaserSpot)
     # At the very edge of the image a part of the spot is cut off.
     assert abs(found.x_px - place[0]) < (0.05 if place[0] > 20 else 1.0)
     assert abs(found.y_px - place[1]) < 0.05
@@ -51,7 +51,7 @@ def test_a_spot_without_jitter_is_found_to_a_twentieth_of_a_pixel(place: tuple[f
 
 def test_a_saturated_spot_is_found_at_its_middle() -> None:
     found = find_spot(images((150.3, 99.6), spot_counts=255.0, tissue_counts=150.0, spot_sigma_px=0.0))
-    assert isinstance(found, Spot)
+    assert isinstance(found, LaserSpot)
     assert (found.x_px, found.y_px) == pytest.approx((150.3, 99.6), abs=0.15)
 
 
@@ -74,7 +74,7 @@ def test_no_spot_two_spots_and_a_reflection_that_dark_frames_remove() -> None:
     assert "two places are about as bright" in two.reason
     off = [np.clip(a.astype(int) + b, 0, 255).astype(np.uint8) for a, b in zip(images(None), reflection, strict=True)]
     alone = find_spot(both, dark=off)
-    assert isinstance(alone, Spot)
+    assert isinstance(alone, LaserSpot)
     assert (alone.x_px, alone.y_px) == pytest.approx((90, 100), abs=0.4)
 
 
@@ -90,7 +90,7 @@ def test_a_spot_that_is_off_in_half_of_the_frames_or_moves_is_refused() -> None:
 
 def test_one_frame_gives_a_place_without_a_sigma() -> None:
     found = find_spot(images((90.0, 100.0))[:1])
-    assert isinstance(found, Spot)
+    assert isinstance(found, LaserSpot)
     assert (found.frames, found.sigma_px) == (1, None)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import hilbert
 
-from markerseek.calibration.elevation import LEAST_FACE_M, Geometry, Waves
+from markerseek.calibration.elevation import LEAST_FACE_M, Geometry, SourceWaves
 from markerseek.core import Float64, SearchError
 
 LEAST_SHARE = 0.5
@@ -23,7 +23,7 @@ _SIGNIFICANT = 0.05
 """Power over a wave's largest below which a sample counts as noise."""
 
 
-def require_delays(waves: Waves, geometry: Geometry) -> None:
+def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
     """Refuse a fit of waves that do not arrive later off the image plane.
 
     Parameters
@@ -67,7 +67,7 @@ def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry)
     return np.asarray((path_m - (radius_m - face_m)) / geometry.sound_speed_m_s.value)
 
 
-def _middle_s(waves: Waves) -> Float64[np.ndarray, " frames"]:
+def _middle_s(waves: SourceWaves) -> Float64[np.ndarray, " frames"]:
     """Middle of the power of each wave within its window, in seconds."""
     power = np.abs(hilbert(waves.wave, axis=1)) ** 2
     power = np.where(power > _SIGNIFICANT * power.max(axis=1, keepdims=True), power, 0.0)

@@ -53,7 +53,7 @@ _HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
+class Fitted:
     """A number with its standard deviation, in the unit of its name."""
 
     value: float
@@ -87,17 +87,17 @@ class Geometry:
         Root mean square of the residual, over the height of the waves.
     """
 
-    source_deg: Value
-    source_radius_m: Value
-    face_radius_m: Value
-    trigger_offset_s: Value
-    element_height_m: Value
-    sound_speed_m_s: Value
+    source_deg: Fitted
+    source_radius_m: Fitted
+    face_radius_m: Fitted
+    trigger_offset_s: Fitted
+    element_height_m: Fitted
+    sound_speed_m_s: Fitted
     misfit: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Waves:
+class SourceWaves:
     """The waves of one source, one for each angle.
 
     Attributes
@@ -127,7 +127,7 @@ class Waves:
         return np.asarray((np.arange(window) - window // 2) / self.sampling_hz)
 
 
-def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
+def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     """Fit the geometry under which one wave, delayed and smeared, explains all waves.
 
     Parameters
@@ -172,14 +172,14 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     # The residual has a minimum for every cycle of the carrier; only the lowest is the right one.
     fit = min(fits, key=lambda each: float(each.cost))
     sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
-    value = {name: Value(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
+    value = {name: Fitted(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
     # The interval of the face radius is widened: its error does not fall with the number of frames.
     face = value["face_mm"]
     left = _residual(fit.x, waves, plane, height, weighted=False)
     return Geometry(
         source_deg=value["source_deg"],
         source_radius_m=_scaled(value["radius_mm"], 1e-3),
-        face_radius_m=Value(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _LEAST_FACE_MM)),
+        face_radius_m=Fitted(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _LEAST_FACE_MM)),
         trigger_offset_s=_scaled(value["late_us"], 1e-6),
         element_height_m=_scaled(value["height_mm"], 1e-3),
         sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
@@ -187,11 +187,11 @@ def fit_geometry(waves: Waves, moveout: Moveout) -> Geometry:
     )
 
 
-def _scaled(value: Value, unit: float) -> Value:
-    return Value(value=value.value * unit, sigma=value.sigma * unit)
+def _scaled(value: Fitted, unit: float) -> Fitted:
+    return Fitted(value=value.value * unit, sigma=value.sigma * unit)
 
 
-def _in_plane(waves: Waves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
+def _in_plane(waves: SourceWaves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
     """Wave in the image plane, finely sampled over the time after its middle, and that middle in its window; in µs."""
     time_us = waves.time_s * 1e6
     wave = waves.wave[best] / height[best]
@@ -218,7 +218,7 @@ def _covariance(fit: OptimizeResult, *, frames: int) -> Float64[np.ndarray, "n n
 
 
 def _fit(
-    waves: Waves,
+    waves: SourceWaves,
     plane: _Wave,
     height: Float64[np.ndarray, " frames"],
     start: list[float],
@@ -243,7 +243,7 @@ def _fit(
 
 def _residual(
     parameters: Float64[np.ndarray, " n"],
-    waves: Waves,
+    waves: SourceWaves,
     plane: _Wave,
     height: Float64[np.ndarray, " frames"],
     *,

@@ -53,7 +53,7 @@ def command(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .mcap, and {to} has no place for it; leave it out")
-    bank = rigs.completed_by(read_bank(source, table_format(columns, unit)), probe)
+    bank = rigs.with_probe_facts(read_bank(source, table_format(columns, unit)), probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
     # A CSV needs no frame, and a damaged one must not pass for that reason.
@@ -105,7 +105,7 @@ def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: f
     """Facts of a bank with the face radius given; warns if images cannot be placed without it."""
     from markerseek.records.banks import FrameBank
 
-    facts = runs.described(bank, probe=probe)
+    facts = runs.bank_facts(bank, probe=probe)
     if face_radius_mm is not None:
         return replace(facts, face_radius_m=face_radius_mm / 1e3)
     if facts.face_radius_m is None and isinstance(bank, FrameBank):

@@ -78,13 +78,13 @@ def command(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
         )
     bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
-    bank = rigs.completed_by(bank, probe)
+    bank = rigs.with_probe_facts(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
     count = len(bank.angles_deg)
     if frames and bank.facts.sampling_hz is None:
         stderr.print("[yellow]the recording has no sampling frequency; 40 MHz is assumed (--sampling-mhz)[/]")
-    facts = runs.described(bank, probe=probe)
+    facts = runs.bank_facts(bank, probe=probe)
     if frames and probe is None and bank.facts.probe is None:
         stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (

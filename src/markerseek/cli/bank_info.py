@@ -53,7 +53,7 @@ def command(
     from markerseek.search import peak_of
 
     folder = picture_folder(out, plot=plot)
-    held = rigs.completed_by(read_bank(bank, table_format(columns, unit)), probe)
+    held = rigs.with_probe_facts(read_bank(bank, table_format(columns, unit)), probe)
     require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
     require_whole(held)

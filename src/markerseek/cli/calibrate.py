@@ -16,7 +16,7 @@ from markerseek.cli.terminal import announce_compilation, new_table, print_repor
 from markerseek.core import AcquisitionError, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
-    from markerseek.calibration import Value
+    from markerseek.calibration import Fitted
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -60,7 +60,7 @@ def command(
 
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
-    scan = rigs.completed_by(read_bank(bank), probe)
+    scan = rigs.with_probe_facts(read_bank(bank), probe)
     if not isinstance(scan, FrameBank):
         raise ConfigError(
             f"{bank}: it holds intensities only, and calibration needs the channel data of each angle; name a folder "
@@ -88,17 +88,17 @@ def command(
     sense = 1 if direction == "forward" else -1
     zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
     known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
-    numbers: dict[str, Value] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
+    numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
     rig_toml = _rig_toml(numbers, direction)
     if as_json:
-        # The interval of a `Value` is computed.
+        # The interval of a `Fitted` is computed.
         values = {name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()}
         print_report(**values, misfit=geometry.misfit, frames=found.frames, waves=found.waves, rig_toml=rig_toml)
     else:
         _print_table(found, numbers, rig_toml)
 
 
-def _rig_toml(numbers: dict[str, Value], direction: str) -> str:
+def _rig_toml(numbers: dict[str, Fitted], direction: str) -> str:
     """Lines for a rig file, with as many digits as the intervals make worth writing."""
     return f"""[stage]
 zero_deg = {numbers["zero_deg"].value:.3f}
@@ -111,7 +111,7 @@ face_radius_m = {numbers["face_radius_m"].value:.5f}
 """
 
 
-def _print_table(found: runs.Calibration, numbers: dict[str, Value], rig_toml: str) -> None:
+def _print_table(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> None:
     table = new_table("", "value", "95 % interval", "", left=("",))
     for name, number in numbers.items():
         title, scale, unit = NUMBERS[name]

@@ -173,7 +173,7 @@ def _punctuality_under_load(lease_s: float) -> Finding:
     with _busy(programs):
         longest_s = max(_timed_step() for _ in range(_NAPS)) - _NAP_S - _WORK_S
     # Between two beats the search waits for this long, and wakes up late.
-    margin_s = lease_s - drivers.SLICE_S - longest_s
+    margin_s = lease_s - drivers.LONGEST_WAIT_S - longest_s
     detail = (
         f"with {programs} programs that compute meanwhile, a step of {1e3 * (_NAP_S + _WORK_S):.0f} ms ends up to "
         f"{1e3 * longest_s:.1f} ms late: of the lease of {lease_s:g} s "

@@ -75,7 +75,7 @@ def command(
         settings=settings,
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
-        stage=emulators.Kdc101Settings(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
+        stage=emulators.EmulatedKdc101(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
         sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )

@@ -59,7 +59,7 @@ def command(
             ) from problem
     launcher = page.Launcher()
     simulated = not isinstance(settings, drivers.BenchSettings)
-    desk = page.Desk(launcher, page.PageRig(file=rig, simulated=simulated), recordings or [])
+    searches = page.PageSearches(launcher, page.PageRig(file=rig, simulated=simulated), recordings or [])
 
     def ready(link: str) -> None:
         launcher.lower_others()
@@ -68,7 +68,7 @@ def command(
         if browser is not None:
             browser.open(link)
 
-    page.serve(desk, address, on_ready=ready)
+    page.serve(searches, address, on_ready=ready)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.
     sys.stdout.flush()
     os._exit(0)

@@ -101,7 +101,7 @@ def command(
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot:
-        curve = runs.bank_curve(rigs.completed_by(read_bank(bank, table), probe), probe=probe)
+        curve = runs.bank_curve(rigs.with_probe_facts(read_bank(bank, table), probe), probe=probe)
         recorded_curve = (curve.angle_deg, curve.intensity)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, stream=stream)
     conclude(

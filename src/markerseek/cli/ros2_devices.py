@@ -56,16 +56,16 @@ def _serve_part(
     settings = rigs.read_rig_file(rig)
     if not isinstance(settings, drivers.BenchSettings):
         raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {rig}")
-    beat = ros2.Beat()
+    pump = ros2.MessagePump()
     with ExitStack() as opened:
-        held = rigs.bench_part(settings, part, beat=beat)
+        held = rigs.bench_part(settings, part, beat=pump)
         opened.callback(held.devices.close)
         stderr.print(held.description, markup=False)
         print_permissions(settings)
         # No message arms anything.
         if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?"):
             raise typer.Exit(NOT_ARMED)
-        made = ros_node(f"trus_{part}", _limits(settings), require_security=keys, on_active=follow_lifecycle(beat, 0))
+        made = ros_node(f"trus_{part}", _limits(settings), require_security=keys, on_active=follow_lifecycle(pump, 0))
         node = opened.enter_context(made)
         held.arm(by=person())
         served: ros2.Served
@@ -89,10 +89,10 @@ def _serve_part(
                 plain=plain,
                 dead_man=held.devices.supervisor,
             )
-        beat.served = [served]
+        pump.served = [served]
         stdout.print(f"the {part} is armed and served; Ctrl-C ends it")
         sys.stdout.flush()
-        serve_until_stopped(beat)
+        serve_until_stopped(pump)
 
 
 def _limits(settings: drivers.BenchSettings) -> dict[str, float | str | int | bool]:

@@ -26,17 +26,17 @@ PlainReached = Annotated[
 PlainUnit = Annotated[str, typer.Option("--plain-unit", help="Unit of the two plain topics: rad or deg.")]
 
 
-def serve_until_stopped(beat: ros2.Beat) -> None:
+def serve_until_stopped(pump: ros2.MessagePump) -> None:
     """Serve the devices until a signal comes, then make them safe."""
     with noted_signals() as stopped:
-        served = list(beat.served)
+        served = list(pump.served)
         try:
             ros2.serve(served, until=lambda: bool(stopped))
-        except ros2.Interrupted:
+        except ros2.StepEnded:
             # Between two steps there is nothing to interrupt.
             pass
         finally:
-            beat.served = []
+            pump.served = []
             for each in served:
                 each.close()
 
@@ -58,12 +58,12 @@ def ros_node(
         yield node
 
 
-def follow_lifecycle(beat: ros2.Beat, index: int) -> Callable[[bool], None]:
+def follow_lifecycle(pump: ros2.MessagePump, index: int) -> Callable[[bool], None]:
     """What a node's change of state does to the device that it serves; before it serves one, nothing."""
 
     def set_active(active: bool) -> None:
-        if beat.served:
-            beat.served[index].set_active(active)
+        if pump.served:
+            pump.served[index].set_active(active)
 
     return set_active
 

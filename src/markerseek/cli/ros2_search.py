@@ -100,4 +100,4 @@ def _play(path: Path, registration: runs.KnownRegistration | None, *, pace: floa
 def _is_over_ros(rig: Path | None) -> bool:
     """Whether a rig file names a stage node, which publishes its angle itself."""
     settings = None if rig is None else rigs.read_rig_file(rig)
-    return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.RosStage)
+    return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.Ros2StageSettings)

@@ -52,8 +52,8 @@ def command(
     cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
     settings = rigs.read_simulated(rig, cure=cure)
     plain = plain_topics(plain_command, plain_reached, plain_unit)
-    beat = ros2.Beat()
-    world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=beat)
+    pump = ros2.MessagePump()
+    world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
     limits, clock = settings.limits, world.scanner.clock
     if write_rig is not None:
         write_rig_file(write_rig, _rig_text(settings))
@@ -74,12 +74,12 @@ def command(
                 name,
                 parameters,
                 require_security=require_security,
-                on_active=follow_lifecycle(beat, index),
+                on_active=follow_lifecycle(pump, index),
                 network=network,
             )
             nodes.append(opened.enter_context(made))
         by = "a simulated rig"
-        beat.served = [
+        pump.served = [
             ros2.StageNode(node=nodes[0], stage=world.stage, guard=guards[0], by=by, plain=plain, simulated=True),
             ros2.AcquisitionNode(
                 node=nodes[1],
@@ -93,7 +93,7 @@ def command(
         ]
         stdout.print("simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it")
         sys.stdout.flush()
-        serve_until_stopped(beat)
+        serve_until_stopped(pump)
     stderr.print(true_marker(world.facts.truth_deg))
 
 

@@ -26,7 +26,7 @@ from markerseek.core import ConfigError, Found, Refused, SearchError, require_ra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.search import Following
+    from markerseek.search import TrackingPolicy
     from markerseek.sim import SimulatedSettings, Swing
 
 EXAMPLES = (
@@ -137,7 +137,7 @@ def _found(session: runs.Session) -> Found:
 
 def _follow(
     rig: rigs.Rig, session: runs.Session, found: Found, settings: SimulatedSettings, swing: Swing, *, duration_s: float
-) -> tuple[Following, int]:
+) -> tuple[TrackingPolicy, int]:
     """The policy after the run, and how many frames were refused."""
     confirmation = session.recorder.confirmation
     if confirmation is None or found.curve is None:
@@ -152,7 +152,7 @@ def _follow(
 
 
 def _report(
-    rig: rigs.Rig, found: Found, policy: Following, swing: Swing, settings: SimulatedSettings, *, refused: int
+    rig: rigs.Rig, found: Found, policy: TrackingPolicy, swing: Swing, settings: SimulatedSettings, *, refused: int
 ) -> TrackReport:
     rest_deg = settings.marker.angle_deg or 0.0
     quality = runs.quality_of(policy, swing, rest_deg=rest_deg)

@@ -100,7 +100,10 @@ class NotFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ambiguous:
-    """More than one angle explains the intensities; ``modes_deg`` lists them, ``mean_deg`` is the likeliest."""
+    """Two sources about as loud, or one whose angle is one of several.
+
+    ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest.
+    """
 
     mean_deg: float
     modes_deg: tuple[float, ...]

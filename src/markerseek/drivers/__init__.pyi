@@ -1,10 +1,10 @@
-from ._kdc101_settings import StageKeys
+from ._kdc101_settings import Kdc101Keys
 from ._plus_settings import PlusSettings
-from ._ros2_settings import RosLaser, RosReceiver, RosStage
+from ._ros2_settings import Ros2StageSettings, RosLaser, RosReceiver
 from ._sonixdaq_settings import SonixDaqKeys
-from .clock import SLICE_S, SystemClock
+from .clock import LONGEST_WAIT_S, SystemClock
 from .exposure import exposure_line
-from .kdc101 import Kdc101Stage, StageSettings
+from .kdc101 import Kdc101DriverSettings, Kdc101Stage
 from .laserbox import LaserBox
 from .plus import PlusReceiver, connect_plus
 from .ros2_acquisition import Ros2Acquisition
@@ -14,26 +14,26 @@ from .settings import BenchLaser, BenchProbe, BenchReceiver, BenchSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 
 __all__ = [
-    "SLICE_S",
+    "LONGEST_WAIT_S",
     "BenchLaser",
     "BenchProbe",
     "BenchReceiver",
     "BenchSettings",
+    "Kdc101DriverSettings",
+    "Kdc101Keys",
     "Kdc101Stage",
     "LaserBox",
     "PlusReceiver",
     "PlusSettings",
     "Ros2Acquisition",
     "Ros2Stage",
+    "Ros2StageSettings",
     "RosLaser",
     "RosReceiver",
-    "RosStage",
     "SerialPort",
     "SonixDaqKeys",
     "SonixDaqReceiver",
     "SonixDaqSettings",
-    "StageKeys",
-    "StageSettings",
     "SystemClock",
     "connect_plus",
     "exposure_line",

@@ -9,7 +9,7 @@ from markerseek.core import ConfigError, Interval, require_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StageKeys:
+class Kdc101Keys:
     """Keys of a rotation stage in a rig file; angles are the probe's unless they are called the stage's own.
 
     Attributes
@@ -59,7 +59,7 @@ class StageKeys:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StageSettings(StageKeys):
+class Kdc101DriverSettings(Kdc101Keys):
     """Settings of the driver: the keys of a rig file, the travel range, and how a move is made and checked.
 
     Attributes
@@ -90,7 +90,7 @@ class StageSettings(StageKeys):
 
     def __post_init__(self) -> None:
         # Without arguments, super() does not work in a dataclass with slots, which is made a second time.
-        StageKeys.__post_init__(self)
+        Kdc101Keys.__post_init__(self)
         for name, low, high, unit in (
             ("lead_deg", 0.5, 5, "deg"),
             ("renew_s", 0.02, 0.5, "s"),

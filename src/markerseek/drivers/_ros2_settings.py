@@ -12,7 +12,7 @@ from markerseek.ros import topics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RosStage:
+class Ros2StageSettings:
     """A stage node that takes an angle on one topic and returns the angle reached on another.
 
     Attributes

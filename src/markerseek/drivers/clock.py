@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from markerseek.core import ConfigError
 
-SLICE_S = 0.02
+LONGEST_WAIT_S = 0.02
 """Longest time between two beats of a clock that waits, in seconds."""
 
 
@@ -18,8 +18,8 @@ class SystemClock:
     Parameters
     ----------
     beat
-        Called at least every `SLICE_S` seconds of a wait, in the caller's own thread: a lease is renewed here, so that
-        a control loop that hangs renews nothing.
+        Called at least every `LONGEST_WAIT_S` seconds of a wait, in the caller's own thread: a lease is renewed here,
+        so that a control loop that hangs renews nothing.
     """
 
     def __init__(self, *, beat: Callable[[], None] | None = None) -> None:
@@ -42,5 +42,5 @@ class SystemClock:
         ends_s = self.now_s() + duration_s
         self._beat()
         while (left_s := ends_s - self.now_s()) > 0:
-            time.sleep(min(left_s, SLICE_S))  # noqa: TID251  the one clock that is real
+            time.sleep(min(left_s, LONGEST_WAIT_S))  # noqa: TID251  the one clock that is real
             self._beat()

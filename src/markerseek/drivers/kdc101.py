@@ -12,11 +12,11 @@ from markerseek.core import Clock, DeviceError, Interval, LimitError, MoveError
 from markerseek.drivers._approach import DOWN, UP, plan_approach
 from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._kdc101_move import Move, MoveRules
-from markerseek.drivers._kdc101_settings import StageSettings
+from markerseek.drivers._kdc101_settings import Kdc101DriverSettings
 from markerseek.drivers._kdc101_setup import set_up
 from markerseek.wire import Port, apt
 
-__all__ = ["Kdc101Stage", "StageSettings"]
+__all__ = ["Kdc101DriverSettings", "Kdc101Stage"]
 
 _STOP_S = 1.0
 _STOP_AGAIN_S = 0.02
@@ -54,8 +54,8 @@ class Kdc101Stage:
         If it does not answer in time.
     """
 
-    def __init__(self, *, port: Port, clock: Clock, settings: StageSettings | None = None) -> None:
-        settings = settings or StageSettings()
+    def __init__(self, *, port: Port, clock: Clock, settings: Kdc101DriverSettings | None = None) -> None:
+        settings = settings or Kdc101DriverSettings()
         self._settings = settings
         self._clock = clock
         self._line = AptLine(port=port, clock=clock, answer_s=settings.answer_s, age_s=settings.age_s)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from markerseek.core import Clock, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.drivers._ros2_settings import RosStage
+from markerseek.drivers._ros2_settings import Ros2StageSettings
 from markerseek.drivers._ros2_wait import wait_until
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
@@ -40,7 +40,7 @@ class Ros2Stage:
         If there is no such node, or it says no angle.
     """
 
-    def __init__(self, *, node: RosNode, clock: Clock, settings: RosStage, travel: Interval) -> None:
+    def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2StageSettings, travel: Interval) -> None:
         self.limits = travel
         self._node, self._clock, self._settings = node, clock, settings
         self._wait_until = partial(wait_until, node, clock)

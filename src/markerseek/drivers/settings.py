@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from markerseek.core import ConfigError, require_range
-from markerseek.drivers._kdc101_settings import StageKeys
+from markerseek.drivers._kdc101_settings import Kdc101Keys
 from markerseek.drivers._light import LaserKeys
 from markerseek.drivers._plus_settings import PlusSettings
 from markerseek.drivers._receivers import require_noise_ratio
-from markerseek.drivers._ros2_settings import RosLaser, RosReceiver, RosStage
+from markerseek.drivers._ros2_settings import Ros2StageSettings, RosLaser, RosReceiver
 from markerseek.drivers._sonixdaq_settings import SonixDaqKeys
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -21,8 +21,8 @@ from markerseek.wire import sonixdaq
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchStage(StageKeys):
-    """The rotation stage: its port and the keys of `StageKeys`; ``zero_deg`` is required.
+class BenchStage(Kdc101Keys):
+    """The rotation stage: its port and the keys of `Kdc101Keys`; ``zero_deg`` is required.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class BenchSettings:
         Limits of the laser's pulses.
     """
 
-    stage: BenchStage | RosStage
+    stage: BenchStage | Ros2StageSettings
     laser: BenchLaser | RosLaser
     receiver: BenchReceiver | PlusSettings | RosReceiver
     probe: BenchProbe = field(default_factory=BenchProbe)

@@ -1,5 +1,5 @@
 from .bench import EmulatedBench, require_pace, serve
-from .kdc101 import Kdc101Settings
+from .kdc101 import EmulatedKdc101
 from .lines import ByteDevice, DirectPort, PtyLine
 from .plus import EmulatedPlus
 
@@ -7,8 +7,8 @@ __all__ = [
     "ByteDevice",
     "DirectPort",
     "EmulatedBench",
+    "EmulatedKdc101",
     "EmulatedPlus",
-    "Kdc101Settings",
     "PtyLine",
     "require_pace",
     "serve",

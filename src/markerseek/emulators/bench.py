@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import Clock, ConfigError, require_range
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.plus import EmulatedPlus
@@ -55,7 +55,7 @@ class EmulatedBench:
         settings: SimulatedSettings,
         rng: np.random.Generator,
         folder: Path,
-        stage: Kdc101Settings | None = None,
+        stage: EmulatedKdc101 | None = None,
         sdk: Literal[5, 6] = 6,
         receiver: Literal["sonixdaq", "plus"] = "sonixdaq",
     ) -> None:
@@ -78,7 +78,7 @@ class EmulatedBench:
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
         apart, noise = rng.spawn(2)
         self.stage = Kdc101Emulator(
-            probe=self.world, settings=stage or Kdc101Settings(play_deg=settings.stage.backlash_deg), rng=noise
+            probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
         self.daq: EmulatedSonixDaq | EmulatedPlus
         if receiver == "plus":

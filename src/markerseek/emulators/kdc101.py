@@ -36,7 +36,7 @@ _FIRMWARE = (4, 0, 3, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kdc101Settings:
+class EmulatedKdc101:
     """State and mounting of an emulated stage before a driver connects.
 
     Attributes
@@ -91,11 +91,11 @@ class Kdc101Emulator:
         self,
         *,
         probe: Turned,
-        settings: Kdc101Settings | None = None,
+        settings: EmulatedKdc101 | None = None,
         faults: Sequence[Fault] = (),
         rng: np.random.Generator | None = None,
     ) -> None:
-        self._settings = settings or Kdc101Settings()
+        self._settings = settings or EmulatedKdc101()
         self._faults: dict[str, Fault] = {}
         rng = rng or np.random.Generator(np.random.PCG64(0))
         self._stage = Prm1z8(

@@ -1,4 +1,4 @@
-"""Opening and writing of files, for the whole package.
+"""Files, settings in TOML and serial ports: how the whole package opens, reads and writes them.
 
 `open_input` opens a file that a user names, once its kind and size are checked; `as_read_error` turns errors of reading
 into a sentence. `new_file` and `replace_file` write a file under a temporary name and rename it when it is

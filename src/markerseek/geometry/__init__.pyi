@@ -1,7 +1,7 @@
 from .cameras import Camera, StereoCameras
 from .errors import RegistrationErrors, registration_errors
 from .horn import best_rotation, mirror_image_fre
-from .leave_one_out import LeftOut, leave_one_out
+from .leave_one_out import LeaveOneOut, leave_one_out
 from .registration import LEAST_POINTS, Registration, register_points
 from .transform import RigidTransform
 from .triangulation import Triangulated, triangulate
@@ -9,7 +9,7 @@ from .triangulation import Triangulated, triangulate
 __all__ = [
     "LEAST_POINTS",
     "Camera",
-    "LeftOut",
+    "LeaveOneOut",
     "Registration",
     "RegistrationErrors",
     "RigidTransform",

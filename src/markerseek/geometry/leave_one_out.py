@@ -11,7 +11,7 @@ from markerseek.geometry.registration import register_points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class LeaveOneOut:
     """A registration without one point.
 
     Attributes
@@ -32,7 +32,7 @@ def leave_one_out(
     *,
     source_covariances_m2: Float64[np.ndarray, "points 3 3"] | None = None,
     target_covariances_m2: Float64[np.ndarray, "points 3 3"] | None = None,
-) -> list[LeftOut | None]:
+) -> list[LeaveOneOut | None]:
     """The registration without each point; None where the others do not determine one.
 
     Parameters
@@ -40,7 +40,7 @@ def leave_one_out(
     source_m, target_m, source_covariances_m2, target_covariances_m2
         As in `register_points`.
     """
-    found: list[LeftOut | None] = []
+    found: list[LeaveOneOut | None] = []
     for number in range(len(source_m)):
         others = np.arange(len(source_m)) != number
         try:
@@ -55,5 +55,5 @@ def leave_one_out(
             found.append(None)
             continue
         error_m = float(np.linalg.norm(rest.transform.apply(source_m[number]) - target_m[number]))
-        found.append(LeftOut(error_m=error_m, fre_m=rest.fre_m))
+        found.append(LeaveOneOut(error_m=error_m, fre_m=rest.fre_m))
     return found

@@ -1,7 +1,14 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
 from markerseek.pictures.bank_picture import bank_figure
-from markerseek.pictures.files import png_data_uri, require_room_for_pictures, save_png, save_svg, write_page, written
+from markerseek.pictures.files import (
+    new_picture,
+    png_data_uri,
+    require_room_for_pictures,
+    save_png,
+    save_svg,
+    write_page,
+)
 from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, search_figure
@@ -19,6 +26,7 @@ __all__ = [
     "comparison_figure",
     "frame_figure",
     "new_figure",
+    "new_picture",
     "overlay_figure",
     "panel_grid",
     "png_data_uri",
@@ -32,5 +40,4 @@ __all__ = [
     "tip_figure",
     "track_figure",
     "write_page",
-    "written",
 ]

@@ -46,7 +46,7 @@ def require_room_for_pictures(folder: Path) -> None:
 
 
 @contextmanager
-def written(path: Path, *, what: str) -> Iterator[Path]:
+def new_picture(path: Path, *, what: str) -> Iterator[Path]:
     """A temporary path beside `path`, renamed when the block succeeds; the folder is made if missing.
 
     Parameters
@@ -72,12 +72,12 @@ def written(path: Path, *, what: str) -> Iterator[Path]:
 
 
 def save_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; errors as of `written`."""
+    """Write a figure as PNG; errors as of `new_picture`."""
     _save(figure, path, format="png", dpi=120)
 
 
 def save_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG; the same figure gives the same file. Errors as of `written`."""
+    """Write a figure as SVG; the same figure gives the same file. Errors as of `new_picture`."""
     import matplotlib as mpl
 
     # Without a salt and a date of our own, Matplotlib writes random identifiers and the time.
@@ -86,7 +86,7 @@ def save_svg(figure: Figure, path: Path) -> None:
 
 
 def _save(figure: Figure, path: Path, **how: Any) -> None:
-    with written(path, what="picture") as part:
+    with new_picture(path, what="picture") as part:
         figure.savefig(part, **how)
 
 
@@ -127,8 +127,8 @@ def write_page(path: Path, template: str, **values: object) -> None:
     Raises
     ------
     MissingExtraError
-        If Jinja2 is not installed; other errors as of `written`.
+        If Jinja2 is not installed; other errors as of `new_picture`.
     """
     text = _templates().get_template(template).render(values)
-    with written(path, what="page") as part:
+    with new_picture(path, what="page") as part:
         part.write_text(text, encoding="utf-8")

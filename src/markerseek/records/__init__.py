@@ -1,6 +1,6 @@
-"""Recorded data: the result of a search, the devices that replay a bank, and series of B-mode images.
+"""Results of searches, devices that replay a bank, series of B-mode images.
 
-Banks, journals and exports are the packages below this one.
+The packages below hold banks, journals, streams of events, and exports.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
 from .bench_rig import bench, bench_part
-from .probe_file import chosen_probe, completed_by, preset_of, probe_facts
+from .probe_file import chosen_probe, preset_of, probe_facts, with_probe_facts
 from .recipe import BenchRecipe, ReaderRecipe, Recipe, ReplayedRecipe, SimulatedRecipe, SpareRecipe, TipRecipe
 from .replay import replayed
 from .rig import Rig, fingerprint
 from .rig_file import read_rig_file, read_simulated
 from .scene import Scene, draw_scene, scene_of
 from .scene_curve import scene_curve
-from .simulated_devices import USUAL_CELLS, in_world, of_intensities
+from .simulated_devices import USUAL_CELLS, of_intensities, rig_in_world
 from .simulation import simulated
 from .spot import image_peak, image_reader, largest_count
 
@@ -24,12 +24,10 @@ __all__ = [
     "bench",
     "bench_part",
     "chosen_probe",
-    "completed_by",
     "draw_scene",
     "fingerprint",
     "image_peak",
     "image_reader",
-    "in_world",
     "largest_count",
     "of_intensities",
     "preset_of",
@@ -37,7 +35,9 @@ __all__ = [
     "read_rig_file",
     "read_simulated",
     "replayed",
+    "rig_in_world",
     "scene_curve",
     "scene_of",
     "simulated",
+    "with_probe_facts",
 ]

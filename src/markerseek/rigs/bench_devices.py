@@ -13,21 +13,21 @@ from markerseek.core import Clock, Laser, Receiver, Stage
 from markerseek.drivers import (
     BenchLaser,
     BenchSettings,
+    Kdc101DriverSettings,
+    Kdc101Keys,
     Kdc101Stage,
     LaserBox,
     PlusReceiver,
     PlusSettings,
     Ros2Acquisition,
     Ros2Stage,
+    Ros2StageSettings,
     RosLaser,
     RosReceiver,
-    RosStage,
     SerialPort,
     SonixDaqKeys,
     SonixDaqReceiver,
     SonixDaqSettings,
-    StageKeys,
-    StageSettings,
     connect_plus,
     picolas,
 )
@@ -65,7 +65,7 @@ class OpenDevices:
         self.plus: socket.socket | None = None
         lines = [line for line in lines_of(settings) if line.name in names]
         with ExitStack() as opening:
-            if isinstance(settings.stage, RosStage) or isinstance(settings.receiver, RosReceiver):
+            if isinstance(settings.stage, Ros2StageSettings) or isinstance(settings.receiver, RosReceiver):
                 self.node = opening.enter_context(RosNode("markerseek_rig", enclave="/markerseek/rig"))
             if isinstance(settings.receiver, PlusSettings) and "laser" in names:
                 self.plus = opening.enter_context(closing(connect_plus(settings.receiver)))
@@ -137,7 +137,7 @@ def lines_of(settings: BenchSettings) -> list[Line]:
                 parity=picolas.PARITY,
             )
         )
-    if not isinstance(stage, RosStage):
+    if not isinstance(stage, Ros2StageSettings):
         lines.append(Line(name="stage", path=stage.port, safe_command=apt.stop(), rtscts=True))
     return lines
 
@@ -145,11 +145,11 @@ def lines_of(settings: BenchSettings) -> list[Line]:
 def stage_of(settings: BenchSettings, devices: OpenDevices, clock: Clock) -> tuple[Stage, str]:
     """The stage, and what it is."""
     keys, travel = settings.stage, settings.limits.travel
-    if isinstance(keys, RosStage):
+    if isinstance(keys, Ros2StageSettings):
         over_ros = Ros2Stage(node=_node(devices), clock=clock, settings=keys, travel=travel)
         return over_ros, f"{'SIMULATED ' if over_ros.simulated else ''}stage node on {keys.command_topic}"
     stage = Kdc101Stage(
-        port=devices.stage, clock=clock, settings=StageSettings(travel=travel, **_values(keys, StageKeys))
+        port=devices.stage, clock=clock, settings=Kdc101DriverSettings(travel=travel, **_values(keys, Kdc101Keys))
     )
     return stage, f"{stage.identity.model} {stage.identity.serial_number} at {keys.port}"
 
@@ -190,6 +190,6 @@ def _laser(laser: BenchLaser, port: Port, clock: Clock) -> Laser:
     return LaserBox(port=port, clock=clock, rate_hz=laser.rate_hz, dark_triggers=laser.pulses, answer_s=laser.answer_s)
 
 
-def _values(settings: StageKeys | SonixDaqKeys, keys: type[StageKeys] | type[SonixDaqKeys]) -> dict[str, Any]:
+def _values(settings: Kdc101Keys | SonixDaqKeys, keys: type[Kdc101Keys] | type[SonixDaqKeys]) -> dict[str, Any]:
     """Values of a rig file that a driver's settings have under the same names."""
     return {field.name: getattr(settings, field.name) for field in fields(keys)}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from markerseek.core import Clock, ConfigError, Laser, Receiver, RigFacts, Stage
-from markerseek.drivers import BenchProbe, BenchSettings, RosReceiver, RosStage, SystemClock
+from markerseek.drivers import BenchProbe, BenchSettings, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.guard import Guard
 from markerseek.rigs.bench_devices import OpenDevices, acquisition_of, emulated, guard_of, lines_of, stage_of
 from markerseek.rigs.recipe import BenchRecipe
@@ -148,7 +148,7 @@ def bench_part(
     ConfigError
         If that part is itself behind ROS 2.
     """
-    if isinstance(settings.stage if part == "stage" else settings.receiver, RosStage | RosReceiver):
+    if isinstance(settings.stage if part == "stage" else settings.receiver, Ros2StageSettings | RosReceiver):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
     devices = OpenDevices(settings, names=("stage",) if part == "stage" else ("laser",))
     try:

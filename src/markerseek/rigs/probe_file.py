@@ -87,7 +87,7 @@ def probe_facts(preset: ProbePreset) -> dict[str, Any]:
     }
 
 
-def completed_by(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
+def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
     """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them.
 
     Raises

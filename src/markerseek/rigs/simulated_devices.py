@@ -43,7 +43,7 @@ def require_seed(seed: SupportsIndex) -> int:
     return operator.index(seed)
 
 
-def in_world(
+def rig_in_world(
     world: SimulatedWorld,
     settings: SimulatedSettings,
     *,
@@ -162,7 +162,7 @@ def of_intensities(
     world = CurveWorld.of_settings(
         settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng, noise_stated=noise_stated
     )
-    rig = in_world(
+    rig = rig_in_world(
         world,
         settings,
         clock=VirtualClock(),

@@ -17,7 +17,7 @@ from markerseek.rigs.recipe import SimulatedRecipe
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.rig_file import read_simulated
 from markerseek.rigs.scene import Scene, draw_marker, draw_scene
-from markerseek.rigs.simulated_devices import in_world, require_seed
+from markerseek.rigs.simulated_devices import require_seed, rig_in_world
 from markerseek.rigs.spot import image_reader
 from markerseek.signals import AnyImageReader, ProbePreset, SpareReader
 from markerseek.sim import (
@@ -110,7 +110,7 @@ def simulated(
     if swing is not None:
         seen = MovingWorld(seen, swing)
         description += f", moving at {swing.speed_deg_s:g} deg/s"
-    return in_world(
+    return rig_in_world(
         seen,
         settings,
         clock=VirtualClock(pace=pace, beat=beat),
@@ -173,7 +173,7 @@ def _tip_rig(seed: int, settings: SimulatedSettings, *, pace: float, rng: np.ran
     world = _b_mode_world(settings, marker, rng, b_mode=settings.b_mode, tip=settings.marker.present)
     tip = TipSettings(dynamic_range_db=settings.b_mode.dynamic_range_db)
     reader = TipReader(tip)
-    rig = in_world(
+    rig = rig_in_world(
         world,
         settings,
         clock=VirtualClock(pace=pace),

@@ -1,4 +1,6 @@
-"""ROS 2: a node over rclpy, the messages of a rig, and the names of its topics.
+"""ROS 2 for drivers and bridges: a node over rclpy, the messages of a rig, and the names of its topics.
+
+The nodes that users start are in `markerseek.bridges.ros2`.
 
 rclpy is imported by `markerseek.ros.node` alone, when a node is made; `messages` works without it, for exports.
 """

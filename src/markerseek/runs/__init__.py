@@ -1,4 +1,4 @@
-"""What happens on a rig over time: a search kept in a journal, a search resumed, a bank scanned, a journal recomputed.
+"""What happens on a rig over time: searches kept in a journal and resumed, scans of banks, tracking, registration.
 
 `markerseek.rigs` only assembles rigs. The commands and the studies start here.
 """

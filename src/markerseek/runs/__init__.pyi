@@ -1,4 +1,4 @@
-from .bank_images import bank_curve, bank_image, bank_images, bank_samples, dark_intensity, described
+from .bank_images import bank_curve, bank_facts, bank_image, bank_images, bank_samples, dark_intensity
 from .bank_of_journal import journal_bank
 from .bank_scan import scan_angles, scan_bank, scan_configuration
 from .calibration_scan import Calibration, calibrate
@@ -8,7 +8,7 @@ from .points import point_pairs
 from .rebuild import next_angle, rebuild_image_reader, rebuild_policy, rebuild_reader, rebuild_rig, recorded_bench
 from .recheck import samples_to_recheck
 from .recompute import differences
-from .registration import UNDER_M, PointPair, RegistrationReport, register_pairs
+from .registration import TARGET_DEPTH_M, PointPair, RegistrationReport, register_pairs
 from .registration_file import KnownRegistration, read_registration
 from .resume import require_reset
 from .same_bench import require_same_measurement
@@ -25,7 +25,7 @@ from .tracking import TrackQuality, follow, following, quality_of, stage_period_
 __all__ = [
     "GRID_STEP_M",
     "MARKER_PLACES",
-    "UNDER_M",
+    "TARGET_DEPTH_M",
     "Calibration",
     "KnownRegistration",
     "PointPair",
@@ -35,13 +35,13 @@ __all__ = [
     "SimulatedTruth",
     "TrackQuality",
     "bank_curve",
+    "bank_facts",
     "bank_image",
     "bank_images",
     "bank_samples",
     "calibrate",
     "configuration_of",
     "dark_intensity",
-    "described",
     "differences",
     "follow",
     "following",

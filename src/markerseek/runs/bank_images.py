@@ -104,7 +104,7 @@ def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset 
         raise RecordError(f"a dark frame: {problem}") from problem
 
 
-def described(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> BankFacts:
+def bank_facts(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> BankFacts:
     """Facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts

@@ -9,9 +9,9 @@ import numpy as np
 
 from markerseek.calibration import (
     RECEIVED_RATIO,
+    Fitted,
     Geometry,
-    Value,
-    Waves,
+    SourceWaves,
     apex_s,
     fit_geometry,
     fit_moveout,
@@ -44,7 +44,7 @@ class Calibration:
     """
 
     geometry: Geometry
-    noise_sigma: Value
+    noise_sigma: Fitted
     frames: int
     waves: int
 
@@ -99,7 +99,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     # All waves are aligned with the strongest one, whose arrival time is the most certain.
     strongest_wave = max((wave for _, wave in received), key=lambda wave: float(np.abs(wave.wave).max()))
     plane_s = apex_s(strongest_wave.arrival_s, element_m, moveout)
-    waves = Waves(
+    waves = SourceWaves(
         angle_deg=np.array([angle_deg for angle_deg, _ in received]),
         arrival_s=np.array([apex_s(wave.arrival_s, element_m, moveout, plane_s=plane_s) for _, wave in received]),
         wave=np.array([wave.wave for _, wave in received]),
@@ -110,7 +110,7 @@ def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
     require_delays(waves, geometry)
     return Calibration(
         geometry=geometry,
-        noise_sigma=Value(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
+        noise_sigma=Fitted(value=float(noise.mean()), sigma=float(noise.std(ddof=1) / np.sqrt(len(noise)))),
         frames=len(frames),
         waves=len(received),
     )

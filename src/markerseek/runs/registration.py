@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, Float64
-from markerseek.geometry import LeftOut, Registration, leave_one_out, mirror_image_fre, register_points
+from markerseek.geometry import LeaveOneOut, Registration, leave_one_out, mirror_image_fre, register_points
 
 MOST_FRE_M = 5e-3
 """Largest fiducial registration error in metres with which a registration is accepted."""
@@ -21,7 +21,7 @@ MIRROR_SHARE, MIRROR_FRE_M = 0.5, 1e-3
 above twice what the sigmas let expect. Nearly flat points fit a mirror image about equally well, by chance even better.
 """
 
-UNDER_M = 20e-3
+TARGET_DEPTH_M = 20e-3
 """Usual target: this far under the middle of the points, towards the axis of the probe, in metres."""
 
 
@@ -107,7 +107,7 @@ def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None =
     pairs
         The points; at least three that are not on a line.
     target_trus_m
-        Where the error is wanted, in the TRUS frame in metres; None: `UNDER_M` under the middle of the points.
+        Where the error is wanted, in the TRUS frame in metres; None: `TARGET_DEPTH_M` under the middle of the points.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def register_pairs(pairs: Sequence[PointPair], *, target_trus_m: Triple | None =
     )
 
 
-def _worst(found: Registration, left_out: Sequence[LeftOut | None]) -> int:
+def _worst(found: Registration, left_out: Sequence[LeaveOneOut | None]) -> int:
     """Point without which the others fit best; the largest residual where no point can be left out."""
     fits = [(out.fre_m, number) for number, out in enumerate(left_out) if out is not None]
     # With four points each rest of three fits well, so that the residual says more.
@@ -191,7 +191,7 @@ def _under(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
     """Usual target: under the middle of the points, towards the axis."""
     x, y, z = trus_m.mean(axis=0).tolist()
     radius_m = float(np.hypot(x, z))
-    share = max(radius_m - UNDER_M, 0.0) / radius_m if radius_m > 0 else 0.0
+    share = max(radius_m - TARGET_DEPTH_M, 0.0) / radius_m if radius_m > 0 else 0.0
     return share * x, y, share * z
 
 

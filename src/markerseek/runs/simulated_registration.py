@@ -16,8 +16,8 @@ from markerseek.records import SearchResult
 from markerseek.rigs import simulated
 from markerseek.runs.registration import PointPair, RegistrationReport, register_pairs
 from markerseek.runs.session import new_session, plan_on
-from markerseek.sim import EndoscopeSettings, SimulatedSettings, endoscope, facing, spot_images
-from markerseek.vision import Spot, find_spot
+from markerseek.sim import EndoscopeSettings, SimulatedSettings, camera_above, endoscope, spot_images
+from markerseek.vision import LaserSpot, find_spot
 
 GRID_STEP_M, RELIEF_M = 20e-3, 5e-3
 """Step of the paper's 3 x 3 grid of markers, and the range of the heights of the tissue."""
@@ -123,7 +123,7 @@ def simulate_registration(
     places = GRID_STEP_M * np.array(MARKER_PLACES[scene.markers], dtype=float)
     radius_m = scene.rig.marker.radius_m
     spots_m = np.column_stack([places, radius_m + RELIEF_M * rng.uniform(-0.5, 0.5, len(places))])
-    true = facing(
+    true = camera_above(
         np.array([0.0, 0.0, radius_m]),
         distance_m=scene.camera_m,
         roll_deg=rng.uniform(0, 360),
@@ -213,7 +213,7 @@ def _seen(
     for camera, exact in zip((cameras.left, cameras.right), cameras.project(spot_m[None]), strict=True):
         place = exact[0] + settings.calibration_sigma_px * rng.standard_normal(2)
         answer = find_spot(spot_images(place, size_px=camera.size_px, settings=settings, rng=rng))
-        if not isinstance(answer, Spot):
+        if not isinstance(answer, LaserSpot):
             raise ConfigError(f"the simulated camera: {answer.reason}")
         found.append(answer)
     left, right = (np.array([[spot.x_px, spot.y_px]]) for spot in found)

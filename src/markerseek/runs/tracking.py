@@ -11,7 +11,7 @@ import numpy as np
 from markerseek.core import Event, Found, Sample, SearchError
 from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, run
-from markerseek.search import FLANK_SHARE, Following, Tracker
+from markerseek.search import FLANK_SHARE, Tracker, TrackingPolicy
 from markerseek.sim import TURN_S, StageMotion, Swing
 
 MOST_FRAMES = 20_000
@@ -82,7 +82,7 @@ def stage_period_s(motion: StageMotion, *, fwhm_deg: float, speed_deg_s: float, 
 
 def following(
     rig: Rig, found: Found, confirmation: Sample, *, speed_deg_s: float, duration_s: float, period_s: float
-) -> Following:
+) -> TrackingPolicy:
     """Policy that follows a marker from now on.
 
     Parameters
@@ -120,10 +120,10 @@ def following(
         most_speed_deg_s=1.5 * speed_deg_s,
         acceleration_deg_s2=2 * speed_deg_s / TURN_S,
     )
-    return Following(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
+    return TrackingPolicy(tracker, began_s=now_s, until_s=now_s + duration_s, period_s=period_s)
 
 
-def follow(rig: Rig, policy: Following, swing: Swing) -> Generator[Event, None, None]:
+def follow(rig: Rig, policy: TrackingPolicy, swing: Swing) -> Generator[Event, None, None]:
     """Let the marker of a `MovingWorld` move by its swing, and follow it: the events of `markerseek.scan.run`.
 
     The guard permits each move and each firing, as in a search.
@@ -132,7 +132,7 @@ def follow(rig: Rig, policy: Following, swing: Swing) -> Generator[Event, None, 
     yield from run(policy, rig.scanner, stay=True, limits=RunLimits(acquisitions=MOST_FRAMES))
 
 
-def quality_of(policy: Following, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
+def quality_of(policy: TrackingPolicy, swing: Swing, *, rest_deg: float) -> TrackQuality | None:
     """Quality of a track after the run, with the marker's angle at rest in degrees; None if there was no frame."""
     if not policy.track:
         return None

@@ -1,4 +1,7 @@
-"""The measuring loop: `Scanner` takes one acquisition at one angle, `run` drives a policy over it."""
+"""The measuring loop: `Scanner` takes one acquisition at one angle, `run` drives a policy over it.
+
+A recorded scan over all angles is a bank (`markerseek.records.banks`).
+"""
 
 from markerseek.scan.confirmation import SEEN_SIGMAS, moved_source
 from markerseek.scan.loop import AnyScanner, RunLimits, run

@@ -8,7 +8,6 @@ from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import FALSE_FOUND, noise_of
-from markerseek.search.following import Following, TrackPoint
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
@@ -16,6 +15,7 @@ from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
 from markerseek.search.tracking import FLANK_SHARE, Tracker
+from markerseek.search.tracking_policy import TrackingPolicy, TrackPoint
 
 __all__ = [
     "FALSE_FOUND",
@@ -27,7 +27,6 @@ __all__ = [
     "BracketSearch",
     "Curve",
     "Exhaustive",
-    "Following",
     "Guarded",
     "Method",
     "Peak",
@@ -35,6 +34,7 @@ __all__ = [
     "SearchPolicy",
     "TrackPoint",
     "Tracker",
+    "TrackingPolicy",
     "WeightedAverage",
     "build",
     "check_acquisitions",

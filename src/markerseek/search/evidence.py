@@ -12,7 +12,7 @@ import numpy as np
 
 from markerseek.core import Found, Interval, Sample
 from markerseek.search.curve import Curve, curve_of
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 
 UNKNOWN_RATIO = 10.0
 """Where the floor is unknown, the largest sample must be this many times the smallest."""
@@ -36,7 +36,7 @@ CONTRADICTION_SHARE = 0.8
 """Samples next to the answer must reach this share of the largest; noise-free unimodal curves do."""
 
 
-def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Noise) -> str | None:
+def missing_evidence(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: SearchNoise) -> str | None:
     """Return why the samples are no evidence of a marker, as a message; None if they are."""
     if not lit:
         return "nothing has been measured yet"
@@ -128,7 +128,7 @@ def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Li
     return side if to_end_deg <= 0.75 * abs(float(curve.angle_deg[top] - neighbour_deg)) else None
 
 
-def contradiction(lit: Sequence[Sample], *, mean_deg: float, noise: Noise) -> str | None:
+def contradiction(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise) -> str | None:
     """Return why the answer does not fit the samples, in words; None if it does.
 
     Next to the maximum of a unimodal curve lies its largest sample or one nearly as large. An average that falls

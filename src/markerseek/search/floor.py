@@ -47,7 +47,7 @@ QUARTILE_ANGLES = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
+class SearchNoise:
     """Noise of a search.
 
     Attributes
@@ -67,7 +67,7 @@ def noise_factor(*, cells: int, frames: int, false_found: float = FALSE_FOUND) -
     return math.sqrt(2 * math.log(max(1, cells) * max(1, frames) / false_found))
 
 
-def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> Noise:
+def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoise:
     """Return the noise of a search from its samples, by the best source that they allow.
 
     Parameters
@@ -86,11 +86,11 @@ def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> Noise:
         cells = _cells(lit, otherwise=FEWEST_CELLS)
         most = _lower_quartile(curve) / _quantile_factor(0.25, cells=cells)
         level = most * noise_factor(cells=cells, frames=len(lit))
-        return Noise(floor=Floor(level=level, source="lower quartile"), sigma=min(most, _roughness(curve)))
-    return Noise(floor=Floor(level=None, source="unknown"), sigma=None)
+        return SearchNoise(floor=Floor(level=level, source="lower quartile"), sigma=min(most, _roughness(curve)))
+    return SearchNoise(floor=Floor(level=None, source="unknown"), sigma=None)
 
 
-def _from_dark(dark: Sequence[Sample], *, frames: int) -> Noise:
+def _from_dark(dark: Sequence[Sample], *, frames: int) -> SearchNoise:
     largest = max(sample.reading.intensity for sample in dark)
     sigmas = [sample.reading.noise_sigma for sample in dark if sample.reading.noise_sigma is not None]
     if sigmas:
@@ -100,16 +100,16 @@ def _from_dark(dark: Sequence[Sample], *, frames: int) -> Noise:
         cells = _cells(dark, otherwise=FEWEST_CELLS)
         sigma = largest / _quantile_factor(0.5, cells=cells)
     level = max(largest, sigma * noise_factor(cells=cells, frames=frames))
-    return Noise(floor=Floor(level=level, source="dark frames"), sigma=sigma)
+    return SearchNoise(floor=Floor(level=level, source="dark frames"), sigma=sigma)
 
 
-def _from_frames(lit: Sequence[Sample]) -> Noise:
+def _from_frames(lit: Sequence[Sample]) -> SearchNoise:
     sigmas = [sample.reading.noise_sigma or 0.0 for sample in lit]
     # A burst raises the noise of its own frame: the strongest frame's σ counts if it is larger.
     strongest = max(range(len(lit)), key=lambda index: lit[index].reading.intensity)
     sigma = max(float(np.median(sigmas)), sigmas[strongest])
     level = sigma * noise_factor(cells=_cells(lit, otherwise=MOST_CELLS), frames=len(lit))
-    return Noise(floor=Floor(level=level, source="noise of the frames"), sigma=sigma)
+    return SearchNoise(floor=Floor(level=level, source="noise of the frames"), sigma=sigma)
 
 
 def _cells(samples: Sequence[Sample], *, otherwise: int) -> int:

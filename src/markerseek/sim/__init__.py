@@ -4,7 +4,7 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 """
 
 from markerseek.sim.bmode import BModeSettings, BModeWorld
-from markerseek.sim.camera import EndoscopeSettings, endoscope, facing, spot_images
+from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, spot_images
 from markerseek.sim.checkpoint import SimulatedState
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld, largest_noise
@@ -65,9 +65,9 @@ __all__ = [
     "TwoHumps",
     "VirtualClock",
     "World",
+    "camera_above",
     "changed_settings",
     "endoscope",
-    "facing",
     "flash_of",
     "hashable_values",
     "largest_noise",

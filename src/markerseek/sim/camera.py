@@ -35,7 +35,7 @@ def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCamera
     )
 
 
-def facing(
+def camera_above(
     middle_m: Float64[np.ndarray, " 3"], *, distance_m: float, roll_deg: float, tilt_deg: float = 0.0
 ) -> RigidTransform:
     """Where a camera stands that looks at a point of the TRUS frame from above: the transform ``DaVinciToTrus``.

@@ -1,9 +1,9 @@
 from .bound import BoundComparison, compare_with_bound, mean_bounds
 from .bound_figure import error_figure
 from .policies import PolicySettings
-from .runner import Finish, run_study
+from .runner import FinishedStudy, run_study
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
-from .settings import Axis, CurveSettings, World
+from .settings import Axis, CellWorld, CurveSettings
 from .statistics import Mean, Share
 from .study import Cell, Study, cells
 from .study_file import read_study
@@ -19,10 +19,11 @@ __all__ = [
     "Axis",
     "BoundComparison",
     "Cell",
+    "CellWorld",
     "ClutterAround",
     "CurveSettings",
     "Difference",
-    "Finish",
+    "FinishedStudy",
     "Mean",
     "PolicySettings",
     "PolicySummary",
@@ -35,7 +36,6 @@ __all__ = [
     "Summary",
     "Track",
     "TwoSources",
-    "World",
     "cells",
     "columns",
     "compare_with_bound",

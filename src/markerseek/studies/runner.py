@@ -37,7 +37,7 @@ Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finish:
+class FinishedStudy:
     """A study that has been run.
 
     Attributes
@@ -59,7 +59,7 @@ def run_study(
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Finish:
+) -> FinishedStudy:
     """Run a study, or the rest of it, and summarise it.
 
     Parameters
@@ -101,7 +101,7 @@ def run_study(
         # Last: however a run ends before this line, parts or table are there to continue from.
         shutil.rmtree(folder / PARTS)
         summary = _read(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
-        return Finish(rows=folder / ROWS, summary=summary)
+        return FinishedStudy(rows=folder / ROWS, summary=summary)
 
 
 def _read(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:

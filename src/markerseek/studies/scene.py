@@ -128,7 +128,7 @@ class DrawnScene:
     reverberation: Reverberation | None = None
 
 
-def draw_scene(settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> DrawnScene:
+def draw_beside(settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> DrawnScene:
     """Draw what is beside a marker.
 
     Parameters

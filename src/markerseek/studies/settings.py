@@ -65,7 +65,7 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class World:
+class CellWorld:
     """All settings of one cell."""
 
     curve: CurveSettings

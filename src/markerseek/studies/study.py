@@ -29,7 +29,7 @@ from markerseek.files import in_words, require_choice, require_key
 from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.studies.policies import PolicySettings
 from markerseek.studies.scene import SceneSettings
-from markerseek.studies.settings import Axis, CurveSettings, Value, World
+from markerseek.studies.settings import Axis, CellWorld, CurveSettings, Value
 
 VERSION = 1
 """Version of the form of a study."""
@@ -140,7 +140,7 @@ class Cell:
 
     index: int
     varied: tuple[tuple[str, Value], ...]
-    world: World
+    world: CellWorld
     digest: int
 
 
@@ -162,7 +162,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
     """
     made = []
     for index, values in enumerate(itertools.product(*(axis.values for axis in study.vary))):
-        world = World(curve=study.curve, rig=study.rig, scene=study.scene)
+        world = CellWorld(curve=study.curve, rig=study.rig, scene=study.scene)
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key.split("."), value, whole=key)
@@ -187,7 +187,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
     return tuple(made)
 
 
-def _of_the_first_version(world: World) -> dict[str, typing.Any]:
+def _of_the_first_version(world: CellWorld) -> dict[str, typing.Any]:
     """Settings of a world as the first version had them, so that its trials keep their seeds, and so their markers.
 
     A setting that came later counts only where it is used.
@@ -200,7 +200,7 @@ def _of_the_first_version(world: World) -> dict[str, typing.Any]:
     return settings
 
 
-def _require_scene(study: Study, world: World) -> None:
+def _require_scene(study: Study, world: CellWorld) -> None:
     """Refuse a scene that the level of the study does not draw."""
     if world.scene == SceneSettings():
         return

@@ -11,8 +11,16 @@ import numpy as np
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel
 from markerseek.core import Reader
-from markerseek.rigs import Scene, image_peak, image_reader, in_world, largest_count, scene_curve, scene_of
-from markerseek.rigs import draw_scene as draw_rig_scene
+from markerseek.rigs import (
+    Scene,
+    draw_scene,
+    image_peak,
+    image_reader,
+    largest_count,
+    rig_in_world,
+    scene_curve,
+    scene_of,
+)
 from markerseek.sim import (
     GaussianCurve,
     IntensityCurve,
@@ -28,7 +36,7 @@ from markerseek.sim import (
     World,
     tissue_named,
 )
-from markerseek.studies.scene import DrawnScene, draw_scene
+from markerseek.studies.scene import DrawnScene, draw_beside
 from markerseek.studies.settings import CurveSettings
 from markerseek.studies.study import Cell, Study
 from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns
@@ -95,7 +103,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
         unknowns = draw_unknowns(rng, marker_deg=marker_deg, lateral_m=lateral_m, receiver=receiver)
     # Only its angle and lateral position are known where nothing else is drawn, and nothing else is needed.
     beside = Absorber(radius_m=marker.radius_m, angle_deg=marker_deg, lateral_m=lateral_m)
-    scene = draw_scene(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
+    scene = draw_beside(world.scene, rng, marker=beside if unknowns is None else unknowns.marker, limits=search)
     return Draw(
         marker_deg=marker_deg,
         lateral_m=lateral_m,
@@ -183,7 +191,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     else:
         reader = PrecomputedReader()
         world = WindowWorld(window_of(unknowns, settings.limits.travel), settings, rng=rng)
-    return in_world(
+    return rig_in_world(
         world,
         settings,
         clock=VirtualClock(),
@@ -269,4 +277,4 @@ def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
 @lru_cache(maxsize=256)
 def _acoustic_curve(rig: SimulatedSettings, seed: int, draw: int) -> tuple[RecordedCurve, int]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(draw,)))
-    return scene_curve(draw_rig_scene(rig, rng))
+    return scene_curve(draw_scene(rig, rng))

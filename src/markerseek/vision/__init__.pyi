@@ -1,14 +1,14 @@
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
-from .spot import NoSpot, Spot, SpotAnswer, TwoSpots, find_spot
+from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
 from .tip_reader import TipReader, TipSettings
 from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
+    "LaserSpot",
     "NoSpot",
     "Rectangle",
     "SensitiveRange",
-    "Spot",
     "SpotAnswer",
     "Tip",
     "TipFrame",

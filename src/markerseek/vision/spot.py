@@ -43,7 +43,7 @@ _PURPOSE = "finding the laser spot in camera images"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
+class LaserSpot:
     """The laser spot.
 
     Attributes
@@ -86,7 +86,7 @@ class TwoSpots:
         )
 
 
-SpotAnswer: TypeAlias = Spot | NoSpot | TwoSpots
+SpotAnswer: TypeAlias = LaserSpot | NoSpot | TwoSpots
 """What a camera's images say."""
 
 
@@ -190,7 +190,7 @@ def _centroids(
         )
     x_px, y_px = np.mean(places, axis=0).tolist()
     if len(places) < 3:
-        return Spot(x_px=x_px, y_px=y_px, sigma_px=None, frames=len(places))
+        return LaserSpot(x_px=x_px, y_px=y_px, sigma_px=None, frames=len(places))
     scatter_px = float(np.sqrt(np.mean(np.var(places, axis=0, ddof=1))))
     if not scatter_px <= MOST_MOTION_PX:
         return NoSpot(
@@ -199,7 +199,7 @@ def _centroids(
         )
     # A rounded centroid of identical frames would have no scatter at all.
     sigma_px = max(scatter_px, 0.01) / float(np.sqrt(len(places)))
-    return Spot(x_px=x_px, y_px=y_px, sigma_px=sigma_px, frames=len(places))
+    return LaserSpot(x_px=x_px, y_px=y_px, sigma_px=sigma_px, frames=len(places))
 
 
 def _centroid(

@@ -1,11 +1,11 @@
-from .commands import Answer, Request
+from .commands import CommandAnswer, Request
 from .server import PORT, IgtlServer
 from .service import SearchService
 from .streams import Stream, Streams
 
 __all__ = [
     "PORT",
-    "Answer",
+    "CommandAnswer",
     "IgtlServer",
     "Request",
     "SearchService",

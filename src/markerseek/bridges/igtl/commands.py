@@ -32,7 +32,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class CommandAnswer:
     """Whether a command is carried out, and a sentence."""
 
     done: bool
@@ -74,7 +74,7 @@ def read_request(message: igtl.Message) -> Request:
     return Request(name=name, values=values)
 
 
-def answer_message(asked: igtl.Message, answer: Answer, *, time_s: float) -> igtl.Message:
+def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float) -> igtl.Message:
     """Answer to a command, in the form and the header version in which it was asked."""
     status = "SUCCESS" if answer.done else "FAIL"
     # The sentence may repeat what was sent, and the protocol limits the length.

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from markerseek.bridges.igtl.commands import Answer, Request, answer_message, is_command, read_request
+from markerseek.bridges.igtl.commands import CommandAnswer, Request, answer_message, is_command, read_request
 from markerseek.bridges.igtl.peer import Peer
 from markerseek.bridges.igtl.streams import Stream
 from markerseek.core import ConfigError
@@ -42,7 +42,7 @@ class IgtlServer:
     def __init__(
         self,
         *,
-        on_request: Callable[[Request], Answer],
+        on_request: Callable[[Request], CommandAnswer],
         version: Literal[1, 2] = 2,
         on_note: Callable[[str], None] = lambda _sentence: None,
     ) -> None:
@@ -138,6 +138,6 @@ class IgtlServer:
             request = read_request(message)
             answer = self._on_request(request)
         except ConfigError as refusal:
-            answer = Answer(done=False, sentence=str(refusal))
+            answer = CommandAnswer(done=False, sentence=str(refusal))
         now_s = time.time()  # noqa: TID251
         peer.answer(igtl.encode(answer_message(message, answer, time_s=now_s)))

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from typing import Literal, TypeVar
 
 from markerseek.bridges.child import ChildRun
-from markerseek.bridges.igtl.commands import Answer, Request, search_request
+from markerseek.bridges.igtl.commands import CommandAnswer, Request, search_request
 from markerseek.bridges.igtl.server import IgtlServer
 from markerseek.bridges.igtl.streams import MARKER, MARKER_POSITION, Stream, Streams
 from markerseek.bridges.recordings import Recording
@@ -83,7 +83,7 @@ class SearchService:
             await asyncio.sleep(ALIVE_S)
             self._publish([self._streams.status])
 
-    def _requested(self, request: Request) -> Answer:
+    def _requested(self, request: Request) -> CommandAnswer:
         match request.name:
             case "StartSearch":
                 return self._start(request)
@@ -91,19 +91,19 @@ class SearchService:
                 return self._stop(request)
         raise ConfigError(f"there is no command {request.name[:80]!r}; there are StartSearch and StopSearch")
 
-    def _start(self, request: Request) -> Answer:
+    def _start(self, request: Request) -> CommandAnswer:
         if self._searches is None:
             raise ConfigError("this bridge plays a recording; start markerseek igtl without --play to search")
         wanted = search_request(request.values)
         if self._following is not None and not self._following.done():
-            return Answer(done=False, sentence="a search is running; send StopSearch, or wait for its end")
+            return CommandAnswer(done=False, sentence="a search is running; send StopSearch, or wait for its end")
         try:
             child = self._searches.start(wanted)
         except SearchError as refusal:
-            return Answer(done=False, sentence=str(refusal))
+            return CommandAnswer(done=False, sentence=str(refusal))
         self._begin()
         self._following = asyncio.create_task(self._follow(child))
-        return Answer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
+        return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch tell of it")
 
     async def play(self, recording: Recording, *, pace: float) -> None:
         """Send a recording once, with its own timing.
@@ -133,12 +133,12 @@ class SearchService:
         self.server.forget(MARKER, MARKER_POSITION)
         self._publish(self._streams.started())
 
-    def _stop(self, request: Request) -> Answer:
+    def _stop(self, request: Request) -> CommandAnswer:
         if request.values:
             raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
         if self._searches is not None and self._searches.cancel():
-            return Answer(done=True, sentence="the search is being stopped")
-        return Answer(done=False, sentence="no search is running")
+            return CommandAnswer(done=True, sentence="the search is being stopped")
+        return CommandAnswer(done=False, sentence="no search is running")
 
     async def _follow(self, child: ChildRun) -> None:
         """Send what a search shows, to its end."""

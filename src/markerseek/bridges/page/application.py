@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI, Request, Response
 from nicegui import Client, ui
 
-from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
@@ -25,7 +25,7 @@ WATCH_S = 0.5
 """Time between two looks whether anybody watches, in seconds."""
 
 
-def page_application(desk: Desk, *, unwatched_s: float) -> App:
+def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
     """The application with all pages.
 
     Parameters
@@ -40,35 +40,35 @@ def page_application(desk: Desk, *, unwatched_s: float) -> App:
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         # No thread of the event loop, which would wait for it at its end.
         threading.Thread(target=warm_up, name="warm up", daemon=True).start()
-        watching = asyncio.create_task(_stop_unwatched(desk, unwatched_s))
+        watching = asyncio.create_task(_stop_unwatched(searches, unwatched_s))
         yield
         watching.cancel()
         # Before the server hands its signal on, which may end the process at once.
-        await asyncio.to_thread(desk.close)
+        await asyncio.to_thread(searches.close)
 
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
 
     @application.post("/stop")
     def stop() -> Response:
         """STOP, by a plain request: it needs no connection of NiceGUI."""
-        desk.stop()
+        searches.stop()
         return Response(status_code=204)
 
     @ui.page("/")
     def search(request: Request) -> None:
-        build_search_page(desk, _settings(request))
+        build_search_page(searches, _settings(request))
 
     @ui.page("/race")
     def race(request: Request) -> None:
-        build_race_page(desk, _settings(request))
+        build_race_page(searches, _settings(request))
 
     @ui.page("/turn")
     def turn() -> None:
-        build_turn_page(desk)
+        build_turn_page(searches)
 
     @ui.page("/replay")
     def replay() -> None:
-        ReplayPage(desk)
+        ReplayPage(searches)
 
     ui.run_with(
         application,
@@ -94,12 +94,12 @@ def _settings(request: Request) -> PageSettings:
         return PageSettings()
 
 
-async def _stop_unwatched(desk: Desk, unwatched_s: float) -> None:
+async def _stop_unwatched(searches: PageSearches, unwatched_s: float) -> None:
     """Stop searches that nobody watches."""
     watched_s = time.monotonic()
     while True:
         await asyncio.sleep(WATCH_S)
-        if any(client.has_socket_connection for client in Client.instances.values()) or not desk.busy:
+        if any(client.has_socket_connection for client in Client.instances.values()) or not searches.busy:
             watched_s = time.monotonic()
         elif time.monotonic() - watched_s > unwatched_s:
-            desk.stop()
+            searches.stop()

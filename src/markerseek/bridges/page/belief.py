@@ -32,7 +32,7 @@ _NONE: Float64[np.ndarray, " 0"] = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Belief:
+class ShownBelief:
     """Where the marker is, as far as a search knows.
 
     Attributes
@@ -140,7 +140,7 @@ class PolicyMirror:
         if isinstance(self._policy, ConfirmablePolicy):
             self._policy.confirm(sample)
 
-    def belief(self) -> Belief | None:
+    def belief(self) -> ShownBelief | None:
         """What follows from the samples so far; None before the first with light."""
         if not self._intensities:
             return None
@@ -148,7 +148,7 @@ class PolicyMirror:
         if isinstance(self._policy, Posterior):
             return _posterior_belief(self._policy, estimate)
         bracket = None if self._bracket is None else self._bracket.bracket
-        return Belief(
+        return ShownBelief(
             estimate=estimate,
             claims=self._claims,
             bracket_deg=None if bracket is None else (bracket.low_deg, bracket.high_deg),
@@ -163,13 +163,13 @@ def _weights(intensities: list[float]) -> tuple[float, ...]:
     return tuple(share if share >= THRESHOLD else 0.0 for share in shares)
 
 
-def _posterior_belief(policy: Posterior, estimate: Estimate) -> Belief:
+def _posterior_belief(policy: Posterior, estimate: Estimate) -> ShownBelief:
     public = policy.belief
     if public is None:
-        return Belief(estimate=estimate)
+        return ShownBelief(estimate=estimate)
     angles_deg, density = _thinned(public.angles_deg, public.probability / np.diff(public.angles_deg[:2]))
     choice = public.choice
-    return Belief(
+    return ShownBelief(
         estimate=estimate,
         angles_deg=angles_deg,
         density_per_deg=density,

@@ -116,29 +116,29 @@ class SearchControls:
     """
 
     def __init__(self, frame: Frame, settings: PageSettings) -> None:
-        self._desk = frame.desk
+        self._searches = frame.searches
         with ui.element("div").classes("ms-controls"):
-            names = METHOD_FIELDS + (RIG_FIELDS if self._desk.rig.simulated else ())
+            names = METHOD_FIELDS + (RIG_FIELDS if self._searches.rig.simulated else ())
             self._row = SettingsRow(settings, names, on_change=hold_in_link("/"))
             self._start = ui.button("Start", icon="play_arrow").props("dense padding='6px 14px'").mark("start")
             self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
-        frame.on_click(self._start, lambda: self._desk.start(self._row.settings))
+        frame.on_click(self._start, lambda: self._searches.start(self._row.settings))
         frame.on_click(self._pause, self._pause_or_go_on)
 
     def update(self) -> None:
         """Show what can be pressed now."""
-        busy = self._desk.busy
-        paused = not busy and self._desk.paused
+        busy = self._searches.busy
+        paused = not busy and self._searches.paused
         self._start.set_enabled(not busy)
         self._pause.set_enabled(busy or paused)
         self._pause.set_text("Go on" if paused else "Pause")
         self._pause.set_icon("play_arrow" if paused else "pause")
 
     def _pause_or_go_on(self) -> None:
-        if self._desk.busy:
-            self._desk.stop()
+        if self._searches.busy:
+            self._searches.stop()
         else:
-            self._desk.go_on()
+            self._searches.go_on()
 
 
 def hold_in_link(path: str) -> Callable[[PageSettings], None]:

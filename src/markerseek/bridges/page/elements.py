@@ -42,7 +42,7 @@ class Image(ui.element, component="static/image.js"):
             self._props["view"] = model
 
 
-class Beat(ui.element, component="static/beat.js"):
+class Heartbeat(ui.element, component="static/beat.js"):
     """Tells the browser that the program lives; where no beat comes for a second, the page says so."""
 
     def __init__(self, beat: int) -> None:

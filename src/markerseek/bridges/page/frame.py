@@ -13,8 +13,8 @@ from pathlib import Path
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from markerseek.bridges.page.desk import Desk
-from markerseek.bridges.page.elements import Beat
+from markerseek.bridges.page.elements import Heartbeat
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.core import MarkerseekError, RigKind
 
 TICK_S = 0.1
@@ -49,16 +49,16 @@ class Frame:
         Path of this page.
     """
 
-    def __init__(self, desk: Desk, path: str) -> None:
-        self.desk = desk
-        self._news = desk.news.subscribe()
+    def __init__(self, searches: PageSearches, path: str) -> None:
+        self.searches = searches
+        self._news = searches.news.subscribe()
         # Numbers and times of the beats; the first tick sends one, so that a page that has just connected may be used.
         self._beats: deque[tuple[int, float]] = deque([(0, -math.inf)], maxlen=64)
         self._update: Callable[[], None] = lambda: None
         ui.page_title(f"markerseek: {_PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
-        self._beat = Beat(0)
+        self._beat = Heartbeat(0)
         with ui.element("header").classes("ms-head"):
             ui.label("markerseek").classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
@@ -71,7 +71,7 @@ class Frame:
                 "click", js_handler="() => window.markerseekStop()"
             ).mark("stop").props('innerHTML="STOP"')
         self._banner = ui.label("").mark("banner")
-        self.show_kind("simulated" if desk.rig.simulated else "bench")
+        self.show_kind("simulated" if searches.rig.simulated else "bench")
 
     def show_kind(self, kind: RigKind, *, emulated: Sequence[str] = ()) -> None:
         """Say in the banner what kind of rig is shown, and which of its devices are emulated."""

@@ -7,10 +7,10 @@ from dataclasses import replace
 from nicegui import ui
 
 from markerseek.bridges.page.controls import METHOD_FIELDS, RIG_FIELDS, SettingsRow, hold_in_link
-from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
 from markerseek.bridges.page.models import angle_text, answer_text
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.panels import FanPanel
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot
@@ -72,7 +72,7 @@ def verdict(runs: tuple[LiveRun, ...]) -> str:
     return f"{winner.configuration.plan.method} is first, after {winner.snapshots[-1].elapsed_s:.0f} s (virtual)"
 
 
-def build_race_page(desk: Desk, settings: PageSettings) -> None:
+def build_race_page(searches: PageSearches, settings: PageSettings) -> None:
     """Build the page for one viewer.
 
     Parameters
@@ -82,8 +82,8 @@ def build_race_page(desk: Desk, settings: PageSettings) -> None:
     settings
         The settings of the rig at first, from the link.
     """
-    frame = Frame(desk, "/race")
-    if not desk.rig.simulated:
+    frame = Frame(searches, "/race")
+    if not searches.rig.simulated:
         ui.label("A race needs two rigs: start markerseek page without --rig.").classes("ms-help")
         frame.run(lambda: None)
         return
@@ -93,14 +93,14 @@ def build_race_page(desk: Desk, settings: PageSettings) -> None:
         verdict_label = ui.label("").classes("ms-answer")
     with ui.element("div").classes("ms-lanes"):
         lanes = [Lane(method) for method in RACERS]
-    frame.on_click(start, lambda: desk.start_race(*(lane.settings(shared.settings) for lane in lanes)))
+    frame.on_click(start, lambda: searches.start_race(*(lane.settings(shared.settings) for lane in lanes)))
 
     def update() -> None:
-        start.set_enabled(not desk.busy)
-        over = all(each.status == "ended" for each in desk.race)
-        for lane, live in zip(lanes, desk.race, strict=False):
+        start.set_enabled(not searches.busy)
+        over = all(each.status == "ended" for each in searches.race)
+        for lane, live in zip(lanes, searches.race, strict=False):
             lane.show(live, reveal=over)
-        verdict_label.set_text(verdict(desk.race))
-        frame.show_status("ready" if not desk.race else "over" if over else "running")
+        verdict_label.set_text(verdict(searches.race))
+        frame.show_status("ready" if not searches.race else "over" if over else "running")
 
     frame.run(update)

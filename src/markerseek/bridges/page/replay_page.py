@@ -10,9 +10,9 @@ import msgspec
 from nicegui import run, ui
 
 from markerseek.bridges.page.controls import METHOD_FIELDS, SettingsRow
-from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.timeline import RunView
@@ -30,16 +30,16 @@ class ReplayPage:
         What all viewers share.
     """
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, searches: PageSearches) -> None:
+        self._searches = searches
         self._run: WatchedRun | None = None
         self._live: LiveRun | None = None
         self._answer: Mapping[str, Any] | None = None
         self._journal: Path | None = None
         self._message = "choose a recording"
-        self._frame = Frame(desk, "/replay")
+        self._frame = Frame(searches, "/replay")
         # Names only: the browser never sends a path.
-        self._recordings = desk.recordings()
+        self._recordings = searches.recordings()
         with ui.element("div").classes("ms-controls"):
             self._chosen = ui.select(
                 list(self._recordings), label="recording", with_input=True, on_change=self._choose
@@ -84,7 +84,7 @@ class ReplayPage:
 
     def _search_bank(self) -> None:
         self._show_nothing()
-        self._live = self._desk.replay(self._chosen.value, self._row.settings)
+        self._live = self._searches.replay(self._chosen.value, self._row.settings)
 
     def _update(self) -> None:
         if self._live is not None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from markerseek.bridges.page.controls import SearchControls
-from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.frame import Frame
 from markerseek.bridges.page.live import LiveRun
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.results import ResultRow
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.timeline import RunView
 
 
-def build_search_page(desk: Desk, settings: PageSettings) -> None:
+def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
     """Build the page for one viewer.
 
     Parameters
@@ -21,7 +21,7 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
     settings
         The settings at first, from the link.
     """
-    frame = Frame(desk, "/")
+    frame = Frame(searches, "/")
     controls = SearchControls(frame, settings)
     view = RunView()
     results = ResultRow()
@@ -30,14 +30,14 @@ def build_search_page(desk: Desk, settings: PageSettings) -> None:
     def update() -> None:
         nonlocal shown
         controls.update()
-        live = desk.search
+        live = searches.search
         # A search that goes on has the journal of the one before.
         if shown is not None and live is not None and live.journal != shown.journal:
             view.clear()
         shown = live
         outcome = None if live is None else live.outcome
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
-        frame.show_status(status_text(live, simulated=desk.rig.simulated), alarms=live is not None and live.failed)
+        frame.show_status(status_text(live, simulated=searches.rig.simulated), alarms=live is not None and live.failed)
         if live is None or live.run is None:
             return
         run = live.run

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from markerseek.bridges.page.desk import Desk
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.security import BODY_BYTES, TOKEN_PARAMETER, Access, SecurityLayer
 from markerseek.core import ConfigError, needs_package
 
@@ -100,7 +100,7 @@ class Address:
         return listener
 
 
-def serve(desk: Desk, address: Address, *, on_ready: Callable[[str], None]) -> None:
+def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; searches that run then are stopped.
 
     Parameters
@@ -130,7 +130,7 @@ def serve(desk: Desk, address: Address, *, on_ready: Callable[[str], None]) -> N
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             super().handle_exit(sig, frame)
             # In a thread, and not here: what the signal has interrupted may hold a lock.
-            closing = threading.Thread(target=desk.close, name="close", daemon=True)
+            closing = threading.Thread(target=searches.close, name="close", daemon=True)
             asyncio.get_running_loop().call_soon_threadsafe(closing.start)
 
     token = secrets.token_urlsafe(32)
@@ -145,7 +145,7 @@ def serve(desk: Desk, address: Address, *, on_ready: Callable[[str], None]) -> N
             scheme=address.scheme,
             cookie=f"markerseek_{port}",
         )
-        application = SecurityLayer(page_application(desk, unwatched_s=UNWATCHED_S), access)
+        application = SecurityLayer(page_application(searches, unwatched_s=UNWATCHED_S), access)
         config = uvicorn.Config(
             application,
             log_level="warning",

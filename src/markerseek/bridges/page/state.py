@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from markerseek.bridges.page.belief import Belief, PolicyMirror, angles_text
+from markerseek.bridges.page.belief import PolicyMirror, ShownBelief, angles_text
 from markerseek.core import (
     Asked,
     Failed,
@@ -71,7 +71,7 @@ class Snapshot:
     probe_deg: float | None = None
     target_deg: float | None = None
     points: tuple[Point, ...] = ()
-    belief: Belief | None = None
+    belief: ShownBelief | None = None
     travel_deg: float = 0.0
     elapsed_s: float = 0.0
     snr_db: float | None = None
@@ -96,7 +96,7 @@ class Snapshot:
         return self.phase in {"finished", "fault", "stopped"}
 
 
-class RunState:
+class ShownRun:
     """Follows one run.
 
     Parameters

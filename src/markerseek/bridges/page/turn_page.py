@@ -8,9 +8,9 @@ from nicegui import run, ui
 from nicegui.events import KeyEventArguments
 
 from markerseek.bridges.page.controls import SettingsRow
-from markerseek.bridges.page.desk import Desk
 from markerseek.bridges.page.elements import Slider
 from markerseek.bridges.page.frame import Frame
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn import Score, Turn
@@ -34,12 +34,12 @@ class TurnPage:
         Settings of the simulated rig.
     """
 
-    def __init__(self, desk: Desk, base: SimulatedSettings) -> None:
+    def __init__(self, searches: PageSearches, base: SimulatedSettings) -> None:
         self._base = base
         self._turn: Turn | None = None
         self._score: Score | None = None
         self._working = False
-        self._frame = Frame(desk, "/turn")
+        self._frame = Frame(searches, "/turn")
         limits = base.limits.search
         with ui.element("div").classes("ms-controls"):
             self._row = SettingsRow(PageSettings(seed=2), ("tissue", "snr_db", "seed", "readout_s"))
@@ -103,7 +103,7 @@ class TurnPage:
     def _let_search(self) -> None:
         chosen = self._row.settings if self._turn is None else self._turn.chosen
         try:
-            self._frame.desk.start(replace(chosen, method="posterior"))
+            self._frame.searches.start(replace(chosen, method="posterior"))
         except (MarkerseekError, OSError) as problem:
             ui.notify(str(problem), type="negative")
             return
@@ -113,7 +113,7 @@ class TurnPage:
         self._target.set_text(f"turn to {self._slider.value:+.1f}°")
         self._name.set_enabled(self._turn is not None and self._score is None)
         self._measure.set_enabled(not self._working and self._score is None)
-        self._show.set_enabled(self._score is not None and not self._frame.desk.busy)
+        self._show.set_enabled(self._score is not None and not self._frame.searches.busy)
         self._help.set_text(HELP if self._score is None else score_text(self._score))
         if self._turn is None:
             self._frame.show_status("a scene of its own: nothing is sent to a rig")
@@ -124,7 +124,7 @@ class TurnPage:
         self._panels.show(watched, snapshot, reveal=self._score is not None)
 
 
-def build_turn_page(desk: Desk) -> None:
+def build_turn_page(searches: PageSearches) -> None:
     """Build the page for one viewer.
 
     Parameters
@@ -132,11 +132,11 @@ def build_turn_page(desk: Desk) -> None:
     desk
         What all viewers share.
     """
-    base = SimulatedSettings() if desk.rig.file is None else read_rig_file(desk.rig.file)
+    base = SimulatedSettings() if searches.rig.file is None else read_rig_file(searches.rig.file)
     if isinstance(base, SimulatedSettings):
-        TurnPage(desk, base)
+        TurnPage(searches, base)
         return
-    frame = Frame(desk, "/turn")
+    frame = Frame(searches, "/turn")
     ui.label("Turning by hand is for simulated rigs only: start markerseek page without --rig.").classes("ms-help")
     frame.run(lambda: None)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek.bridges.page.belief import PolicyMirror
 from markerseek.bridges.page.picture import Picture, picture_of
-from markerseek.bridges.page.state import RunState, Snapshot
+from markerseek.bridges.page.state import ShownRun, Snapshot
 from markerseek.core import NO_HEADER, PAPER_RANGE, ChannelFrame, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
 from markerseek.runs import rebuild_image_reader
@@ -26,12 +26,12 @@ class WatchedRun:
     configuration
         Plan and rig of the run.
     believes
-        As in `RunState`.
+        As in `ShownRun`.
     """
 
     def __init__(self, configuration: Configuration, *, believes: bool = True) -> None:
         self.configuration = configuration
-        self._state = RunState(configuration, believes=believes)
+        self._state = ShownRun(configuration, believes=believes)
         # Only ever appended to, so that another thread may read it at any time.
         self.snapshots: list[Snapshot] = [self._state.snapshot]
         self.pictures: dict[int, Picture] = {}

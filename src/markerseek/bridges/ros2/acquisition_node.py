@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from markerseek.bridges.ros2.serving import Interrupted, Served
+from markerseek.bridges.ros2.serving import Served, StepEnded
 from markerseek.core import (
     AcquisitionError,
     ChannelFrame,
@@ -88,7 +88,7 @@ class AcquisitionNode(Served):
             If somebody cancels it.
         """
         if self._acquiring and self._cancelled:
-            raise Interrupted
+            raise StepEnded
 
     def step(self) -> None:
         """Carry out the last request, and publish diagnostics when they are due."""
@@ -103,7 +103,7 @@ class AcquisitionNode(Served):
         self._acquiring = True
         try:
             self._acquire(request)
-        except Interrupted:
+        except StepEnded:
             self._end_interrupted()
             self._answer(request, error="it was cancelled")
         except (AcquisitionError, LimitError) as error:

@@ -19,7 +19,7 @@ _MOST_MESSAGES = 4
 _DIAGNOSE_S = 1.0
 
 
-class Interrupted(BaseException):
+class StepEnded(BaseException):
     """A step of a device is ended from outside, as by Ctrl-C: no error, so that no driver takes it for one."""
 
 
@@ -73,7 +73,7 @@ class Served(ABC):
 
     @abstractmethod
     def beat(self) -> None:
-        """End what the device does, by `Interrupted`, if a message asks for it."""
+        """End what the device does, by `StepEnded`, if a message asks for it."""
 
     @abstractmethod
     def step(self) -> None:
@@ -125,7 +125,7 @@ class Served(ABC):
         self._diagnostics.step(fault=self._guard.fault, facts=known | dropped)
 
 
-class Beat:
+class MessagePump:
     """Handles messages while a device works; to be given to its clock before the nodes exist.
 
     A callback then runs inside of a device's wait: it notes what is wanted, and must not call a device.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from markerseek.bridges.ros2.serving import Interrupted, Served
+from markerseek.bridges.ros2.serving import Served, StepEnded
 from markerseek.core import LimitError, MarkerseekError, Stage
 from markerseek.guard import Guard, State
 from markerseek.ros import MOST_AGE_S, RosNode, degrees, joint_angle_deg, messages, topics
@@ -150,7 +150,7 @@ class StageNode(Served):
         if self._moving.servo and self.node.now_s() - self._renewed_s > MOST_AGE_S:
             self.stop()
         if self._stopped:
-            raise Interrupted
+            raise StepEnded
 
     # What the node does between two moves.
 
@@ -174,7 +174,7 @@ class StageNode(Served):
         self._publish_state(is_busy=True)
         try:
             self._turn(wanted.angle_deg)
-        except Interrupted:
+        except StepEnded:
             self._end_interrupted()
         except MarkerseekError as error:
             self._fail(error)

@@ -1,4 +1,4 @@
-"""The answer that the samples prove: from the sources, what may still hide, and the confirmation."""
+"""Which answer the samples prove: `Found`, `NotFound`, `Ambiguous`, `AtBound` or `Unsure`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from markerseek.core import (
     Sample,
     Unsure,
 )
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
@@ -46,7 +46,7 @@ SHOULDER_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class State:
+class SearchState:
     """All that follows from the samples so far.
 
     Attributes
@@ -63,7 +63,7 @@ class State:
         From `unresolved`; None where there is one source only.
     """
 
-    noise: Noise
+    noise: SearchNoise
     sources: Sequence[Candidate]
     survey: Survey | None
     misfit: str | None
@@ -157,7 +157,7 @@ def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " a
 
 
 def answer_of(
-    lit: Sequence[Sample], state: State, *, limits: Interval, single: bool, unconfirmed: str | None
+    lit: Sequence[Sample], state: SearchState, *, limits: Interval, single: bool, weaker_than_predicted: str | None
 ) -> Estimate:
     """Return the answer.
 
@@ -191,7 +191,7 @@ def answer_of(
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     if len(modes) > 1:
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, floor=floor, others=others, surveyed=surveyed)
-    doubt = _uncertain(posterior) or unconfirmed or state.misfit or (None if single else _hidden(state))
+    doubt = _uncertain(posterior) or weaker_than_predicted or state.misfit or (None if single else _hidden(state))
     if doubt is not None:
         return Unsure(
             mean_deg=mean_deg,
@@ -240,7 +240,7 @@ def _uncertain(posterior: AnglePosterior) -> str | None:
     return f"{limit}; take more acquisitions or average more pulses"
 
 
-def _hidden(state: State) -> str | None:
+def _hidden(state: SearchState) -> str | None:
     """Why another source may be the marker; None if none can."""
     if state.unresolved is not None:
         other, _ = state.unresolved

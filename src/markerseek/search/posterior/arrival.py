@@ -61,7 +61,7 @@ _ITERATIONS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moments:
+class ArrivalMoments:
     """Moments of arrival of the samples that are the marker's.
 
     Attributes
@@ -88,7 +88,7 @@ class Moments:
         return np.asarray(np.interp(angles_deg, at_deg, log))
 
 
-def moments_of(lit: Sequence[Sample], scale: Scale) -> Moments | None:
+def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
     """Return the moments of the samples that are clear of the noise and at the marker's place; None of fewer than two.
 
     Parameters
@@ -110,7 +110,7 @@ def moments_of(lit: Sequence[Sample], scale: Scale) -> Moments | None:
     if len(rows) < 2:
         return None
     table = np.array(rows, dtype=np.float64)
-    return Moments(measured_deg=table[:, 0], moments_s=table[:, 1:3], snr=table[:, 3])
+    return ArrivalMoments(measured_deg=table[:, 0], moments_s=table[:, 1:3], snr=table[:, 3])
 
 
 @compiled

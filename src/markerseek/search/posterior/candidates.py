@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.core import Interval, MarkerCurve, OtherSource, Sample
 from markerseek.search.evidence import FLAT_SHARE, missing_evidence
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.humps import dip_deg
 from markerseek.search.posterior.inference import Inference
@@ -27,7 +27,7 @@ RIVAL_DB = 6.0
 BESIDE_DEG = 1.0
 """Distance at which the narrowest curve still has half of its height, in degrees."""
 
-DOUBT_SIGMAS = 2.0
+LOUDER_SIGMAS = 2.0
 """Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
 
 
@@ -96,7 +96,7 @@ class Candidate:
         """Loudness over that of another source, in dB."""
         return 20 / math.log(10) * (self.loudness - other.loudness)
 
-    def may_exceed(self, other: Candidate, *, by_db: float, sigmas: float = DOUBT_SIGMAS) -> bool:
+    def may_exceed(self, other: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
         """Whether its loudness over the other's may exceed a ratio, in dB, within so many standard deviations of it."""
         spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
         return self.relative_db(other) + sigmas * spread * 20 / math.log(10) > by_db
@@ -113,11 +113,11 @@ class Candidate:
         )
 
 
-def _seen(at: Sequence[Sample], noise: Noise) -> int:
+def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
     return sum(sample.reading.intensity > (noise.floor.level or 0.0) for sample in at)
 
 
-def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: Noise) -> bool:
+def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
     """Whether a place was loud once, and not beside that angle, where the narrowest curve is."""
     # An upper bound says the same as a sample where it is below the noise floor.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= (noise.floor.level or 0.0))]
@@ -155,7 +155,7 @@ class Candidates:
         # Only that of the first is kept: what an answer computes of the others must not change what comes later.
         self._first = self._new()
 
-    def groups(self, lit: Sequence[Sample], noise: Noise) -> list[Group]:
+    def groups(self, lit: Sequence[Sample], noise: SearchNoise) -> list[Group]:
         """Return the samples of each source, that of the strongest sample first.
 
         Parameters
@@ -181,7 +181,7 @@ class Candidates:
         groups: Sequence[Group],
         lit: Sequence[Sample],
         dark: Sequence[Sample],
-        noise: Noise,
+        noise: SearchNoise,
         *,
         particles: int,
     ) -> Candidate:
@@ -212,7 +212,7 @@ class Candidates:
         first: Candidate,
         groups: Sequence[Group],
         dark: Sequence[Sample],
-        noise: Noise,
+        noise: SearchNoise,
         *,
         particles: int,
         most: int,
@@ -247,7 +247,7 @@ class Candidates:
                 break
         return found
 
-    def _divided(self, group: Group, noise: Noise) -> list[Group]:
+    def _divided(self, group: Group, noise: SearchNoise) -> list[Group]:
         """The group, or its two halves where a dip lies between two humps."""
         if self._single:
             return [group]
@@ -269,7 +269,9 @@ class Candidates:
         return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
 
 
-def _candidate(group: Group, missing: str | None, inference: Inference, noise: Noise, particles: int) -> Candidate:
+def _candidate(
+    group: Group, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
+) -> Candidate:
     return Candidate(
         source=group.source,
         side=group.side,

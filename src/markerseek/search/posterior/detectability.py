@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from markerseek.core import Interval, Sample
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 
 WEAKEST_DB = 20.0
 """Peak SNR of the weakest marker that a search is asked to find, in dB (physics notes: 20 to 60)."""
@@ -64,7 +64,7 @@ def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg
     return max(1, math.ceil(limits.width_deg / (2 * far_deg)))
 
 
-def missed_marker(lit: Sequence[Sample], noise: Noise, limits: Interval) -> str:
+def missed_marker(lit: Sequence[Sample], noise: SearchNoise, limits: Interval) -> str:
     """Return which marker a search without a detection may have missed, and what would detect it; empty if none.
 
     Parameters

@@ -19,7 +19,7 @@ import numpy as np
 from markerseek.core import Float64, Sample
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 
-DIP_SIGMAS, DOUBT_SIGMAS = 3.0, 2.0
+DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
 """Standard deviations of noise and laser by which a dip must be deeper than both humps, and for doubt."""
 
 SAMPLE_ERROR = 0.03
@@ -128,7 +128,7 @@ def unmirrored(at: Sequence[Sample], *, centre_deg: float, sigma: float, level: 
     angle_deg = np.array([sample.angle_deg for sample in order])
     hump, bottom = _without_outliers(angle_deg, np.array([sample.reading.intensity for sample in order]))
     drop = hump - np.minimum.accumulate(bottom)
-    least = np.maximum(DOUBT_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), UNMIRRORED_SHARE * hump)
+    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, SAMPLE_ERROR * hump), UNMIRRORED_SHARE * hump)
     excess = np.where((drop > least) & (hump > level), drop, 0.0)
     return order[int(np.argmax(excess))] if excess.any() else None
 

@@ -16,9 +16,9 @@ from functools import partial
 import numpy as np
 
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior, mean_and_sigma
-from markerseek.search.posterior.arrival import Moments, moments_of
+from markerseek.search.posterior.arrival import ArrivalMoments, moments_of
 from markerseek.search.posterior.asymmetry import (
     asymmetry_probability,
     mean_coherence,
@@ -127,7 +127,7 @@ class Inference:
         self._observations: list[Observation] = []
         self._added: list[tuple[float, float, int | None]] = []
 
-    def posterior(self, lit: Sequence[Sample], noise: Noise, *, particles: int) -> AnglePosterior:
+    def posterior(self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int) -> AnglePosterior:
         """Return the posterior of all samples, of which only the new ones are added to the coarse grid.
 
         The grid is computed again where an earlier sample reads otherwise than before, for it was taken of a place that
@@ -168,7 +168,7 @@ class Inference:
             centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.share)[1],
         )
 
-    def _coarse(self, lit: Sequence[Sample], noise: Noise) -> Grid:
+    def _coarse(self, lit: Sequence[Sample], noise: SearchNoise) -> Grid:
         """The coarse grid with all samples; computed again when their scale has changed."""
         scale = scale_of(lit, noise)
         stated = all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
@@ -197,7 +197,7 @@ class Inference:
         return self._grid
 
     def _log_prior_and_moments(
-        self, angles_deg: Float64[np.ndarray, " angles"], *, moments: Moments | None, knots: int
+        self, angles_deg: Float64[np.ndarray, " angles"], *, moments: ArrivalMoments | None, knots: int
     ) -> Float64[np.ndarray, " angles"]:
         """Ln of the angle's prior times the likelihood of the moments of arrival."""
         log_angle = np.asarray(np.interp(angles_deg, self._coarse_deg, self._log_prior))
@@ -206,7 +206,7 @@ class Inference:
         return log_angle
 
     def _with_asymmetry(
-        self, lit: Sequence[Sample], centre: Centre, moments: Moments | None
+        self, lit: Sequence[Sample], centre: Centre, moments: ArrivalMoments | None
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
         angle_deg, share = centre.angles_deg, centre.share

@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from markerseek.core import LEAST_INTENSITY, Float64, Sample
-from markerseek.search.floor import MOST_CELLS, Noise
+from markerseek.search.floor import MOST_CELLS, SearchNoise
 from markerseek.search.posterior import _grid
 
 TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
@@ -130,7 +130,7 @@ class Scale:
         )
 
 
-def scale_of(lit: Sequence[Sample], noise: Noise) -> Scale:
+def scale_of(lit: Sequence[Sample], noise: SearchNoise) -> Scale:
     """Return what the samples with the laser on are measured by.
 
     Where no reading states the noise, the smallest intensity is assumed to be noise: σ is a quarter of it. Where none

@@ -19,16 +19,16 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.evidence import UNKNOWN_RATIO
-from markerseek.search.floor import Noise, noise_of
+from markerseek.search.floor import SearchNoise, noise_of
 from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import State, answer_of, ranked, rivals_of, unresolved
+from markerseek.search.posterior.answer import SearchState, answer_of, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of
 from markerseek.search.posterior.candidates import BESIDE_DEG, MOST_OTHERS, Candidate, Candidates, Group
 from markerseek.search.posterior.humps import beside_deg, top_deg, unmirrored
 from markerseek.search.posterior.loading import loaded_family
 from markerseek.search.posterior.next_angle import PLAN, most_detectable_deg, most_informative_deg, planned_deg
-from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unconfirmed, unexplained
+from markerseek.search.posterior.predictive import DOUBT_SIGMAS, misfit_of, unexplained, weaker_than_predicted
 from markerseek.search.posterior.survey import SURVEY_TARGET, SURVEYED, Survey, survey_of
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
@@ -112,12 +112,12 @@ class Posterior(SearchPolicy):
         self._single = single
         self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=single, prior=prior)
         self._asked = 0
-        self._confirmed = False
+        self._confirmation_taken = False
         self._unconfirmed: str | None = None
-        self._cached_noise: Noise | None = None
+        self._cached_noise: SearchNoise | None = None
         self._cached_groups: list[Group] = []
         self._cached_first: Candidate | None = None
-        self._cached: State | None = None
+        self._cached: SearchState | None = None
 
     def tell(self, sample: Sample) -> None:
         """Take one sample: a dark one for the noise floor, one with the laser on for the posterior.
@@ -130,7 +130,7 @@ class Posterior(SearchPolicy):
         super().tell(sample)
         if not sample.dark:
             self._asked += 1
-            self._confirmed, self._unconfirmed = False, None
+            self._confirmation_taken, self._unconfirmed = False, None
         self._cached_noise = self._cached_first = self._cached = None
 
     def confirm(self, sample: Sample) -> None:
@@ -148,7 +148,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._first()
-        self._confirmed, self._unconfirmed = True, unconfirmed(first, sample, self._shapes)
+        self._confirmation_taken, self._unconfirmed = True, weaker_than_predicted(first, sample, self._shapes)
         self._lit.append(sample)
         self._next = None
         self._cached_noise = self._cached_first = self._cached = None
@@ -158,7 +158,7 @@ class Posterior(SearchPolicy):
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
-            self._lit, self._state(), limits=self._limits, single=self._single, unconfirmed=self._unconfirmed
+            self._lit, self._state(), limits=self._limits, single=self._single, weaker_than_predicted=self._unconfirmed
         )
 
     @property
@@ -171,7 +171,7 @@ class Posterior(SearchPolicy):
             source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._detected()
         )
 
-    def _noise(self) -> Noise:
+    def _noise(self) -> SearchNoise:
         if self._cached_noise is None:
             self._cached_noise = noise_of(self._lit, dark=self._dark)
         return self._cached_noise
@@ -189,7 +189,7 @@ class Posterior(SearchPolicy):
             )
         return self._cached_first
 
-    def _state(self) -> State:
+    def _state(self) -> SearchState:
         if self._cached is None:
             first, noise = self._first(), self._noise()
             sources = [first]
@@ -198,7 +198,7 @@ class Posterior(SearchPolicy):
                     first, self._cached_groups, self._dark, noise, particles=PARTICLES, most=MOST_OTHERS
                 )
                 sources = ranked([first, *others])
-            self._cached = State(
+            self._cached = SearchState(
                 noise=noise,
                 sources=sources,
                 survey=self._survey(sources[0], noise),
@@ -207,7 +207,7 @@ class Posterior(SearchPolicy):
             )
         return self._cached
 
-    def _survey(self, source: Candidate, noise: Noise) -> Survey | None:
+    def _survey(self, source: Candidate, noise: SearchNoise) -> Survey | None:
         """What may still hide beside a source; None while its angle is not known and there is time to find it."""
         if source.missing is not None or self._comes_first(source):
             return None
@@ -248,7 +248,7 @@ class Posterior(SearchPolicy):
             return None
         return self._informative_deg(first)
 
-    def _other_source_deg(self, state: State, *, imprecise: bool) -> float | None:
+    def _other_source_deg(self, state: SearchState, *, imprecise: bool) -> float | None:
         """Angle at which another source has still to be looked for, in degrees; None if at none."""
         first, measured_deg = state.sources[0], self._measured_deg()
         if state.unresolved is not None:
@@ -259,7 +259,7 @@ class Posterior(SearchPolicy):
         if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
             return doubtful_deg
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
-        wanted = SURVEYED if self._confirmed else SURVEY_TARGET
+        wanted = SURVEYED if self._confirmation_taken else SURVEY_TARGET
         if state.survey is not None and state.survey.share < wanted:
             return state.survey.next_deg
         if first.placed:

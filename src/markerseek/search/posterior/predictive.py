@@ -51,7 +51,7 @@ def predicted(
     return np.asarray(posterior.log_snr[:, None] + shapes.log_curve[posterior.member[:, None], away])
 
 
-def unconfirmed(source: Candidate, confirmation: Sample, shapes: Shapes) -> str | None:
+def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shapes) -> str | None:
     """Return why an acquisition at the angle of a source does not confirm it, with both numbers; None if it does.
 
     Parameters

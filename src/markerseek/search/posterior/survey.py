@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from markerseek.core import Float64, Interval, Sample
-from markerseek.search.floor import Noise
+from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.predictive import predicted
@@ -68,7 +68,9 @@ class Survey:
     next_deg: float
 
 
-def survey_of(source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: Noise, *, limits: Interval) -> Survey:
+def survey_of(
+    source: Candidate, shapes: Shapes, lit: Sequence[Sample], noise: SearchNoise, *, limits: Interval
+) -> Survey:
     """Return the survey of a range for sources as loud as one (13).
 
     Parameters

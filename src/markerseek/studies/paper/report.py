@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from markerseek._version import __version__
-from markerseek.pictures import png_data_uri, save_png, save_svg, write_page, written
+from markerseek.pictures import new_picture, png_data_uri, save_png, save_svg, write_page
 from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Section, Table
@@ -132,7 +132,7 @@ def _file_names(section: Section) -> list[str]:
 
 
 def _write_csv(table: Table, path: Path) -> None:
-    with written(path, what="table") as part, part.open("w", newline="", encoding="utf-8") as lines:
+    with new_picture(path, what="table") as part, part.open("w", newline="", encoding="utf-8") as lines:
         # The default of the csv module is CRLF, on every system.
         writer = csv.DictWriter(lines, table.columns, lineterminator="\n")
         writer.writeheader()

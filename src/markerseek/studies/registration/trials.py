@@ -11,8 +11,8 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, require_range
 from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
-from markerseek.runs import GRID_STEP_M, MARKER_PLACES, UNDER_M
-from markerseek.sim import endoscope, facing
+from markerseek.runs import GRID_STEP_M, MARKER_PLACES, TARGET_DEPTH_M
+from markerseek.sim import camera_above, endoscope
 from markerseek.studies.registration.marker_errors import MarkerError
 
 DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3
@@ -128,14 +128,14 @@ def _trial(conditions: Conditions, errors: Sequence[MarkerError], rng: np.random
     places = GRID_STEP_M * np.array(MARKER_PLACES[conditions.markers], dtype=float)
     heights = DISTANCE_FROM_AXIS_M + conditions.relief_m * rng.uniform(-0.5, 0.5, len(places))
     points_m = np.column_stack([places, heights])
-    true = facing(
+    true = camera_above(
         np.array([0.0, 0.0, DISTANCE_FROM_AXIS_M]),
         distance_m=conditions.camera_m,
         roll_deg=rng.uniform(0, 360),
         tilt_deg=rng.uniform(-MOST_TILT_DEG, MOST_TILT_DEG),
     )
     found = _register(points_m, true, conditions, errors, rng)
-    target_m = points_m.mean(axis=0) - [0, 0, UNDER_M]
+    target_m = points_m.mean(axis=0) - [0, 0, TARGET_DEPTH_M]
     off_m = found.transform.apply(true.inverse().apply(target_m)) - target_m
     return Trial(fre_m=found.fre_m, tre_m=float(np.linalg.norm(off_m)), expected_tre_m=found.errors.tre_m(target_m))
 

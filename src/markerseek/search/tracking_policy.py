@@ -32,7 +32,7 @@ class TrackPoint:
     speed_deg_s: float
 
 
-class Following:
+class TrackingPolicy:
     """Follows a marker on a rig until a time, or until it is lost.
 
     Parameters

@@ -39,7 +39,7 @@ class PageRig:
     simulated: bool = True
 
 
-class Desk:
+class PageSearches:
     """The searches of one page.
 
     Parameters
