@@ -9,15 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / "src/markerseek"
 PICTURE = Path(__file__).parent / "figures/map.png"
 
 SHORT = {
     "cli": "one file a command",
     "studies": "many searches, one table; the paper",
-    "bridges": "ROS 2 and others watch and ask",
-    "runs": "journalled search, resume, bank scan",
-    "emulators": "the devices' other side, byte for byte",
+    "bridges": "live page, ROS 2, 3D Slicer",
+    "runs": "search, resume, bank scan, tracking",
+    "emulators": "stage, laser box, SonixDAQ: their bytes",
     "rigs": "puts a rig together",
     "scan": "the loop: Scanner, run",
     "sim": "a simulated world",
@@ -25,12 +24,12 @@ SHORT = {
     "records": "journal, banks, exports",
     "supervisor": "stops laser and stage",
     "pictures": "Matplotlib and HTML",
-    "files": "opening and writing files",
+    "files": "files, settings, serial ports",
     "ros": "ROS 2: node, topics, messages",
     "guard": "limits, permits, admission",
     "wire": "protocols as bytes",
     "testing": "contract tests",
-    "adapters": "rival optimisers",
+    "adapters": "other people's optimisers",
     "search": "the next angle",
     "signals": "frame to reading",
     "acoustics": "angle to sound",
@@ -51,12 +50,6 @@ def layers() -> list[list[str]]:
     named = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
     rows = [[part.strip().removeprefix("markerseek.") for part in layer.split("|")] for layer in named]
     return [kept for row in rows if (kept := [name for name in row if not name.startswith("_")])]
-
-
-def size(package: str) -> str:
-    """Number of files and lines of a package."""
-    files = list((PACKAGE / package).rglob("*.py"))
-    return f"{len(files)} files, {sum(len(path.read_text().splitlines()) for path in files) / 1000:.1f}k lines"
 
 
 def main() -> None:
@@ -81,9 +74,8 @@ def main() -> None:
             )
             axes.add_patch(box)
             middle = (place + 0.5) * width
-            axes.text(middle, -row - 0.3, package, ha="center", va="center", fontsize=10.5, fontweight="bold")
-            axes.text(middle, -row - 0.53, SHORT[package], ha="center", va="center", fontsize=7.8)
-            axes.text(middle, -row - 0.73, size(package), ha="center", va="center", fontsize=6.8, color="#5b6470")
+            axes.text(middle, -row - 0.38, package, ha="center", va="center", fontsize=10.5, fontweight="bold")
+            axes.text(middle, -row - 0.63, SHORT[package], ha="center", va="center", fontsize=7.8)
     axes.text(
         0.06, 0.12, "imports point down only; blue packages are pure: no clock, file, socket or thread", fontsize=9
     )
