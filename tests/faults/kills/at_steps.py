@@ -10,7 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from .ground import copy_of, folder, new_path, require_resumed, whole
-from .page_searches import SEARCHES, Search
+from .searches import SEARCHES, Search
 from .problems import watched
 from .processes import End, MismatchError, in_a_process, require_well
 from .tally import Tally

@@ -25,7 +25,7 @@ from markerseek.records.journal import (
 )
 from markerseek.runs.resume import resumed
 
-from .page_searches import PERSON, SEARCHES, Search, arming_watched
+from .searches import PERSON, SEARCHES, Search, arming_watched
 from .processes import MismatchError
 from .tally import Row, Tally
 

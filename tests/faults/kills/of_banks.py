@@ -29,7 +29,7 @@ from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 
 from .at_times import rig_file
 from .ground import new_path, remove
-from .page_searches import SEED
+from .searches import SEED
 from .problems import watched
 from .processes import End, Lifetime, MismatchError, _command, command, require_well, warm
 from .tally import Row, Tally

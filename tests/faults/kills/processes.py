@@ -20,7 +20,7 @@ from unittest import mock
 from markerseek.cli import main
 from markerseek.records.result import Recorder
 
-from .page_searches import arming_watched
+from .searches import arming_watched
 
 
 class MismatchError(AssertionError):
