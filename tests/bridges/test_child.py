@@ -15,7 +15,7 @@ from tests.emulated import emulation
 
 from markerseek import rigs
 from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
-from markerseek.core import ConfigError, Measured, SearchError
+from markerseek.core import ConfigError, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Interrupted, read_journal
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 from markerseek.runs import new_session, plan_on
@@ -34,7 +34,7 @@ def events_of(items: list[StreamItem]) -> list[StreamEvent]:
 
 def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_this_process() -> None:
     rig = rigs.simulated(seed=SEED)
-    plan = plan_on(rig, method="golden-section", acquisitions=5, start_deg=0.0)
+    plan = plan_on(rig, SearchPlan(method="golden-section", acquisitions=5, start_deg=0.0))
     session = new_session(rig, plan)
     expected = list(session.events())
     with ChildRun(

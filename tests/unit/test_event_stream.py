@@ -31,6 +31,7 @@ from markerseek.core import (
     Refused,
     Sample,
     ScanGeometry,
+    SearchPlan,
 )
 from markerseek.records.journal import Checked, Configuration, Entry, Journal, JournalEvent, read_journal
 from markerseek.records.stream import EventStream, StreamDecoder, StreamEnd, StreamEvent, StreamHead, StreamItem
@@ -41,7 +42,7 @@ from markerseek.sim import GaussianCurve
 @pytest.fixture(scope="module")
 def configuration() -> Configuration:
     rig = entries_rig()
-    session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
+    session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
     return msgspec.structs.replace(session.configuration, versions=VERSIONS)
 
 
@@ -155,7 +156,7 @@ _WHOLE: list[bytes] = []
 def _whole_stream(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     if not _WHOLE:
         rig = entries_rig()
-        session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
+        session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
         path = tmp_path_factory.mktemp("stream") / "e"
         _WHOLE.append(written(path, session.configuration, journal_events(), frames=True))
     return _WHOLE[0]
@@ -236,7 +237,7 @@ def test_a_reader_that_ends_ends_the_stream_with_a_warning_and_not_the_run(
 ) -> None:
     reading, writing = os.pipe()
     rig = rigs.of_intensities(seed=4, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=7.5)
-    session = new_session(rig, plan_on(rig, method="golden-section", acquisitions=8, start_deg=0.0))
+    session = new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
     alone = new_session(
         rigs.of_intensities(seed=4, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=7.5), session.configuration.plan
     )
@@ -255,7 +256,7 @@ def test_a_reader_that_ends_ends_the_stream_with_a_warning_and_not_the_run(
 def test_a_slow_reader_gets_whole_lines_and_the_answer(tmp_path: Path) -> None:
     reading, writing = os.pipe()
     rig = rigs.of_intensities(seed=4, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=7.5)
-    session = new_session(rig, plan_on(rig, method="golden-section", acquisitions=8, start_deg=0.0))
+    session = new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
     received = bytearray()
 
     def read() -> None:
@@ -278,7 +279,9 @@ def test_the_stream_of_a_stopped_and_resumed_run_has_the_entries_of_its_journal(
         return rigs.of_intensities(seed=4, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=7.5)
 
     assembled = rig()
-    begun = new_session(assembled, plan_on(assembled, method="golden-section", acquisitions=8, start_deg=0.0))
+    begun = new_session(
+        assembled, plan_on(assembled, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0))
+    )
     path = tmp_path / "run.journal"
     first, second = tmp_path / "first", tmp_path / "second"
     with Journal.create(path, begun.configuration) as journal, EventStream(first, begun.configuration) as stream:

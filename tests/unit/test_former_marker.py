@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, MarkerCurve, Reading, RecordError, Sample
+from markerseek.core import ConfigError, MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
 from markerseek.search import build
@@ -26,7 +26,7 @@ def rig(seed: int = 4) -> rigs.Rig:
 
 
 def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) -> None:
-    session = new_session(rig(), plan_on(rig(), method="posterior", start_deg=-35.0))
+    session = new_session(rig(), plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0)))
     path = tmp_path / "run.journal"
     with Journal.create(path, session.configuration) as journal:
         session = replace(session, journal=journal)
@@ -42,7 +42,7 @@ def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) 
 
 def test_a_plan_with_a_prior_survives_the_journal(tmp_path: Path) -> None:
     curve = MarkerCurve(fwhm_deg=6.0, peak=100.0)
-    plan = plan_on(rig(), method="posterior", start_deg=-35.0, prior=curve, single=True)
+    plan = plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0, prior=curve, single=True))
     session = new_session(rig(), plan)
     path = tmp_path / "run.journal"
     Journal.create(path, session.configuration).close()

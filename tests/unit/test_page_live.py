@@ -53,7 +53,7 @@ class ScriptedChild:
 def stream():
     """The stream of a short search."""
     rig = rigs.of_intensities(seed=2, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
-    session = new_session(rig, plan_on(rig, method="ternary", acquisitions=8, start_deg=0.0))
+    session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
     items = [StreamHead(configuration=session.configuration, frames=True)]
     for number, event in enumerate(session.events(), start=1):
         frame = event.sample.frame if isinstance(event, Measured) else None

@@ -63,7 +63,7 @@ NAMES = [method.name for method in METHODS]
 def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
     """Session and events, with the rig's clock at each."""
     rig = rigs.of_intensities(seed=seed, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=marker_deg)
-    plan = plan_on(rig, method=method, as_published=as_published, start_deg=rig.stage.angle_deg)
+    plan = plan_on(rig, SearchPlan(method=method, as_published=as_published, start_deg=rig.stage.angle_deg))
     session = new_session(rig, plan)
     return session, [(event, rig.scanner.clock.now_s()) for event in session.events()]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, Finished, Measured, SearchError
+from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.guard import State
 from markerseek.records.journal import Journal, read_journal, result_of
 from markerseek.runs.session import Session, new_session, plan_on, resumed_session
@@ -17,7 +17,7 @@ from markerseek.sim import GaussianCurve
 
 
 def session_on(rig: rigs.Rig) -> Session:
-    return new_session(rig, plan_on(rig, method="golden-section", acquisitions=8, start_deg=0.0))
+    return new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
 
 
 def rig() -> rigs.Rig:
@@ -67,11 +67,11 @@ def test_a_session_stopped_and_resumed_gives_the_result_of_one_that_was_not(tmp_
 def test_a_plan_that_cannot_be_used_is_refused_before_anything_moves() -> None:
     assembled = rig()
     with pytest.raises(ConfigError, match="posterior: it is markerseek's own"):
-        new_session(assembled, plan_on(assembled, method="posterior", as_published=True, start_deg=0.0))
+        new_session(assembled, plan_on(assembled, SearchPlan(method="posterior", as_published=True, start_deg=0.0)))
     assert assembled.scanner.guard.state is State.DISARMED
 
 
 def test_the_paper_s_form_takes_no_dark_frames_first() -> None:
     assembled = rig()
-    assert plan_on(assembled, method="ternary", start_deg=0.0).dark_frames == assembled.dark_frames > 0
-    assert plan_on(assembled, method="ternary", as_published=True, start_deg=0.0).dark_frames == 0
+    assert plan_on(assembled, SearchPlan(method="ternary", start_deg=0.0)).dark_frames == assembled.dark_frames > 0
+    assert plan_on(assembled, SearchPlan(method="ternary", as_published=True, start_deg=0.0)).dark_frames == 0

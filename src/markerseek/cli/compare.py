@@ -13,7 +13,7 @@ from markerseek.cli.open_rig import SimulationOptions, open_rig
 from markerseek.cli.session import run_session
 from markerseek.cli.show_result import FOUND, OTHER_ANSWER, Output
 from markerseek.cli.terminal import announce_compilation, new_table, print_json, save_picture, stdout
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SearchPlan
 from markerseek.search import method_named
 
 if TYPE_CHECKING:
@@ -64,11 +64,9 @@ def compare(
                 raise ConfigError(f"--compare is for a simulated rig, and {rig} is one of devices; leave it out")
             plan = runs.plan_on(
                 assembled,
-                method=name,
-                acquisitions=acquisitions,
-                as_published=as_published,
-                start_deg=start_deg,
-                stay=stay,
+                SearchPlan(
+                    method=name, acquisitions=acquisitions, as_published=as_published, start_deg=start_deg, stay=stay
+                ),
             )
             session = runs.new_session(assembled, plan)
             run_session(session, as_json=output.as_json)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from markerseek import runs
 from markerseek.cli.open_rig import arm_rig, open_rig
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SearchPlan
 
 LEAST_DEG = 5.0
 """Smallest angle of a source at which its two sides can be distinguished, in degrees."""
@@ -65,7 +65,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
                 f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
                 "place the source nearer to 0"
             )
-        session = runs.new_session(rig, runs.plan_on(rig, method="posterior", start_deg=start_deg))
+        session = runs.new_session(rig, runs.plan_on(rig, SearchPlan(method="posterior", start_deg=start_deg)))
         arm_rig(rig, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()

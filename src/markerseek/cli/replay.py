@@ -23,7 +23,7 @@ from markerseek.cli.options import (
     table_format,
 )
 from markerseek.cli.terminal import announce_compilation, picture_folder
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SearchPlan
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -91,12 +91,14 @@ def command(
         )
     plan = runs.plan_on(
         assembled,
-        method=method,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        start_deg=assembled.stage.angle_deg,
-        stay=stay,
-        single=single,
+        SearchPlan(
+            method=method,
+            acquisitions=acquisitions,
+            as_published=as_published,
+            start_deg=assembled.stage.angle_deg,
+            stay=stay,
+            single=single,
+        ),
     )
     session = runs.new_session(assembled, plan)
     recorded_curve = None

@@ -12,7 +12,7 @@ from markerseek.cli.event_stream import EventFrames, Events, StopWithReader, Str
 from markerseek.cli.open_rig import SimulationOptions, arm_rig, open_rig
 from markerseek.cli.options import Acquisitions, Arm, AsJson, AsPublished, MethodName, Out, RigFile, Single, Stay
 from markerseek.cli.terminal import announce_compilation, picture_folder
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, SearchPlan
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -115,13 +115,15 @@ def command(
     with open_rig(rig, options) as (assembled, start_deg):
         plan = runs.plan_on(
             assembled,
-            method=method,
-            acquisitions=acquisitions,
-            as_published=as_published,
-            start_deg=start_deg,
-            stay=stay,
-            single=single,
-            prior=curve,
+            SearchPlan(
+                method=method,
+                acquisitions=acquisitions,
+                as_published=as_published,
+                start_deg=start_deg,
+                stay=stay,
+                single=single,
+                prior=curve,
+            ),
         )
         session = runs.new_session(assembled, plan)
         announce_compilation()

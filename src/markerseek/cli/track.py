@@ -21,7 +21,7 @@ from markerseek.cli.terminal import (
     save_picture,
     stdout,
 )
-from markerseek.core import ConfigError, Found, Refused, SearchError, require_range
+from markerseek.core import ConfigError, Found, Refused, SearchError, SearchPlan, require_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,7 +90,7 @@ def command(
     settings = _settings(rig, swing, marker_deg=marker_deg, snr_db=snr_db, readout_s=readout_s)
     announce_compilation()
     assembled = rigs.simulated(seed=seed, settings=settings, swing=swing)
-    plan = runs.plan_on(assembled, method="posterior", start_deg=settings.start_deg, single=True)
+    plan = runs.plan_on(assembled, SearchPlan(method="posterior", start_deg=settings.start_deg, single=True))
     session = runs.new_session(assembled, plan)
     for _ in session.events():
         pass

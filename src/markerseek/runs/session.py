@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from markerseek.core import Event, MarkerCurve, Policy, SearchPlan
+from markerseek.core import Event, Policy, SearchPlan
 from markerseek.records import Recorder, SearchResult
 from markerseek.records.journal import Configuration, Interrupted, Journal, RecordedRun
 from markerseek.records.stream import EventStream
@@ -99,43 +99,16 @@ class Session:
         return self.recorder.result(self.configuration.plan, self.configuration.facts)
 
 
-def plan_on(
-    rig: Rig,
-    *,
-    method: str,
-    acquisitions: int | None = None,
-    as_published: bool = False,
-    start_deg: float,
-    stay: bool = False,
-    single: bool = False,
-    prior: MarkerCurve | None = None,
-) -> SearchPlan:
-    """Plan of a search with the dark frames that the rig needs; the paper's form of a method takes none.
+def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
+    """The plan with the dark frames that a rig needs; the paper's form of a method takes none before the search.
 
     Parameters
     ----------
-    rig
-        The rig.
-    method, acquisitions, as_published, start_deg, stay, single, prior
-        As in `SearchPlan`.
-
-    Raises
-    ------
-    ConfigError
-        If a number cannot be used.
+    rig, plan
+        The rig, and what is asked of the search.
     """
-    return SearchPlan(
-        method=method,
-        acquisitions=acquisitions,
-        as_published=as_published,
-        start_deg=start_deg,
-        # The paper's methods measure no noise floor.
-        dark_frames=0 if as_published else rig.dark_frames,
-        stay=stay,
-        single=single,
-        prior=prior,
-        closing_dark=rig.closing_dark,
-    )
+    # The paper's methods measure no noise floor.
+    return replace(plan, dark_frames=0 if plan.as_published else rig.dark_frames, closing_dark=rig.closing_dark)
 
 
 def new_session(rig: Rig, plan: SearchPlan) -> Session:

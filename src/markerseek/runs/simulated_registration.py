@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, MarkerCurve, MarkerPosition, Measured, SearchError
+from markerseek.core import ConfigError, Float64, MarkerCurve, MarkerPosition, Measured, SearchError, SearchPlan
 from markerseek.geometry import LEAST_POINTS, RigidTransform, StereoCameras, triangulate
 from markerseek.records import SearchResult
 from markerseek.rigs import simulated
@@ -187,7 +187,9 @@ def _search(
     )
     assembled = simulated(seed=seed, settings=replace(rig, marker=marker, start_deg=start_deg))
     # A search begins with the intensity curve of the last marker, as `search --prior` does.
-    session = new_session(assembled, plan_on(assembled, method="posterior", start_deg=start_deg, prior=prior))
+    session = new_session(
+        assembled, plan_on(assembled, SearchPlan(method="posterior", start_deg=start_deg, prior=prior))
+    )
     with closing(session.events()) as events:
         frames = sum(isinstance(event, Measured) for event in events)
     return session.result(), assembled.stage.angle_deg, frames

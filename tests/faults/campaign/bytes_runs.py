@@ -12,7 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, Failed, Finished, Found, MarkerseekError, Measured, Refused, RigFacts
+from markerseek.core import (
+    ChannelFrame,
+    Failed,
+    Finished,
+    Found,
+    MarkerseekError,
+    Measured,
+    Refused,
+    RigFacts,
+    SearchPlan,
+)
 from markerseek.core.shapes import Int16
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
@@ -203,7 +213,9 @@ class ByteRun:
                 acquisitions=self.acquisitions,
                 start_deg=self.settings.start_deg,
             )
-            plan = plan_on(rig, method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg)
+            plan = plan_on(
+                rig, SearchPlan(method=self.method, acquisitions=self.acquisitions, start_deg=self.settings.start_deg)
+            )
             with Journal.create(path, configuration_of(rig, plan)) as journal:
                 for event in journalled(policy, rig, journal, limits=CAPS):
                     if isinstance(event, Measured):

@@ -24,9 +24,9 @@ from .at_times import at_times
 from .ground import whole
 from .of_banks import STEPS, at_every_write, at_random_times
 from .of_benches import on_benches
-from .searches import SEARCHES
 from .problems import work_in
 from .report import report
+from .searches import SEARCHES
 from .tally import Tally
 from .tracing import can_trace
 

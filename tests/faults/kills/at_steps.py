@@ -10,9 +10,9 @@ from functools import cache, partial
 from pathlib import Path
 
 from .ground import copy_of, folder, new_path, require_resumed, whole
-from .searches import SEARCHES, Search
 from .problems import watched
 from .processes import End, MismatchError, in_a_process, require_well
+from .searches import SEARCHES, Search
 from .tally import Tally
 
 PLACES = (0.15, 0.55, 0.9)

@@ -15,9 +15,9 @@ from markerseek.cli.open_rig import NOT_ARMED
 from markerseek.records.journal import read_journal, result_of, run_state
 
 from .ground import Happened, begun, copy_of, folder, happened, new_path, remove, require_whole
-from .searches import SEED
 from .problems import watched
 from .processes import End, Lifetime, MismatchError, command, require_well, warm
+from .searches import SEED
 from .tally import Row, Tally
 
 KIND = "command"

@@ -25,8 +25,8 @@ from markerseek.records.journal import (
 )
 from markerseek.runs.resume import resumed
 
-from .searches import PERSON, SEARCHES, Search, arming_watched
 from .processes import MismatchError
+from .searches import PERSON, SEARCHES, Search, arming_watched
 from .tally import Row, Tally
 
 Happened = list[tuple[object, float, bytes]]

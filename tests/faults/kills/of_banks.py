@@ -29,9 +29,9 @@ from markerseek.records.banks.ipasc.reading import IpascBank, read_probed
 
 from .at_times import rig_file
 from .ground import new_path, remove
-from .searches import SEED
 from .problems import watched
 from .processes import End, Lifetime, MismatchError, _command, command, require_well, warm
+from .searches import SEED
 from .tally import Row, Tally
 from .tracing import around, killed_at_write
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from markerseek.core import SearchPlan
 from markerseek.files import replace_file
 from markerseek.rigs import draw_scene, simulated
 from markerseek.runs import new_session, plan_on
@@ -71,7 +72,7 @@ def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
     settings = SimulatedSettings(tissue=tissue)
     for seed in seeds:
         rig = simulated(seed=seed, settings=settings)
-        session = new_session(rig, plan_on(rig, method="posterior", start_deg=rig.stage.angle_deg))
+        session = new_session(rig, plan_on(rig, SearchPlan(method="posterior", start_deg=rig.stage.angle_deg)))
         with closing(session.events()) as events:
             for _ in events:
                 pass
