@@ -11,7 +11,7 @@ WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page tes
 BENCH ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test check bench faults failures kills mutants peers ros2 docs figures lock clean
+.PHONY: help demo page test check bench faults failures kills mutants peers ros2 setup docs figures lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -59,17 +59,23 @@ mutants: .venv/dev  ## change the safety kernel in every small way, and see that
 peers: .venv-peers/ready  ## have other people's programs open our files and drive our emulators
 	.venv-peers/bin/python -m pytest -q --confcutdir=tests/peers tests/peers
 
+# PyPI has ROS 2 for Linux on x86-64 only.
+ROS_READY := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),.venv-ros/ready)
 ROS_PYTEST := .venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2
 
 # They mostly wait for one another's nodes: two files at once, but what times a loop has the computer for itself.
 ROS_TIMED := tests/ros2/test_flood.py tests/ros2/test_stage_node.py
 ROS_SHARED := $(filter-out $(ROS_TIMED),$(wildcard tests/ros2/test_*.py))
 
-ros2:  ## run the tests that need ROS 2, in an environment of its own
-	@if [ "$$(uname -sm)" = "Linux x86_64" ]; then $(MAKE) --no-print-directory .venv-ros/ready && \
-		echo $(ROS_SHARED) | xargs -P 2 -n 1 --process-slot-var=ROS_TESTS_SLOT $(ROS_PYTEST) && \
-		$(ROS_PYTEST) $(ROS_TIMED); \
-		else echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only, and this is $$(uname -sm)"; fi
+ros2: $(ROS_READY)  ## run the tests that need ROS 2, in an environment of its own
+ifdef ROS_READY
+	echo $(ROS_SHARED) | xargs -P 2 -n 1 --process-slot-var=ROS_TESTS_SLOT $(ROS_PYTEST)
+	$(ROS_PYTEST) $(ROS_TIMED)
+else
+	@echo "tests/ros2 skipped: PyPI has ROS 2 for Linux on x86-64 only"
+endif
+
+setup: .venv/dev $(ROS_READY)  ## set up the environments of the tests
 
 docs: .venv/dev  ## run the examples of the documentation
 	$(BIN)/python -m pytest -q tests/system/test_examples.py

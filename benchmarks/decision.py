@@ -1,8 +1,9 @@
 """What a decision costs: ``python -m benchmarks.decision [--markers N] [--methods NAME ...]``.
 
 The posterior and other people's optimisers search for the same simulated markers in turn, on one core. A decision is
-what a policy does from a sample to the next angle. The whole of the physics table is drawn anew for each marker, and
-a reading holds what an image's would, as in the studies of the posterior.
+what a policy does from a sample to the next angle. The whole of the physics table is drawn anew for each marker, at 40
+dB, and readings are those of whole frames. Ours ends by itself, after the survey of the range; the others make 12
+acquisitions.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ from pathlib import Path
 
 from benchmarks import machine
 
-STUDY = Path(__file__).parents[1] / "examples" / "studies" / "answers-exactly-8.toml"
+STUDY = Path(__file__).parents[1] / "examples" / "studies" / "answers-points.toml"
 
 OURS = "posterior"
 
 PEERS = {"scikit-optimize": "skopt", "botorch": "botorch"}
 """Methods to compare with, and the package that each needs."""
 
-ACQUISITIONS = 12
+PEER_ACQUISITIONS = 12
 
-TARGET_MS = 2.0
-"""Median of a decision of ours."""
+TARGET_MS, SLOWEST_MS = 3.0, 12.0
+"""Median of a decision of ours, and what 99 of 100 are below."""
 
 
 def main() -> None:
@@ -46,13 +47,14 @@ def main() -> None:
         for method in methods:
             times_ms[method] += _search(method, trial)
     median_ms = {method: statistics.median(times) for method, times in times_ms.items()}
-    print("\n| method | median, ms | a tenth above, ms | decisions | over ours |\n| --- | --- | --- | --- | --- |")
+    print("\n| method | median, ms | 99 of 100 below, ms | decisions | over ours |\n| --- | --- | --- | --- | --- |")
     for method, times in times_ms.items():
-        ninth = statistics.quantiles(times, n=10)[-1]
+        slowest_ms = statistics.quantiles(times, n=100)[-1]
         ratio = median_ms[method] / median_ms[OURS]
-        print(f"| {method} | {median_ms[method]:.2f} | {ninth:.2f} | {len(times)} | {ratio:.3g} |")
-    said = "met" if median_ms[OURS] <= TARGET_MS else "missed"
-    print(f"\ntarget: a decision of ours in at most {TARGET_MS:g} ms: {said}")
+        print(f"| {method} | {median_ms[method]:.2f} | {slowest_ms:.2f} | {len(times)} | {ratio:.3g} |")
+    slowest_ms = statistics.quantiles(times_ms[OURS], n=100)[-1]
+    said = "met" if median_ms[OURS] <= TARGET_MS and slowest_ms <= SLOWEST_MS else "missed"
+    print(f"\ntarget: a decision of ours in {TARGET_MS:g} ms, 99 of 100 in {SLOWEST_MS:g} ms: {said}")
 
 
 def _search(method: str, trial: int) -> list[float]:
@@ -65,12 +67,12 @@ def _search(method: str, trial: int) -> list[float]:
     from markerseek.studies.worlds import draw_trial, study_rig
 
     study = read_study(STUDY)
-    cell = cells(study)[0]
+    cell = next(cell for cell in cells(study) if cell.world.rig.noise.peak_snr_db == 40.0)
     rig = study_rig(study, cell, draw_trial(study, cell, trial))
     if method == OURS:
-        inner = build(method, limits=rig.limits.search, acquisitions=ACQUISITIONS, early_end=False)
+        inner = build(method, limits=rig.limits.search, acquisitions=study.policies[0].most)
     else:
-        inner = build_adapter(method, limits=rig.limits.search, acquisitions=ACQUISITIONS, as_published=True)
+        inner = build_adapter(method, limits=rig.limits.search, acquisitions=PEER_ACQUISITIONS, as_published=True)
     times_ms: list[float] = []
 
     class Timed:
