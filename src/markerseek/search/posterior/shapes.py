@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import fresnel
@@ -107,6 +108,13 @@ def log_humps(
     fresnel_number
         Fresnel number n at the centre of the band.
     """
+    across, log, half = _humps(fresnel_number)
+    return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
+
+
+@lru_cache(maxsize=8)
+def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " across"], float]:
+    """Distances over half the height of the element, ln S of (2) there, and the outermost with half of S(0)."""
     # Fine where the humps are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
     power = np.zeros_like(across)
@@ -118,8 +126,8 @@ def log_humps(
     log = np.log(power / power[0]) / 2
     # The outermost crossing of half maximum: between the humps the curve may fall below it, too.
     last = int(np.flatnonzero(log >= -math.log(2))[-1])
-    half = np.interp(math.log(2), -log[last : last + 2], across[last : last + 2])
-    return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
+    half = float(np.interp(math.log(2), -log[last : last + 2], across[last : last + 2]))
+    return across, log, half
 
 
 def family() -> Shapes:
