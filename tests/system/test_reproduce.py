@@ -134,7 +134,7 @@ def test_a_folder_of_channel_data_is_imaged_once_by_the_probe_that_is_named(shel
 def test_each_section_says_how_long_it_took(shell: Shell, tmp_path: Path) -> None:
     _, out, _ = shell("reproduce", "travel", "--markers", 20, "--workers", 1, "--out", tmp_path, "--json")
     (section,) = json.loads(out)["sections"]
-    assert 0 < section["stages_s"]["travel"] <= section["seconds"]
+    assert section["seconds"] > 0
     assert "Made in " in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 

@@ -71,9 +71,9 @@ def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: st
 
 
 def test_other_methods_take_no_prior() -> None:
-    with pytest.raises(ConfigError, match="only the posterior begins with one"):
+    with pytest.raises(ConfigError, match="prior is given, but only the posterior"):
         build("ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0))
-    with pytest.raises(ConfigError, match="only the posterior looks for other sources"):
+    with pytest.raises(ConfigError, match="single is given, but only the posterior"):
         build("ternary", single=True)
 
 

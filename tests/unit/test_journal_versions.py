@@ -13,7 +13,7 @@ import pytest
 
 from every_kind_of_entry import MARKER_DEG, METHOD, SEED, checkpoint, journal_events, rig
 from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused, Started
-from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal, salvage, summary, verify
+from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal, salvage, verify
 from markerseek.records.journal.schema import VERSION
 from markerseek.runs.rebuild import rebuild_reader, rebuild_rig
 from markerseek.signals import ImageReader
@@ -88,18 +88,6 @@ def test_a_newer_version_is_refused_with_a_sentence(version: int, tmp_path: Path
         with pytest.raises(RecordError, match=sentence):
             look(path)
     assert path.read_bytes() == before
-
-
-def test_a_journal_of_the_development_is_named_with_its_version(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    Journal.create(path, configuration()).close()
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA user_version = 2")
-        database.execute("PRAGMA journal_mode = WAL")
-    sentence = "an earlier markerseek wrote it: the journal has development version 2, which this one does not read"
-    with pytest.raises(RecordError, match=sentence):
-        read_journal(path)
-    assert sentence in str(summary(path).problem)
 
 
 @pytest.mark.parametrize("version", [0, -1])

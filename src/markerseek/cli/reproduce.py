@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +25,7 @@ from markerseek.cli.terminal import (
 from markerseek.core import ConfigError
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Duration, Reproduction, Section, Table
+    from markerseek.studies.paper import Reproduction, Section, Table
 
 EXAMPLES = (
     "Examples:\n\n"
@@ -54,7 +55,7 @@ def command(
 ) -> None:
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
     from markerseek.records.banks import read_bank
-    from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, Stopwatch, write_report, write_section
+    from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, write_report, write_section
 
     own = None
     if bank is not None:
@@ -74,30 +75,31 @@ def command(
     elif probe is not None:
         raise ConfigError(f"--probe {probe} belongs to a bank of channel data; give --bank too")
     with stages_bar() as progress:
-        watch = Stopwatch(progress)
         options = RunOptions(
             seed=seed,
             markers=markers,
             workers=studies.default_workers() if workers is None else workers,
-            progress=watch.progress,
+            progress=progress,
         )
         # Before hours of computation, not after them.
         picture_folder(out, plot=True)
         reproduction = Reproduction(options=options, folder=out, own_bank=own)
         names = _names(reproduction) if what == "all" else [what]
-        sections, files, durations = [], [], []
+        sections, files = [], []
+        durations_s: list[float] = []
+        began_s = time.perf_counter()
         for section in reproduction.sections(names):
             sections.append(section)
             files.append(write_section(section, out))
-            durations.append(watch.lap())
-        page = write_report(sections, out, options=options, durations=durations, own_bank=bank)
+            durations_s.append(time.perf_counter() - began_s - sum(durations_s))
+        page = write_report(sections, out, options=options, durations_s=durations_s, own_bank=bank)
     if as_json:
-        made = [_made(*each) for each in zip(sections, files, durations, strict=True)]
+        made = [_made(*each) for each in zip(sections, files, durations_s, strict=True)]
         used = {"seed": seed, "markers": markers, "workers": options.workers}
         print_json({"report": str(page), **used, "sections": made})
         return
-    for section, duration in zip(sections, durations, strict=True):
-        _print(section, duration)
+    for section, duration_s in zip(sections, durations_s, strict=True):
+        _print(section, duration_s)
     print_path("report", page)
 
 
@@ -110,7 +112,7 @@ def _names(reproduction: Reproduction) -> list[str]:
     return names
 
 
-def _made(section: Section, files: list[Path], duration: Duration) -> dict[str, object]:
+def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, object]:
     """One section, for programs."""
     from markerseek.studies.paper import comparison_table
 
@@ -124,8 +126,7 @@ def _made(section: Section, files: list[Path], duration: Duration) -> dict[str, 
         "numbers": numbers,
         "remarks": section.remarks,
         "files": [str(path) for path in files],
-        "seconds": duration.seconds,
-        "stages_s": dict(duration.stages_s),
+        "seconds": duration_s,
     }
 
 
@@ -151,7 +152,7 @@ def _errors_of_own_bank(section: Section) -> Table | None:
     return replace(errors, rows=tuple({name: row[name] for name in filled} for row in errors.rows))
 
 
-def _print(section: Section, duration: Duration) -> None:
+def _print(section: Section, duration_s: float) -> None:
     from markerseek.studies.paper import shown
 
     stdout.print(f"[bold]{escape(section.title)}[/]")
@@ -179,4 +180,4 @@ def _print(section: Section, duration: Duration) -> None:
         stdout.print(table)
     for remark in section.remarks:
         stdout.print(f"  {escape(remark)}")
-    stdout.print(f"[dim]took {escape(str(duration))}[/]\n")
+    stdout.print(f"[dim]took {duration_s:.1f} s[/]\n")

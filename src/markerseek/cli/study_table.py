@@ -73,11 +73,10 @@ def _show_legend(summary: studies.Summary) -> None:
 
 
 def show_bounds(comparisons: Sequence[studies.BoundComparison]) -> None:
-    """Print each policy in each cell compared with the bound, and the time of its decisions."""
-    stdout.print("\nroot mean square error, bound for the best angles and for those taken, ratios; time of a decision")
-    table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken", "median", "largest")
+    """Print each policy in each cell compared with the bound."""
+    stdout.print("\nroot mean square error, bound for the best angles and for those taken, ratios")
+    table = _table("cell", "", "markers", "N", "rmse", "best", "taken", "ratio", "to taken")
     for each in comparisons:
-        median_ms, largest_ms = each.decision_ms
         table.add_row(
             str(each.cell),
             f"[bold]{each.policy}[/]",
@@ -88,8 +87,6 @@ def show_bounds(comparisons: Sequence[studies.BoundComparison]) -> None:
             f"{each.taken_deg:.3g}°",
             f"{each.ratio_to_best:.3g}",
             f"{each.ratio_to_taken:.3g}",
-            f"{median_ms:.3g} ms",
-            f"{largest_ms:.3g} ms",
         )
     _show(table)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
@@ -112,6 +112,7 @@ def build(
     early_end: bool = True,
     single: bool = False,
     prior: MarkerCurve | None = None,
+    cues: Iterable[str] | None = None,
 ) -> Policy:
     """Return a policy for one search.
 
@@ -136,12 +137,14 @@ def build(
         Whether there is one source only: a posterior then looks for no other, and ends earlier.
     prior
         Intensity curve of a former marker on this rig, from which a posterior begins; None if there was none.
+    cues
+        Features of a reading that a posterior uses, as for `markerseek.search.posterior.Posterior`; None: all.
 
     Raises
     ------
     ConfigError
         If the method is unknown, the number of acquisitions does not fit it, a posterior is requested as published, a
-        form that it does not have, or ``single`` or a prior is given to another method.
+        form that it does not have, or ``single``, a prior or cues are given to another method.
     """
     chosen = method_named(method)
     number = chosen.acquisitions if acquisitions is None else acquisitions
@@ -149,13 +152,26 @@ def build(
     searched = as_interval(limits, name="limits")
     stands_deg = None if start_deg is None else float(start_deg)
     if chosen.name == "posterior":
-        return _posterior(
-            searched, number, stands_deg, early_end, single=single, prior=prior, as_published=as_published
+        if as_published:
+            raise ConfigError(
+                "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of "
+                "the paper, for instance weighted-average"
+            )
+        # Imported here: other methods need neither SciPy nor the compiled kernels.
+        from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, Posterior
+
+        return Posterior(
+            limits=searched,
+            acquisitions=number,
+            start_deg=stands_deg,
+            target_sigma_deg=TARGET_SIGMA_DEG if early_end else 0.0,
+            cues=CUES if cues is None else cues,
+            single=single,
+            prior=prior,
         )
-    if single:
-        raise ConfigError(f"{chosen.name}: single is set, but only the posterior looks for other sources; leave it out")
-    if prior is not None:
-        raise ConfigError(f"{chosen.name}: a prior is given, but only the posterior begins with one; leave it out")
+    for name, value in (("single", single or None), ("prior", prior), ("cues", cues)):
+        if value is not None:
+            raise ConfigError(f"{chosen.name}: {name} is given, but only the posterior has this setting; leave it out")
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
@@ -193,35 +209,6 @@ def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:
 def most_acquisitions(plan: SearchPlan) -> int:
     """Return the most acquisitions of a plan: its own number, or that of its method."""
     return plan.acquisitions or method_named(plan.method).acquisitions
-
-
-def _posterior(
-    limits: Interval,
-    acquisitions: int,
-    start_deg: float | None,
-    early_end: bool,
-    *,
-    single: bool,
-    prior: MarkerCurve | None,
-    as_published: bool,
-) -> Policy:
-    if as_published:
-        raise ConfigError(
-            "posterior: it is markerseek's own and was not published; leave out as_published, or name a method of the "
-            "paper, for instance weighted-average"
-        )
-    # Imported here: other methods need neither SciPy nor the compiled kernels.
-    from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
-
-    target_deg = TARGET_SIGMA_DEG if early_end else 0.0
-    return Posterior(
-        limits=limits,
-        acquisitions=acquisitions,
-        start_deg=start_deg,
-        target_sigma_deg=target_deg,
-        single=single,
-        prior=prior,
-    )
 
 
 def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PublishedPolicy:

@@ -1,24 +1,20 @@
-"""Errors of a policy compared with the bound of each marker, and the time of its decisions.
+"""Errors of a policy compared with the bound of each marker.
 
 The bound is Van Trees' Bayesian one (`markerseek.search.bounds`) with the marker's own noise-free curve, all nuisances
 unknown and the ranges of the physics table as the prior: for the best angles of this marker, and for the angles of the
 policy. Both need a study in which everything is drawn.
-
-A decision is ``tell`` and ``ask`` together, in CPU time of the thread; it depends on the machine, and is in no row of a
-study.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Estimate, Interval, Policy, Sample
+from markerseek.core import ConfigError, Interval, Measured
 from markerseek.scan import run
 from markerseek.search.bounds import (
     TABLE_PRIOR,
@@ -47,7 +43,7 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of a policy and the bounds, over the first markers of a study.
 
     ``rmse_deg`` is of ``mean_deg`` whatever the answer; ``best_deg`` and ``taken_deg`` are root mean squares of the
-    bounds for the best angles and for the policy's. ``decision_ms`` are the median and the largest time of a decision.
+    bounds for the best angles and for the policy's.
     """
 
     cell: int
@@ -62,39 +58,6 @@ class BoundComparison(msgspec.Struct, frozen=True, kw_only=True):
     ratio_to_best: float
     ratio_to_taken: float
     median_ratio_to_best: float
-    decision_ms: tuple[float, float]
-
-
-class _Recorded:
-    """A policy that records its angles and the times of its decisions."""
-
-    def __init__(self, inner: Policy) -> None:
-        self._inner = inner
-        self._telling_s = 0.0
-        self.angles_deg: list[float] = []
-        self.decisions_s: list[float] = []
-
-    def ask(self) -> float | None:
-        """Next angle in degrees."""
-        began_s = time.thread_time()
-        angle_deg = self._inner.ask()
-        # Dark frames come before the first decision and are none.
-        if self._telling_s > 0:
-            self.decisions_s.append(self._telling_s + time.thread_time() - began_s)
-        self._telling_s = 0.0
-        return angle_deg
-
-    def tell(self, sample: Sample) -> None:
-        """Take in one sample."""
-        began_s = time.thread_time()
-        self._inner.tell(sample)
-        if not sample.dark:
-            self._telling_s = time.thread_time() - began_s
-            self.angles_deg.append(sample.angle_deg)
-
-    def estimate(self) -> Estimate:
-        """What is known now."""
-        return self._inner.estimate()
 
 
 @lru_cache(maxsize=1024)
@@ -132,25 +95,25 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         If the study does not draw everything, so that its markers have no curve of their own.
     """
     settings, limits = study.policies[policy], cell.world.rig.limits.search
-    errors, best, taken, times = [], [], [], []
+    errors, best, taken = [], [], []
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
-        recorded = _Recorded(build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg))
+        searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg)
+        dark_frames = 0 if settings.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        for _ in run(recorded, rig.scanner, dark_frames=0 if settings.as_published else rig.dark_frames, stay=True):
-            pass
+        events = run(searcher, rig.scanner, dark_frames=dark_frames, stay=True)
+        samples = [event.sample for event in events if isinstance(event, Measured)]
         marker_deg = unknowns.marker.angle_deg
-        errors.append(recorded.estimate().mean_deg - marker_deg)
+        errors.append(searcher.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.
         ideal = best_angles(
             curve, marker_deg=marker_deg, noise=noise, acquisitions=settings.most, limits=limits, prior=TABLE_PRIOR
         )
         best.append(ideal.bound_deg)
-        angles_deg = np.array(recorded.angles_deg)
+        angles_deg = np.array([sample.angle_deg for sample in samples if not sample.dark])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
-        times += recorded.decisions_s
     rmse_deg, best_deg, taken_deg = (_root_mean_square(values) for values in (errors, best, taken))
     magnitude = np.abs(errors)
     return BoundComparison(
@@ -166,7 +129,6 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         ratio_to_best=rmse_deg / best_deg,
         ratio_to_taken=rmse_deg / taken_deg,
         median_ratio_to_best=float(np.median(magnitude / np.array(best))),
-        decision_ms=(1e3 * float(np.median(times)), 1e3 * max(times)),
     )
 
 

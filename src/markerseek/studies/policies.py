@@ -134,28 +134,16 @@ def build_policy(
         return build_adapter(
             settings.method, limits=limits, acquisitions=settings.most, as_published=settings.as_published
         )
-    if settings.cues is None:
-        return build(
-            settings.method,
-            limits=limits,
-            acquisitions=settings.acquisitions,
-            as_published=settings.as_published,
-            start_deg=start_deg,
-            early_end=settings.early_end,
-            single=settings.single,
-            prior=prior,
-        )
-    # Imported here, because SciPy and the compiled kernels take half a second to load.
-    from markerseek.search.posterior import TARGET_SIGMA_DEG, Posterior
-
-    return Posterior(
+    return build(
+        settings.method,
         limits=limits,
-        acquisitions=settings.most,
+        acquisitions=settings.acquisitions,
+        as_published=settings.as_published,
         start_deg=start_deg,
-        target_sigma_deg=TARGET_SIGMA_DEG if settings.early_end else 0.0,
-        cues=settings.cues,
+        early_end=settings.early_end,
         single=settings.single,
         prior=prior,
+        cues=settings.cues,
     )
 
 

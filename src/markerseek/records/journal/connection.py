@@ -24,10 +24,10 @@ from platformdirs import user_data_path
 
 from markerseek.core import RecordError
 from markerseek.files import open_input, require_input
-from markerseek.records.journal.schema import APPLICATION_ID, VERSION
+from markerseek.records.journal.schema import APPLICATION_ID
 
-_MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT, _WAL_FORMAT = b"SQLite format 3\0", 100, b"\1\1", b"\2\2"
-_FORMAT, _VERSION, _APPLICATION = slice(18, 20), slice(60, 64), slice(68, 72)
+_MAGIC, _HEADER_BYTES, _ROLLBACK_FORMAT = b"SQLite format 3\0", 100, b"\1\1"
+_FORMAT, _APPLICATION = slice(18, 20), slice(68, 72)
 _MOST_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
 
@@ -180,13 +180,6 @@ def require_journal_file(path: Path) -> None:
         raise RecordError(
             f"{path}: the file has {names} names (hard links), and under another one it could be written "
             "without its rollback journal; copy it, and use the copy"
-        )
-    version = int.from_bytes(header[_VERSION], "big")
-    # Journals of the development had a write-ahead log, and versions of their own.
-    if _is_ours(header) and header[_FORMAT] == _WAL_FORMAT and version != VERSION:
-        raise RecordError(
-            f"{path}: an earlier markerseek wrote it: the journal has development version {version}, which this one "
-            "does not read; read it with that markerseek"
         )
     if header.startswith(_MAGIC) and header[_FORMAT] != _ROLLBACK_FORMAT:
         raise RecordError(

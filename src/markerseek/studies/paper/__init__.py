@@ -5,7 +5,7 @@ them except the condition `markerseek.studies.paper.fig5.FITTED`, which is marke
 """
 
 from markerseek.studies.paper.banks import OfflineBank
-from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions, Stopwatch
+from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber, paper_number
 from markerseek.studies.paper.report import REPORT, comparison_table, shown, write_report, write_section
 from markerseek.studies.paper.reproduce import OFFLINE, Reproduction
@@ -18,14 +18,12 @@ __all__ = [
     "REPORT",
     "Cell",
     "Comparison",
-    "Duration",
     "Errors",
     "OfflineBank",
     "PaperNumber",
     "Reproduction",
     "RunOptions",
     "Section",
-    "Stopwatch",
     "Table",
     "comparison_table",
     "paper_number",

@@ -1,9 +1,8 @@
-"""What a reproduction may use: seed, number of markers, processes; its progress, and how long its stages take."""
+"""What a reproduction may use: seed, number of markers, processes, and its progress."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -82,53 +81,3 @@ class RunOptions:
 
 def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
     return [function(job) for job in jobs]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Duration:
-    """How long something took.
-
-    Attributes
-    ----------
-    seconds
-        From its beginning to its end.
-    stages_s
-        Seconds of its stages, by their names.
-    """
-
-    seconds: float
-    stages_s: Mapping[str, float]
-
-    def __str__(self) -> str:
-        stages = [f"{name}: {spent_s:.1f} s" for name, spent_s in self.stages_s.items()]
-        rest_s = self.seconds - sum(self.stages_s.values())
-        return f"{self.seconds:.1f} s" + (f" ({'; '.join(stages)}; the rest: {rest_s:.1f} s)" if stages else "")
-
-
-class Stopwatch:
-    """Times the stages of a work by its progress, which it passes on.
-
-    Parameters
-    ----------
-    progress
-        Receives the progress after the watch.
-    """
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._since_s = time.perf_counter()
-        self._began_s: dict[str, float] = {}
-        self._stages_s: dict[str, float] = {}
-
-    def progress(self, stage: str, done: int, total: int) -> None:
-        """Note the progress of a stage and pass it on; see `Progress`."""
-        now_s = time.perf_counter()
-        self._stages_s[stage] = now_s - self._began_s.setdefault(stage, now_s)
-        self._progress(stage, done, total)
-
-    def lap(self) -> Duration:
-        """Time since the watch was made, or since the last lap, and that of the stages since."""
-        now_s = time.perf_counter()
-        duration = Duration(seconds=now_s - self._since_s, stages_s=self._stages_s)
-        self._since_s, self._began_s, self._stages_s = now_s, {}, {}
-        return duration

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.pictures import new_picture, png_data_uri, save_png, save_svg, write_page
-from markerseek.studies.paper.options import PAPER_MARKERS, Duration, RunOptions
+from markerseek.studies.paper.options import PAPER_MARKERS, RunOptions
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Section, Table
 
@@ -40,7 +40,7 @@ def write_report(
     folder: Path,
     *,
     options: RunOptions,
-    durations: Sequence[Duration] = (),
+    durations_s: Sequence[float] = (),
     own_bank: Path | None = None,
 ) -> Path:
     """Write the page of all sections, and return its path.
@@ -53,8 +53,8 @@ def write_report(
         Where `write_section` put their files.
     options
         What they used.
-    durations
-        How long each took; empty if not measured.
+    durations_s
+        How long each took, in seconds; empty if not measured.
     own_bank
         The user's bank from which they were made; None for simulated ones.
 
@@ -76,7 +76,7 @@ def write_report(
         note=note,
         made_with=f"markerseek {__version__}"
         + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
-        sections=list(zip_longest(sections, durations)),
+        sections=list(zip_longest(sections, durations_s)),
         limitations=_limitations(),
         shown=shown,
         comparison_table=comparison_table,
