@@ -60,6 +60,14 @@ def test_sigmas_are_used_and_the_error_is_given_at_the_target_that_was_asked_for
     assert near["tre_m"] < near["expected_fre_m"]
 
 
+def test_points_as_a_spreadsheet_with_decimal_commas_saves_them(shell: Shell, tmp_path: Path) -> None:
+    text = EXAMPLE.read_text(encoding="utf-8").replace(",", ";").replace(".", ",")
+    (tmp_path / "points.csv").write_bytes(text.encode("utf-8-sig"))
+    _, same, _ = shell("register", tmp_path / "points.csv", "--json")
+    _, out, _ = shell("register", EXAMPLE, "--json")
+    assert json.loads(same)["davinci_to_trus"] == json.loads(out)["davinci_to_trus"]
+
+
 def test_the_table_names_every_point_and_the_picture_is_drawn(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("register", EXAMPLE, "--plot", "--out", tmp_path)
     assert code == 0

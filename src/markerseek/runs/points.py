@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import MIB, as_read_error, open_input
+from markerseek.files import MIB, as_read_error, csv_rows, read_input
 from markerseek.geometry import triangulate
 from markerseek.runs.former_search import read_marker
 from markerseek.runs.registration import PointPair
@@ -121,22 +120,14 @@ def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] 
 def _table(path: Path) -> tuple[Collection[str], list[Row]]:
     """What the columns of a CSV hold, and its rows."""
     try:
-        with (
-            as_read_error(path),
-            open_input(path, most_bytes=_LARGEST_BYTES) as file,
-            # Excel writes a byte order mark, which would become part of the first column's name.
-            io.TextIOWrapper(file, newline="", encoding="utf-8-sig") as lines,
-        ):
-            return _rows(path, csv.reader(lines, strict=True))
+        with as_read_error(path):
+            table = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))
     except (UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of points: {problem}; its first line names the columns "
             f"{', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}"
         ) from problem
-
-
-def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list[Row]]:
-    heading = [name.strip() for name in next(lines, [])]
+    heading = table.names
     if not heading:
         raise RecordError(f"{path}: it is empty; its first line must name the columns, as in examples/points.csv")
     doubled = next((name for name in heading if heading.count(name) > 1), None)
@@ -145,14 +136,13 @@ def _rows(path: Path, lines: Iterator[list[str]]) -> tuple[Collection[str], list
     _require_known_sigmas(path, heading)
     present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
     rows: list[Row] = []
-    for line, cells in enumerate(lines, start=2):
-        # Spreadsheets append empty rows.
-        if not any(cell.strip() for cell in cells):
-            continue
+    for line, cells in table.cells.items():
         row = dict(zip(heading, cells, strict=False))
         where = f"{path}, line {line}"
         numbers = {
-            kind: tuple(_number(where, name, row.get(name, "").strip(), positive="sigma" in kind) for name in names)
+            kind: tuple(
+                _number(where, name, table.with_point(row.get(name, "")), positive="sigma" in kind) for name in names
+            )
             for kind, names in present.items()
         }
         rows.append((row.get("name", "").strip() or str(len(rows) + 1), numbers))

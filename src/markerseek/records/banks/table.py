@@ -13,9 +13,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MOST_INTENSITY, ConfigError, RecordError
-from markerseek.files import MIB, new_file, read_input, replace_file
+from markerseek.files import MIB, CsvRows, csv_rows, new_file, read_input, replace_file
 from markerseek.records.banks.bank import LEAST_STEP_DEG, IntensityBank, require_angles
-from markerseek.records.banks.table_text import Rows, rows_of
 from markerseek.records.untrusted_arrays import ARRAY_SUFFIXES
 
 COLUMNS = ("angle_deg", "intensity")
@@ -117,7 +116,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
             f"{path}: a scan that NumPy or MATLAB saved becomes a bank by 'markerseek bank import {path} scan.hdf5'"
         )
     try:
-        rows = rows_of(path, read_input(path, most_bytes=_LARGEST_BYTES))
+        rows = csv_rows(path, read_input(path, most_bytes=_LARGEST_BYTES))
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise RecordError(
             f"{path}: it cannot be read as a CSV of {','.join(COLUMNS)}: {problem}; a bank is such a table, an IPASC "
@@ -132,7 +131,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     return IntensityBank(angles_deg=tuple(angles_deg), intensities=tuple(intensities))
 
 
-def _places(path: Path, rows: Rows, table: TableFormat) -> tuple[int, int]:
+def _places(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, int]:
     """Indices of the columns of angle and intensity."""
     names = rows.names
     if table.columns is not None:
@@ -157,7 +156,7 @@ def _places(path: Path, rows: Rows, table: TableFormat) -> tuple[int, int]:
     return _place(path, rows, angle), _place(path, rows, intensity)
 
 
-def _place(path: Path, rows: Rows, column: str) -> int:
+def _place(path: Path, rows: CsvRows, column: str) -> int:
     """Index of one column by its name, or by its number if none has that name."""
     found = [index for index, name in enumerate(rows.names) if name == column]
     if len(found) > 1:
@@ -170,7 +169,7 @@ def _place(path: Path, rows: Rows, column: str) -> int:
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {has}")
 
 
-def _numbers(path: Path, rows: Rows, line: int, places: tuple[int, int]) -> tuple[float, float]:
+def _numbers(path: Path, rows: CsvRows, line: int, places: tuple[int, int]) -> tuple[float, float]:
     """Angle and intensity of one row."""
     angle, intensity = (_cell(path, rows, line, place) for place in places)
     if intensity < 0:
@@ -183,7 +182,7 @@ def _numbers(path: Path, rows: Rows, line: int, places: tuple[int, int]) -> tupl
     return angle, intensity
 
 
-def _cell(path: Path, rows: Rows, line: int, place: int) -> float:
+def _cell(path: Path, rows: CsvRows, line: int, place: int) -> float:
     row = rows.cells[line]
     name = rows.names[place] if rows.names else f"column {place + 1}"
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
@@ -192,11 +191,8 @@ def _cell(path: Path, rows: Rows, line: int, place: int) -> float:
             f"{path}, line {line}: it has {len(row)} columns, {rows.width} are expected; a number with a decimal comma "
             "needs columns that a semicolon or a tab separates"
         )
-    text = row[place].strip()
-    if rows.separator != "," and "." not in text:
-        text = text.replace(",", ".")
     try:
-        value = float(text)
+        value = float(rows.with_point(row[place]))
     except ValueError:
         raise RecordError(f"{path}, line {line}: {name} is {row[place]!r}, it must be a number") from None
     if not math.isfinite(value):

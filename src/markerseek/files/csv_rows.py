@@ -14,7 +14,7 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rows:
+class CsvRows:
     """Rows of a table.
 
     Attributes
@@ -34,8 +34,13 @@ class Rows:
     separator: str
     cells: dict[int, list[str]] = field(repr=False)
 
+    def with_point(self, cell: str) -> str:
+        """The text of a cell, with a point for a decimal comma where something else separates the columns."""
+        text = cell.strip()
+        return text.replace(",", ".") if self.separator != "," and "." not in text else text
 
-def rows_of(path: Path, data: bytes) -> Rows:
+
+def csv_rows(path: Path, data: bytes) -> CsvRows:
     """Rows of a table in the bytes of a file.
 
     Raises
@@ -63,7 +68,7 @@ def rows_of(path: Path, data: bytes) -> Rows:
         names = (names[0].removeprefix("#").strip(), *names[1:])
     cells = {line: row for line, row in table if not row[0].startswith("#")}
     width = len(names or next(iter(cells.values()), ()))
-    return Rows(names=names, width=width, separator=separator, cells=cells)
+    return CsvRows(names=names, width=width, separator=separator, cells=cells)
 
 
 def _decoded(path: Path, data: bytes) -> str:
