@@ -6,8 +6,8 @@ COMPILE := .venv/bin/pip-compile --quiet --no-header --strip-extras --allow-unsa
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 TESTS ?= tests
 # Of all tests in real time, those of `faults` keep leases of a tenth of a second, and have the computer for themselves;
-# the others wait long enough to share it.
-WATCHED := $(if $(filter tests,$(TESTS)),tests/bridges tests/igtl tests/page tests/system)
+# the others mostly wait, and share it: the longest come first.
+WATCHED := $(if $(filter tests,$(TESTS)),tests/system tests/page tests/igtl tests/bridges)
 BENCH ?=
 
 .DEFAULT_GOAL := help
@@ -31,7 +31,7 @@ IN_TWO := -n 2 --dist worksteal
 test: export OPENBLAS_NUM_THREADS := 1
 test: .venv/dev  ## run every test
 	$(BIN)/python -m pytest $(IN_TWO) -m "not real_time" $(TESTS) || test $$? -eq 5
-	$(if $(WATCHED),$(BIN)/python -m pytest $(IN_TWO) -m real_time $(WATCHED))
+	$(if $(WATCHED),$(BIN)/python -m pytest -n 2 --dist load --maxschedchunk 1 -m real_time $(WATCHED))
 	$(BIN)/python -m pytest -m real_time $(addprefix --ignore=,$(WATCHED)) $(TESTS) || test $$? -eq 5
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts

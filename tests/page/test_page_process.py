@@ -84,7 +84,7 @@ def until(condition, page, tab, *, timeout_s=30):
 @needs_browser
 def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
     with served(tmp_path) as page:
-        watched = open_tab(browser, page, "/", "&seed=4&pace=0.2")
+        watched = open_tab(browser, page, "/", "&seed=4&pace=0.1")
         watched.start()
         watched.wait_for(".ms-log", "acquisition 1:")
         (child,) = page.children()

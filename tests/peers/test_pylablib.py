@@ -28,9 +28,9 @@ SERVE = """
 from types import SimpleNamespace
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 probe = SimpleNamespace(angle_deg=5.0)
-emulator = Kdc101Emulator(probe=probe, settings=Kdc101Settings(homed=False, play_deg=0.0))
+emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(homed=False, play_deg=0.0))
 with PtyLine(device=emulator, clock=SystemClock()) as line:
     print(line.path, flush=True)
     while True:

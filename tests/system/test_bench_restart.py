@@ -15,7 +15,7 @@ pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("thorlabs_apt_protocol", reason="needs the extra devices")
 
-SEARCH = ("--method", "posterior", "--json", "--no-journal", "--arm")
+SEARCH = ("--method", "posterior", "--single", "--json", "--no-journal", "--arm")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

@@ -18,8 +18,8 @@ SERVE = """
 from types import SimpleNamespace
 from markerseek.drivers.clock import SystemClock
 from markerseek.emulators import PtyLine
-from markerseek.emulators.kdc101 import Kdc101Emulator, Kdc101Settings
-emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=1.0), settings=Kdc101Settings(talking=True))
+from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
+emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=1.0), settings=EmulatedKdc101(talking=True))
 with PtyLine(device=emulator, clock=SystemClock()) as line:
     print(line.path, flush=True)
     while True:
