@@ -6,11 +6,7 @@ import math
 import subprocess
 import sys
 import time
-import warnings
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -28,21 +24,15 @@ from campaign.chunks import frames, readings  # type: ignore[import-not-found, u
 from campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
 from campaign.report import byte_keys, observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
-from campaign.tally import Tally, upper95  # type: ignore[import-not-found, unused-ignore]
+from campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
 from campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
+from unchecked import unchecked  # type: ignore[import-not-found, unused-ignore]
 
 RUNS, FRAMES = 2000, 50
 
 
-def in_a_child(part: Callable[[int, int, int], Tally], runs: int) -> Tally:
-    """A part of the campaign in another process: checking the shapes of all arguments, as here, doubles its time."""
-    warnings_are_errors = {"initializer": warnings.simplefilter, "initargs": ("error",)}
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), **warnings_are_errors) as child:
-        return child.submit(part, 2, 0, runs).result()
-
-
 def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
-    tally = in_a_child(readings, RUNS)
+    tally = unchecked(readings, 2, 0, RUNS)
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(promises(tally, preventable=observable_keys())) + "\n")
     broken = [broken for broken in tally.broken if broken.promise != "P10"]
@@ -56,7 +46,7 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
 
 
 def test_no_promise_is_broken_over_real_drivers_and_emulated_devices(capsys: pytest.CaptureFixture[str]) -> None:
-    tally = in_a_child(frames, FRAMES)
+    tally = unchecked(frames, 2, 0, FRAMES)
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(promises(tally, preventable=byte_keys(), acts=False)) + "\n")
     assert [broken for broken in tally.broken if broken.promise != "P10"] == []
