@@ -22,11 +22,13 @@ PLACES = (0.15, 0.55, 0.9)
 def at_steps(name: str, numbers: Sequence[int]) -> Tally:
     """Kill a search at each of these steps; one beyond its last must live on."""
     search, tally = SEARCHES[name], Tally()
+    # Before the first child: a bank that a child records for itself has another name, and so another fingerprint.
+    last = whole(name).steps
     for number in numbers:
         path = new_path()
         with watched(tally, path, f"{name}, killed at step {number}"):
             end = in_a_process(partial(search.live, path, blows_at=number, resume=False))
-            if _died(end, number, last=whole(name).steps):
+            if _died(end, number, last=last):
                 tally.point(end.place, name)
                 require_resumed(
                     search, path, acknowledged=end.acknowledged, row=tally.row(name, "every step"), tally=tally
