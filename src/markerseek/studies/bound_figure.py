@@ -79,7 +79,7 @@ def error_figure(
             )
         if cell in bounds:
             axes.errorbar(*bounds[cell], label="bound, best angles", color="#000000", marker="_", **ERROR_BARS)
-    shared_legend(figure, columns=3)
+    shared_legend(figure, columns=2)
     return figure
 
 
