@@ -62,6 +62,22 @@ class Listener:
         raise AssertionError(f"the search never was {state}")
 
 
+    def match(self) -> None:
+        """Have searches made until every topic was heard, then forget them.
+
+        A publisher sends nothing to a listener that it has not found yet, whatever the listener has found.
+        """
+        self.wait_for("idle")
+        for _ in range(10):
+            self.heard[topics.RESULT].clear()
+            assert self.node.call(topics.RUN, timeout_s=10)[0]
+            self.wait_for("ended")
+            if all(self.heard.values()):
+                break
+        for messages in self.heard.values():
+            messages.clear()
+
+
 @pytest.fixture
 def listener() -> Iterator[Listener]:
     with RosNode("listener") as node:
@@ -70,7 +86,7 @@ def listener() -> Iterator[Listener]:
 
 def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start, listener: Listener) -> None:
     start(*MARKERSEEK, "ros2", "search", *SEARCH)
-    listener.wait_for("idle")
+    listener.match()
     accepted, sentence = listener.node.call(topics.RUN, timeout_s=10)
     assert accepted
     assert topics.RESULT in sentence

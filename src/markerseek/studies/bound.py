@@ -26,6 +26,7 @@ from markerseek.search.bounds import (
 )
 from markerseek.studies.policies import build_policy
 from markerseek.studies.study import Cell, Study
+from markerseek.studies.trial import former_curve
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.window import noise_free, window_of
 from markerseek.studies.worlds import draw_trial, study_rig
@@ -99,7 +100,8 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
-        searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg)
+        prior = former_curve(study, cell, trial, settings)
+        searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
         events = run(searcher, rig.scanner, dark_frames=dark_frames, stay=True)

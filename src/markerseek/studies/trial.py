@@ -97,10 +97,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
-    prior = None
-    if settings.prior:
-        former, _, _ = _search(study, settings, former_rig(study, cell, trial))
-        prior = former.estimate.curve if former is not None and isinstance(former.estimate, Found) else None
+    prior = former_curve(study, cell, trial, settings)
     finished, refused, marks_deg = _search(study, settings, rig, prior=prior)
     estimate = finished.estimate if finished is not None else None
     interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
@@ -137,6 +134,22 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
         other_deg=None if two is None or estimate is None else two.other_named(estimate),
     )
+
+
+def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings) -> MarkerCurve | None:
+    """Return the curve of the former marker of a trial, by a search for it; None if it is not told, or not found.
+
+    Parameters
+    ----------
+    study, cell, trial
+        Which trial.
+    settings
+        Settings of the policy.
+    """
+    if not settings.prior:
+        return None
+    finished, _, _ = _search(study, settings, former_rig(study, cell, trial))
+    return finished.estimate.curve if finished is not None and isinstance(finished.estimate, Found) else None
 
 
 class TwoAngles(NamedTuple):
