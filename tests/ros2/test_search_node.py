@@ -61,7 +61,6 @@ class Listener:
                 return results[-1]
         raise AssertionError(f"the search never was {state}")
 
-
     def match(self) -> None:
         """Have searches made until every topic was heard, then forget them.
 
