@@ -48,12 +48,11 @@ def main() -> None:
             times_ms[method] += _search(method, trial)
     median_ms = {method: statistics.median(times) for method, times in times_ms.items()}
     print("\n| method | median, ms | 99 of 100 below, ms | decisions | over ours |\n| --- | --- | --- | --- | --- |")
+    slowest_ms = {method: statistics.quantiles(times, n=100)[-1] for method, times in times_ms.items()}
     for method, times in times_ms.items():
-        slowest_ms = statistics.quantiles(times, n=100)[-1]
         ratio = median_ms[method] / median_ms[OURS]
-        print(f"| {method} | {median_ms[method]:.2f} | {slowest_ms:.2f} | {len(times)} | {ratio:.3g} |")
-    slowest_ms = statistics.quantiles(times_ms[OURS], n=100)[-1]
-    said = "met" if median_ms[OURS] <= TARGET_MS and slowest_ms <= SLOWEST_MS else "missed"
+        print(f"| {method} | {median_ms[method]:.2f} | {slowest_ms[method]:.2f} | {len(times)} | {ratio:.3g} |")
+    said = "met" if median_ms[OURS] <= TARGET_MS and slowest_ms[OURS] <= SLOWEST_MS else "missed"
     print(f"\ntarget: a decision of ours in {TARGET_MS:g} ms, 99 of 100 in {SLOWEST_MS:g} ms: {said}")
 
 

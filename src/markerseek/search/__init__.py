@@ -10,7 +10,15 @@ from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import FALSE_FOUND, noise_of
 from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
-from markerseek.search.methods import METHODS, Method, build, method_named, most_acquisitions, policy_for
+from markerseek.search.methods import (
+    METHODS,
+    Method,
+    build,
+    method_named,
+    most_acquisitions,
+    policy_for,
+    refuse_posterior_settings,
+)
 from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
@@ -46,5 +54,6 @@ __all__ = [
     "peak_of",
     "peak_passed",
     "policy_for",
+    "refuse_posterior_settings",
     "weighted_average",
 ]

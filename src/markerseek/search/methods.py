@@ -169,14 +169,32 @@ def build(
             single=single,
             prior=prior,
         )
-    for name, value in (("single", single or None), ("prior", prior), ("cues", cues)):
-        if value is not None:
-            raise ConfigError(f"{chosen.name}: {name} is given, but only the posterior has this setting; leave it out")
+    refuse_posterior_settings(chosen.name, single=single, prior=prior, cues=cues)
     ends_early = early_end and chosen.name == "weighted-average"
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
         return inner
     return Guarded(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
+
+
+def refuse_posterior_settings(method: str, **settings: object) -> None:
+    """Refuse settings that only the posterior has, given to another method.
+
+    Parameters
+    ----------
+    method
+        Name of the other method.
+    **settings
+        The settings; False and None are none.
+
+    Raises
+    ------
+    ConfigError
+        If one is given.
+    """
+    for name, value in settings.items():
+        if value is not None and value is not False:
+            raise ConfigError(f"{method}: {name} is given, but only the posterior has this setting; leave it out")
 
 
 def policy_for(plan: SearchPlan, *, limits: Interval) -> Policy:

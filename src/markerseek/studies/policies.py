@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from markerseek.adapters import ADAPTERS, build_adapter
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, MarkerseekError, Policy
-from markerseek.search import METHODS, Method, build, check_acquisitions, method_named
+from markerseek.search import METHODS, Method, build, check_acquisitions, method_named, refuse_posterior_settings
 
 
 def _method_of(name: str) -> Method:
@@ -44,7 +44,7 @@ class PolicySettings:
     single
         Whether a posterior may take it that there is one source only.
     prior
-        Whether a posterior is told the intensity curve of another marker on the same rig, which it has found before.
+        Whether a posterior is given the intensity curve of another marker on the same rig, which it has found before.
     cues
         Features of a reading that a posterior may use, as for `markerseek.search.posterior.Posterior`; None: all.
     """
@@ -64,13 +64,8 @@ class PolicySettings:
         least = _method_of(self.method).least
         if self.acquisitions is not None:
             check_acquisitions(self.acquisitions, least=least, method=self.method)
-        if self.method == "posterior":
-            return
-        for name, value in (("single", self.single), ("prior", self.prior), ("cues", self.cues)):
-            if value not in (False, None):
-                raise ConfigError(
-                    f"{self.method}: {name} is set, but only the posterior has this setting; leave it out"
-                )
+        if self.method != "posterior":
+            refuse_posterior_settings(self.method, single=self.single, prior=self.prior, cues=self.cues)
 
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""

@@ -137,7 +137,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
 
 
 def former_curve(study: Study, cell: Cell, trial: int, settings: PolicySettings) -> MarkerCurve | None:
-    """Return the curve of the former marker of a trial, by a search for it; None if it is not told, or not found.
+    """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found.
 
     Parameters
     ----------

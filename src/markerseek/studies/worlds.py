@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel
-from markerseek.core import Reader
+from markerseek.core import Interval, Reader
 from markerseek.rigs import (
     Scene,
     draw_scene,
@@ -94,7 +94,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
     search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
     # Drawn also where the settings give them: the other random numbers must not depend on that.
-    angle_deg, place_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    angle_deg, place_m = _draw_place(rng, search)
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
     curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
@@ -114,6 +114,11 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     )
 
 
+def _draw_place(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
+    """Angle of a marker in degrees, and its lateral position in metres."""
+    return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+
+
 def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
     """Return the rig of a trial with another marker: at another place, and louder or fainter by up to `FORMER_DB`.
 
@@ -125,7 +130,7 @@ def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
     draw, settings = draw_trial(study, cell, trial), cell.world.rig
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 1)))
     search, noise = settings.limits.search, settings.noise
-    marker_deg, lateral_m = float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-20e-3, 20e-3))
+    marker_deg, lateral_m = _draw_place(rng, search)
     noise = replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
     unknowns = draw.unknowns
     if unknowns is not None:
