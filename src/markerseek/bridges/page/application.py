@@ -30,7 +30,7 @@ def page_application(searches: PageSearches, *, unwatched_s: float) -> App:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     unwatched_s
         Time without any viewer after which a search is stopped, in seconds.

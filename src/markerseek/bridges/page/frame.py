@@ -43,7 +43,7 @@ class Frame:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     path
         Path of this page.

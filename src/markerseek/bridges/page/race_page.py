@@ -77,7 +77,7 @@ def build_race_page(searches: PageSearches, settings: PageSettings) -> None:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     settings
         The settings of the rig at first, from the link.

@@ -26,7 +26,7 @@ class ReplayPage:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     """
 

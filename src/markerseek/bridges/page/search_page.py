@@ -16,7 +16,7 @@ def build_search_page(searches: PageSearches, settings: PageSettings) -> None:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     settings
         The settings at first, from the link.

@@ -105,7 +105,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str],
 
     Parameters
     ----------
-    desk
+    searches
         The searches of the page.
     address
         Where.

@@ -28,7 +28,7 @@ class TurnPage:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     base
         Settings of the simulated rig.
@@ -129,7 +129,7 @@ def build_turn_page(searches: PageSearches) -> None:
 
     Parameters
     ----------
-    desk
+    searches
         What all viewers share.
     """
     base = SimulatedSettings() if searches.rig.file is None else read_rig_file(searches.rig.file)

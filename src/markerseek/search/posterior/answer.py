@@ -171,7 +171,7 @@ def answer_of(
         Range of the search.
     single
         Whether there is one source only, so that nothing else can be the marker.
-    unconfirmed
+    weaker_than_predicted
         Why the acquisition at the angle found does not confirm it; None if it does, or was not made.
     """
     first = state.sources[0]
