@@ -1,4 +1,4 @@
-"""Coverage, false finds and misses of the guarded answers, by Monte Carlo with fixed seeds.
+"""Coverage, false finds and misses of the checked answers, by Monte Carlo with fixed seeds.
 
 Curves: S(t) = (1 + k·(2t/F)²)^(−p/2) with k = 2^(2/p) − 1, so that F is the full width at half maximum and the tails
 fall as 1/|t|^p, p uniform in 1–2.5. At 10° they are at 1–45 % of the peak for F of 3–17°, which holds the 4–39 % of the

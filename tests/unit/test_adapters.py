@@ -80,7 +80,7 @@ def test_the_answer_lies_between_samples_that_are_clearly_weaker() -> None:
     assert noisy.interval_kind == "bracket"
 
 
-def test_guarded_an_optimiser_claims_only_what_it_knows() -> None:
+def test_checked_an_optimiser_claims_only_what_it_knows() -> None:
     policy = build_adapter("bounded-minimiser", acquisitions=12)
     for intensity in (0.010, 0.012, 0.011):
         policy.tell(Sample(angle_deg=0.0, reading=Reading(intensity=intensity), dark=True))

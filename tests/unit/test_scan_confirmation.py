@@ -26,13 +26,13 @@ from markerseek.scan.confirmation import judged
 from scan_bench import FOUND, Bench, Tour, scanner
 
 RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-GUARDED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
+CHECKED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
 STRONGEST = Reading(intensity=1274.0, noise_sigma=10.0, lateral_m=2e-3, depth_m=30e-3)
 SAMPLES = [Sample(angle_deg=2.0, reading=replace(STRONGEST, intensity=300.0)), Sample(angle_deg=4.1, reading=STRONGEST)]
 
 
 def confirmed_by(**changes: float) -> Found | Unsure:
-    answer = judged(GUARDED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
+    answer = judged(CHECKED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
     assert isinstance(answer, Found | Unsure)
     return answer
 
@@ -51,7 +51,7 @@ def test_a_weaker_or_moved_source_makes_the_answer_unsure_with_both_numbers(
 ) -> None:
     answer = confirmed_by(**changes)
     assert isinstance(answer, Unsure)
-    assert (answer.mean_deg, answer.sigma_deg, answer.floor) == (4.0, 0.1, GUARDED.floor)
+    assert (answer.mean_deg, answer.sigma_deg, answer.floor) == (4.0, 0.1, CHECKED.floor)
     with pytest.raises(AssertionError, match=reason):
         raise AssertionError(answer.reason)
 
@@ -60,7 +60,7 @@ def test_a_weaker_or_moved_source_makes_the_answer_unsure_with_both_numbers(
     "changes", [{}, {"intensity": 980.0}, {"intensity": 3000.0}, {"lateral_m": 3.4e-3, "depth_m": 31.4e-3}]
 )
 def test_an_acquisition_as_expected_confirms(changes: dict[str, float]) -> None:
-    assert confirmed_by(**changes) == GUARDED
+    assert confirmed_by(**changes) == CHECKED
 
 
 def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> None:
@@ -68,13 +68,13 @@ def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> No
     samples = [Sample(angle_deg=4.1, reading=noisy)]
     for intensity, kind in ((41.0, Found), (39.0, Unsure)):
         now = Sample(angle_deg=4.0, reading=replace(noisy, intensity=intensity, lateral_m=9e-3))
-        assert isinstance(judged(GUARDED, now, samples), kind)  # too weak for its position to be compared
+        assert isinstance(judged(CHECKED, now, samples), kind)  # too weak for its position to be compared
 
 
 def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
     weak = Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=1.0))
     assert judged(FOUND, weak, SAMPLES) == FOUND
-    unsure = judged(GUARDED, weak, SAMPLES)
+    unsure = judged(CHECKED, weak, SAMPLES)
     assert judged(unsure, weak, SAMPLES) == unsure
 
 
@@ -88,7 +88,7 @@ class Fading(Bench):
         )
 
 
-@pytest.mark.parametrize(("answer", "found", "confirmed"), [(GUARDED, False, False), (FOUND, True, None)])
+@pytest.mark.parametrize(("answer", "found", "confirmed"), [(CHECKED, False, False), (FOUND, True, None)])
 def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     answer: Found, found: bool, confirmed: bool | None
 ) -> None:
@@ -115,7 +115,7 @@ class Weighing(Tour):
 
 def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -> None:
     recorder = Recorder()
-    policy = Weighing(-30.0, 2.0, 4.1, answer=GUARDED)
+    policy = Weighing(-30.0, 2.0, 4.1, answer=CHECKED)
     events = list(run(policy, scanner(Fading())))
     for event in events:
         recorder.add(event)
@@ -130,7 +130,7 @@ def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -
     ]
     last = events[-1]
     assert isinstance(last, Finished)
-    assert (last.acquisitions, last.estimate) == (4, GUARDED)
+    assert (last.acquisitions, last.estimate) == (4, CHECKED)
     assert len(policy.samples) == 6
     result = recorder.result(SearchPlan(method="test"), RIG)
     assert result.confirmed is True
@@ -149,12 +149,12 @@ def test_a_long_pulse_that_arrives_twice_has_not_moved() -> None:
         ((later, replace(before, intensity=500.0)), Unsure),
     ):
         now = Sample(angle_deg=4.0, reading=replace(seen, arrivals=arrivals))
-        assert isinstance(judged(GUARDED, now, SAMPLES), kind)
+        assert isinstance(judged(CHECKED, now, SAMPLES), kind)
 
 
 def test_what_else_an_answer_says_is_kept_when_it_is_not_confirmed() -> None:
     other = OtherSource(angle_deg=9.0, sigma_deg=0.2, relative_db=-12.0, lateral_m=1e-3, depth_m=40e-3)
-    found = replace(GUARDED, others=(other,), surveyed=0.995)
+    found = replace(CHECKED, others=(other,), surveyed=0.995)
     answer = judged(found, Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=51.0)), SAMPLES)
     assert isinstance(answer, Unsure)
     assert (answer.others, answer.surveyed) == ((other,), 0.995)

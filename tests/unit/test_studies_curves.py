@@ -164,7 +164,7 @@ def test_on_the_same_seed_a_rig_of_intensities_gives_the_same_search_and_the_tru
     assert search(3).estimate.mean_deg != search(4).estimate.mean_deg
 
 
-def test_without_a_marker_a_guarded_search_finds_nothing_and_there_is_no_truth() -> None:
+def test_without_a_marker_a_checked_search_finds_nothing_and_there_is_no_truth() -> None:
     rig = rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)
     *_, last = run(build("weighted-average", acquisitions=29), rig.scanner, dark_frames=rig.dark_frames)
     assert rig.facts.truth_deg is None

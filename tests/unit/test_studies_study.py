@@ -278,15 +278,15 @@ def test_a_summary_agrees_with_its_rows() -> None:
 
 
 def test_a_marker_found_where_there_is_none_is_a_failure_and_not_found_is_none() -> None:
-    guarded = PolicySettings(method="weighted-average", acquisitions=29)
+    checked = PolicySettings(method="weighted-average", acquisitions=29)
     nothing = SimulatedSettings(marker=MarkerSettings(present=False))
     study = Study(
-        name="nothing", trials=10, policies=(TERNARY, guarded), rig=nothing, curve=CurveSettings(family="sech")
+        name="nothing", trials=10, policies=(TERNARY, checked), rig=nothing, curve=CurveSettings(family="sech")
     )
-    published_row, guarded_row = summarise(study, all_rows(study)).policies
+    published_row, checked_row = summarise(study, all_rows(study)).policies
     assert (published_row.failures.hits, published_row.failures.count, published_row.error_deg.count) == (10, 10, 0)
-    assert guarded_row.answers["not found"].hits == 10
-    assert (guarded_row.failures.count, guarded_row.failures.share) == (0, None)
+    assert checked_row.answers["not found"].hits == 10
+    assert (checked_row.failures.count, checked_row.failures.share) == (0, None)
 
 
 def test_many_policies_are_compared_at_equal_acquisitions() -> None:

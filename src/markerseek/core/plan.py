@@ -26,7 +26,7 @@ class SearchPlan:
     as_published
         Whether the paper's form of the method is wanted, which always answers.
     start_deg
-        Angle of the probe, in degrees: guarded sweeps and the manual search begin at the nearer end. None: they begin
+        Angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end. None: they begin
         at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known

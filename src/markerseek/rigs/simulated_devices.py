@@ -28,7 +28,7 @@ from markerseek.sim import (
 )
 
 DARK_FRAMES = 3
-"""Frames without laser before a guarded search, on a rig that can take them."""
+"""Frames without laser before a checked search, on a rig that can take them."""
 
 USUAL_CELLS = 460_000
 """Approximate number of independent envelope cells in an image of the simulated probe."""

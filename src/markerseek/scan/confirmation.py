@@ -29,7 +29,7 @@ SEEN_SIGMAS = 12.0
 
 
 def judged(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
-    """The answer after its confirming acquisition: `Unsure` where a guarded search's angle is not confirmed.
+    """The answer after its confirming acquisition: `Unsure` where a checked search's angle is not confirmed.
 
     The paper's form of a method asks for no noise floor and keeps its answer.
 
@@ -67,7 +67,7 @@ def unconfirmed(found: Found, confirmation: Sample, samples: Sequence[Sample]) -
     Parameters
     ----------
     found
-        The answer of a guarded search.
+        The answer of a checked search.
     confirmation
         The acquisition at its angle.
     samples

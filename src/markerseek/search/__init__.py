@@ -1,14 +1,14 @@
 """Search policies: asked for the next angle, and given the sample taken there (ask and tell). Pure.
 
-A method has two forms: as published, which always answers, and `Guarded`, whose answer must pass tests. `build` makes
+A method has two forms: as published, which always answers, and `Checked`, whose answer must pass tests. `build` makes
 either from a name.
 """
 
 from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
+from markerseek.search.checked import Checked
 from markerseek.search.curve import Curve, curve_of
 from markerseek.search.floor import FALSE_FOUND, noise_of
-from markerseek.search.guarded import Guarded
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
@@ -33,9 +33,9 @@ __all__ = [
     "TERNARY",
     "THRESHOLD",
     "BracketSearch",
+    "Checked",
     "Curve",
     "Exhaustive",
-    "Guarded",
     "Method",
     "Peak",
     "ScriptedManual",

@@ -10,7 +10,7 @@ from typing import SupportsFloat, SupportsIndex
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, MarkerCurve, Policy, SearchPlan, as_interval
 from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
-from markerseek.search.guarded import Guarded
+from markerseek.search.checked import Checked
 from markerseek.search.manual import TURNS, ScriptedManual
 from markerseek.search.policy import PublishedPolicy, check_acquisitions
 from markerseek.search.sweep import Exhaustive, WeightedAverage
@@ -126,9 +126,9 @@ def build(
         Most acquisitions, a whole number; None: the method's own. An odd number is reduced by one where two are made
         per iteration.
     as_published
-        The bare method of the paper, which always answers `Found` and begins at the low end; else the guarded form.
+        The bare method of the paper, which always answers `Found` and begins at the low end; else the checked form.
     start_deg
-        Present angle of the probe, in degrees: guarded sweeps and the manual search begin at the nearer end.
+        Present angle of the probe, in degrees: checked sweeps and the manual search begin at the nearer end.
         None: at the low end.
     early_end
         Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
@@ -174,7 +174,7 @@ def build(
     inner = _MAKERS[chosen.name](searched, number, None if as_published else stands_deg, ends_early and as_published)
     if as_published:
         return inner
-    return Guarded(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
+    return Checked(inner, limits=searched, early_threshold=THRESHOLD if ends_early else None)
 
 
 def refuse_posterior_settings(method: str, **settings: object) -> None:

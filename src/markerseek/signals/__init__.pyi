@@ -1,4 +1,4 @@
-from .features import FALSE_FOUND, LEAST_CHANNELS, found_level
+from .features import FALSE_PER_FRAME, LEAST_CHANNELS, found_level
 from .findings import FrameFindings
 from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
@@ -10,7 +10,7 @@ from .reader import ImageReader
 from .spare import AnyImageReader, SpareReader
 
 __all__ = [
-    "FALSE_FOUND",
+    "FALSE_PER_FRAME",
     "LEAST_CHANNELS",
     "PRESET_NAMES",
     "AnyImageReader",

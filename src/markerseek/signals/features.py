@@ -25,7 +25,7 @@ BLOCK_ROWS = 32
 LEAST_CHANNELS = 24
 """Channels that the test for coherence uses at least: fewer could not rule out chance, however well they agree."""
 
-FALSE_FOUND = 1e-3
+FALSE_PER_FRAME = 1e-3
 """Probability that a source is found in a frame of noise, unless another is given."""
 
 MOST_TESTED = 64

@@ -88,7 +88,7 @@ class ImageReader:
         *,
         min_depth_m: float | None = None,
         max_depth_m: float | None = None,
-        false_found: float = features.FALSE_FOUND,
+        false_found: float = features.FALSE_PER_FRAME,
     ) -> None:
         self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
         if not 0 < false_found < 1:

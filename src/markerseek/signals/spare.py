@@ -75,7 +75,7 @@ class SpareReader:
         receive_focus_m: float | None = None,
         min_depth_m: float | None = None,
         max_depth_m: float | None = None,
-        false_found: float = features.FALSE_FOUND,
+        false_found: float = features.FALSE_PER_FRAME,
     ) -> None:
         if receive_focus_m is not None:
             require_range("SPARE: receive_focus_m", receive_focus_m, low=1e-3, high=1.0, unit="m")

@@ -23,7 +23,7 @@ import numpy as np
 
 from markerseek.acoustics import Noise
 from markerseek.core import Arrival, ConfigError, Float32, Frame, FrameHeader, LocalMaxima, Reading, ReadingFrame
-from markerseek.signals import FALSE_FOUND, LEAST_CHANNELS, beamformed_sigma, found_level
+from markerseek.signals import FALSE_PER_FRAME, LEAST_CHANNELS, beamformed_sigma, found_level
 from markerseek.sim import Flash, SimulatedSettings, flash_of, largest_noise
 from markerseek.studies.window import Window, frame_of
 
@@ -157,7 +157,7 @@ class WindowWorld:
 
     def _stands_out(self, arrival: Arrival) -> bool:
         """Whether an arrival would be one in a whole frame too, which has more noise to stand out from."""
-        return arrival.intensity > self._sigma * found_level(self._window.cells, false_found=FALSE_FOUND)
+        return arrival.intensity > self._sigma * found_level(self._window.cells, false_found=FALSE_PER_FRAME)
 
     def _block_noise(self, peak: Reading) -> Float32[np.ndarray, "deep wide"]:
         """Largest noise of each block of a whole image whose largest noise is this peak."""

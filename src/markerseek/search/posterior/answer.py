@@ -24,8 +24,8 @@ from markerseek.core import (
     Sample,
     Unsure,
 )
+from markerseek.search.checked import SIGMA_LIMIT_DEG
 from markerseek.search.floor import SearchNoise
-from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
 from markerseek.search.posterior.candidates import BESIDE_DEG, RIVAL_DB, Candidate
 from markerseek.search.posterior.detectability import NARROW_DEG, missed_marker

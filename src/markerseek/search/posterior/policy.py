@@ -18,9 +18,9 @@ from markerseek.core import (
     SearchError,
     Unsure,
 )
+from markerseek.search.checked import SIGMA_LIMIT_DEG
 from markerseek.search.evidence import UNKNOWN_RATIO
 from markerseek.search.floor import SearchNoise, noise_of
-from markerseek.search.guarded import SIGMA_LIMIT_DEG
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import SearchState, answer_of, ranked, rivals_of, unresolved
 from markerseek.search.posterior.belief import Belief, belief_of

@@ -42,7 +42,7 @@ def failures(options: RunOptions) -> Section:
             (
                 f"Markers within ±{MARKERS_DEG:g}°, {WIDE.words} unless said otherwise ({USUAL.words} for the narrow "
                 "curve). The paper's rules are those of a program without checks: every value counts as an intensity, "
-                "TS and GSS make 28 acquisitions, WA goes in 5° steps and ends early. Ours are the guarded forms of "
+                "TS and GSS make 28 acquisitions, WA goes in 5° steps and ends early. Ours are the checked forms of "
                 "the same methods, and the posterior, with three dark frames, behind the guard's admission, with their "
                 "default numbers of acquisitions. Markers and faults are the same for all."
             ),

@@ -1,6 +1,6 @@
 """A published method that answers `Found` only where its samples prove a marker: the form that users get.
 
-A method as published always answers. Guarded, it also takes dark samples, and its answer passes four tests in turn:
+A method as published always answers. Checked, it also takes dark samples, and its answer passes four tests in turn:
 
 1. evidence (`missing_evidence`): above the noise floor, not flat, from one place in the image → else `NotFound`;
 2. the intensity falls again before either end of the range (`rising_side`) → else `AtBound`;
@@ -27,7 +27,7 @@ SIGMA_LIMIT_DEG = 0.25
 """Largest standard deviation of an angle that is called found, in degrees (promise P10)."""
 
 
-class Guarded(SearchPolicy):
+class Checked(SearchPolicy):
     """A published policy whose answer must pass the four tests.
 
     Parameters
@@ -48,7 +48,7 @@ class Guarded(SearchPolicy):
         If ``sigma_limit_deg`` is not positive.
     """
 
-    name = "guarded search"
+    name = "checked search"
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Guarded(SearchPolicy):
     ) -> None:
         super().__init__()
         if not sigma_limit_deg > 0:
-            raise ConfigError(f"guarded search: sigma_limit_deg is {sigma_limit_deg} deg, it must be positive")
+            raise ConfigError(f"checked search: sigma_limit_deg is {sigma_limit_deg} deg, it must be positive")
         self._inner = inner
         self._limits = limits
         self._early_threshold = early_threshold

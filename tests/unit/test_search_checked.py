@@ -1,4 +1,4 @@
-"""The noise floor, the evidence, and the answers of the guarded form; the catalogue of methods."""
+"""The noise floor, the evidence, and the answers of the checked form; the catalogue of methods."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import pytest
 
 from markerseek.core import AtBound, ConfigError, Found, Interval, NotFound, Reading, Sample, SearchError, Unsure
-from markerseek.search import GOLDEN, METHODS, BracketSearch, Guarded, WeightedAverage, build, method_named, noise_of
+from markerseek.search import GOLDEN, METHODS, BracketSearch, Checked, WeightedAverage, build, method_named, noise_of
 from markerseek.search.evidence import missing_evidence
 from markerseek.search.floor import FEWEST_CELLS, MOST_CELLS, noise_factor
 
@@ -205,22 +205,22 @@ def test_too_few_acquisitions_are_reported():
 
 
 def test_early_end_waits_for_evidence():
-    """A spike below the floor, then silence: the published rule ends there, the guarded one continues to the marker."""
+    """A spike below the floor, then silence: the published rule ends there, the checked one continues to the marker."""
 
     def spike_then_marker(angle):
         return 0.05 if angle == -35 else lorentzian(20.0, fwhm_deg=5.0)(angle) if angle > 5 else 0.001
 
     published, _ = run(build("weighted-average", acquisitions=57, as_published=True), spike_then_marker)
     assert len(published) == 3
-    guarded, estimate = run(build("weighted-average", acquisitions=57), spike_then_marker, darks=DARKS)
-    assert 40 < len(guarded) < 57
+    checked, estimate = run(build("weighted-average", acquisitions=57), spike_then_marker, darks=DARKS)
+    assert 40 < len(checked) < 57
     assert estimate.mean_deg == pytest.approx(20, abs=0.5)
 
 
 def test_the_inner_answer_is_kept():
-    bare, guarded = BracketSearch(ratio=GOLDEN, acquisitions=24), build("golden-section", acquisitions=24)
+    bare, checked = BracketSearch(ratio=GOLDEN, acquisitions=24), build("golden-section", acquisitions=24)
     run(bare, lorentzian(7.3))
-    _, estimate = run(guarded, lorentzian(7.3), darks=DARKS)
+    _, estimate = run(checked, lorentzian(7.3), darks=DARKS)
     assert estimate.mean_deg == bare.estimate().mean_deg
     assert isinstance(estimate, Found)
     assert estimate.sigma_deg > bare.estimate().sigma_deg
@@ -237,7 +237,7 @@ def test_refuses_samples_after_an_early_end_but_accepts_dark_ones():
 
 def test_sigma_limit_is_checked():
     with pytest.raises(ConfigError, match="sigma_limit_deg"):
-        Guarded(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
+        Checked(WeightedAverage(acquisitions=8), sigma_limit_deg=math.nan)
 
 
 class TestMethods:
