@@ -221,7 +221,9 @@ def test_models_hold_what_a_snapshot_holds():
     assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
     curve = curve_options(snapshot, facts.search, known=("truth", -9.4))
     density, dots = curve["series"]
-    assert len(density["data"]) == snapshot.belief.angles_deg.size
+    source = curve["dataset"]["source"]
+    assert source[density["encode"]["x"]] == pytest.approx(snapshot.belief.angles_deg, abs=1e-3)
+    assert source[density["encode"]["y"]] == pytest.approx(snapshot.belief.density_per_deg, abs=1e-5)
     assert [dot["value"][0] for dot in dots["data"]] == [round(point.angle_deg, 3) for point in snapshot.points]
     assert [line["xAxis"] for line in density["markLine"]["data"]] == [session.result().angle_deg, -9.4]
     assert dict(number_rows(snapshot, pulse_j=1e-3))["light"] == f"{snapshot.pulses:.3g} mJ"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from nicegui import ui
 
 from markerseek.bridges.page.curve import curve_options
@@ -55,28 +57,40 @@ class FanPanel:
 
 
 class Panels:
-    """All panels of one run, in a grid."""
+    """All panels of one run at a time, in a grid."""
 
     def __init__(self) -> None:
-        self._shown: tuple[object, ...] = ()
-        self._image_key: tuple[object, ...] = ()
-        self._curve_key: tuple[object, ...] = ()
         with ui.element("div").classes("ms-panels"):
             with _panel("probe, from its end", "fan"):
                 self._fan = FanPanel()
             with _panel("intensity and probability over the angle; dashed: noise floor", "curve"):
-                empty = curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None)
-                self._curve = ui.echart(empty).classes("ms-chart").mark("curve")
+                self._curve = ui.echart({}).classes("ms-chart").mark("curve")
             with _panel("photoacoustic image", "image"):
                 self._image = Image(image_model(None, floor=None)).classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
             with _panel("what is known", "numbers"):
-                self._angle = ui.label("–").classes("ms-angle").mark("angle")
+                self._angle = ui.label("").classes("ms-angle").mark("angle")
                 self._answer = ui.label("").classes("ms-answer").mark("answer")
                 self._rows: dict[str, ui.label] = {}
                 self._table = ui.element("dl").classes("ms-rows")
             with _panel("log", "log"):
                 self._log = ui.label("").classes("ms-log").mark("log")
+        self.clear()
+
+    def clear(self) -> None:
+        """Show the panels alone."""
+        self._shown: tuple[object, ...] = ()
+        self._image_key: tuple[object, ...] = ()
+        self._curve_key: tuple[object, ...] = ()
+        self._fan.clear()
+        self._show_curve(curve_options(Snapshot(rig="simulated"), PAPER_RANGE, known=None))
+        self._image.show(image_model(None, floor=None), {})
+        self._image_note.set_text("")
+        self._angle.set_text("–")
+        self._show_answer("")
+        self._rows.clear()
+        self._table.clear()
+        self._log.set_text("")
 
     def show(self, run: WatchedRun, snapshot: Snapshot, *, reveal: bool) -> None:
         """Show a snapshot; the true angle only where it is to be revealed."""
@@ -92,17 +106,22 @@ class Panels:
         curve_key = (run, len(snapshot.points), snapshot.belief, reveal)
         if curve_key != self._curve_key:
             self._curve_key = curve_key
-            self._curve.options.clear()
-            self._curve.options.update(curve_options(snapshot, facts.search, known=known))
-            self._curve.update()
+            self._show_curve(curve_options(snapshot, facts.search, known=known))
         self._angle.set_text(angle_text(snapshot))
-        answer = answer_text(snapshot)
+        self._show_answer(answer_text(snapshot))
+        self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
+        self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
+
+    def _show_curve(self, options: dict[str, Any]) -> None:
+        self._curve.options.clear()
+        self._curve.options.update(options)
+        self._curve.update()
+
+    def _show_answer(self, answer: str) -> None:
         if answer != self._answer.text:
             # Three lines of it are seen; the pointer shows the rest.
             self._answer.props["title"] = answer
             self._answer.set_text(answer)
-        self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
-        self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
 
     def _show_image(self, run: WatchedRun, snapshot: Snapshot) -> None:
         picture = run.picture(snapshot)

@@ -23,16 +23,13 @@ class RunView:
     """
 
     def __init__(self, *, playable: bool = False) -> None:
-        self._playable = playable
-        self._place = ui.element("div")
-        self.clear()
+        self._panels = Panels()
+        self._timeline = Timeline(playable=playable)
 
     def clear(self) -> None:
         """Empty everything: what is known of one run must not be shown as that of another, which may never begin."""
-        self._place.clear()
-        with self._place:
-            self._panels = Panels()
-            self._timeline = Timeline(playable=self._playable)
+        self._panels.clear()
+        self._timeline.clear()
 
     def show(self, run: WatchedRun, *, reveal: bool) -> None:
         """Show the event that was chosen, or the newest; the true angle only where it is to be revealed."""
@@ -49,18 +46,27 @@ class Timeline:
     """
 
     def __init__(self, *, playable: bool = False) -> None:
+        with ui.element("div").classes("ms-foot"):
+            if playable:
+                self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
+            self._label = ui.label("").classes("ms-note").style("min-width: 128px")
+            self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
+            self._slider.props('aria-label="event shown" label').mark("timeline")
+            self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
         self._playing = False
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the run."""
+        if self._playing:
+            self._toggle()
         self._ticks = 0
         self._run: WatchedRun | None = None
         self._following = True
         self._chosen = self._last = 0
-        with ui.element("div").classes("ms-foot"):
-            if playable:
-                self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
-            self._label = ui.label("event 0 of 0").classes("ms-note").style("min-width: 128px")
-            self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
-            self._slider.props('aria-label="event shown" label').mark("timeline")
-            self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
+        self._slider.props["max"] = 1
+        self._slider.set_value(0)
+        self._label.set_text("event 0 of 0")
 
     def snapshot(self, run: WatchedRun) -> Snapshot:
         """The snapshot to be shown: the newest, or the one that was chosen."""
