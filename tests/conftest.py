@@ -100,6 +100,16 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     return run
 
 
+@pytest.fixture(autouse=True)
+def handlers_restored() -> Iterator[None]:
+    """A command that was stopped ignores signals until its process ends; here that is the process of the tests."""
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for each, handler in before.items():
+        if signal.getsignal(each) is not handler:
+            signal.signal(each, handler)
+
+
 @pytest.fixture(scope="session")
 def shared_sandbox() -> Iterator[object]:
     """One child process for the foreign files of many tests: a child for each file takes 0.4 s."""

@@ -52,10 +52,21 @@ def test_a_signal_whose_exception_python_drops_stops_the_run_all_the_same() -> N
         for _ in range(50_000_000):
             pass
 
-    before = [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGALRM)]
     with pytest.raises(StoppedBySignal, match="SIGTERM"), stopped_by_signals():
         run()
-    assert [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGALRM)] == before
+
+
+def test_after_a_stop_no_signal_interrupts_the_end() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with stopped_by_signals():
+        pass
+    # Nothing was stopped: the next Ctrl-C counts.
+    assert signal.getsignal(signal.SIGINT) is before
+    with pytest.raises(StoppedBySignal, match="SIGINT"), stopped_by_signals():
+        signal.raise_signal(signal.SIGINT)
+    # While the devices are closed.
+    signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGTERM)
 
 
 INTERRUPTED = """

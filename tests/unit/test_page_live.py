@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +13,7 @@ from markerseek import rigs
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.live import MOST_WAITING, LiveRun
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
+from markerseek.bridges.page.search_page import status_text
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.core import Measured, RecordError, SearchError, SearchPlan
 from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead
@@ -176,6 +178,12 @@ def test_published_form_wins_no_race():
     assert verdict((slow, quick)) == "ternary is first, after 60 s (virtual)"
     assert verdict((slow, published)) == "posterior is first, after 90 s (virtual)"
     assert verdict((published, published)) == "nothing is claimed"
+    stopped = SimpleNamespace(status="ended", run=slow.run, outcome=STOPPED)
+    assert verdict((slow, stopped)) == "no result: stopped, or ended by a fault"
+    nothing = SimpleNamespace(
+        status="ended", run=slow.run, outcome=Outcome(exit_code=3, answer={"answer": "not found"})
+    )
+    assert verdict((nothing, nothing)) == "no marker was found"
 
 
 def searches(children, tmp_path, monkeypatch, **rig):
@@ -208,10 +216,11 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
 
 def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True)]
-    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", simulated=False)
+    shared, asked = searches(children, tmp_path, monkeypatch, file=tmp_path / "rig.toml", settings=None)
     shared.start(PageSettings(seed=4, tissue="liver"))
     shared.search.journal.touch()
-    shared.close()
+    shared.stop()
+    assert shared.search.join(10)
     assert asked[0][:5] == ["search", "--rig", str(tmp_path / "rig.toml"), "--method", "posterior"]
     assert not {"--arm", "--reset-fault", "--seed", "--tissue"} & set(asked[0])
     assert not shared.paused
@@ -219,6 +228,73 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
         shared.go_on()
     with pytest.raises(SearchError, match="simulated"):
         shared.start_race(PageSettings(), PageSettings())
+
+
+def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
+    """STOP comes when the racers run already and the page does not yet know them."""
+    children = [ScriptedChild(stream[:5], endless=True) for _ in range(2)]
+    shared, _ = searches(list(children), tmp_path, monkeypatch)
+    pressed = []
+    live = shared._live
+
+    def slowly(*arguments, **options):
+        run = live(*arguments, **options)
+        pressed.append(threading.Thread(target=shared.stop))
+        pressed[-1].start()
+        time.sleep(0.05)
+        return run
+
+    monkeypatch.setattr(shared, "_live", slowly)
+    shared.start_race(PageSettings(), PageSettings())
+    for each in pressed:
+        each.join()
+    assert all(each.join(10) for each in shared.race)
+    assert all(each.stopped.is_set() for each in children)
+
+
+def test_nothing_starts_after_the_end(tmp_path, monkeypatch):
+    shared, asked = searches([], tmp_path, monkeypatch)
+    shared.close()
+    with pytest.raises(SearchError, match="is being closed"):
+        shared.start(PageSettings())
+    assert asked == []
+
+
+def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
+    children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
+    shared, asked = searches(children, tmp_path, monkeypatch)
+    shared.start(PageSettings())
+    while shared.search.run is None or len(shared.search.run.snapshots) < 3:
+        time.sleep(0.01)
+    shared.search.journal.touch()
+    for going_on in (True, True, False):
+        if going_on:
+            shared.stop()
+        assert shared.search.join(10)
+        assert shared.paused is going_on
+        if going_on:
+            # The second is stopped before it has sent anything.
+            shared.go_on()
+    assert [each[0] for each in asked] == ["search", "resume", "resume"]
+
+
+def test_search_whose_last_event_was_lost_has_ended(stream, tmp_path, monkeypatch):
+    shared, _ = searches([ScriptedChild([*stream[:5], StreamEnd(lost_lines=4)])], tmp_path, monkeypatch)
+    shared.start(PageSettings())
+    shared.search.journal.touch()
+    assert shared.search.join(10)
+    assert not shared.paused
+    assert "4 events were lost" in status_text(shared.search, simulated=True)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_whatever_goes_wrong_has_a_sentence():
+    def launch(_):
+        raise RuntimeError("can't start new thread")
+
+    live = LiveRun(launch, [])
+    assert live.join(10)
+    assert (live.failed, live.message) == (True, "the page cannot follow this search; it was stopped")
 
 
 def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):

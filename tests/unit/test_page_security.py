@@ -117,6 +117,11 @@ def test_first_link_sets_a_cookie_and_drops_the_token():
     assert headers["set-cookie"] == f"markerseek_8765={TOKEN}; HttpOnly; SameSite=Strict; Path=/"
 
 
+def test_first_link_opened_again_drops_the_token_too():
+    application, sent = ask(query=f"token={TOKEN}&seed=3", headers=[("host", HOST), COOKIE])
+    assert (application.reached, sent[0]["status"], headers_of(sent)["location"]) == (0, 303, "/?seed=3")
+
+
 def test_first_link_never_leads_elsewhere():
     _, sent = ask(path="//evil.example/", query=f"token={TOKEN}", headers=[("host", HOST)])
     assert headers_of(sent)["location"] == "/evil.example/"

@@ -23,7 +23,7 @@ settings = st.builds(
     snr_db=st.none() | st.integers(-20, 100).map(float),
     readout_s=st.none() | st.sampled_from([0.0, 0.1, 10.0]),
     seed=st.integers(0, 2**63 - 1),
-    pace=st.sampled_from([0.0, 0.01, 0.05, 1.0]),
+    pace=st.floats(0.0, 100.0),
 )
 
 
@@ -42,7 +42,8 @@ def test_usual_settings_need_no_query():
     [
         ({"method": "magic"}, "'magic' is unknown"),
         ({"seed": "-1"}, "seed is -1"),
-        ({"seed": "one"}, "seed"),
+        ({"seed": "one"}, "^link: seed is 'one', which cannot be read; correct it, or leave it out$"),
+        ({"snr_db": ""}, "^link: snr_db is '', which cannot be read"),
         ({"acquisitions": "1"}, "at least 2"),
         ({"acquisitions": "1e9"}, "acquisitions"),
         ({"tissue": "jelly"}, "tissue 'jelly' is unknown"),
@@ -67,6 +68,11 @@ def test_arguments_are_those_of_the_command():
     assert chosen.arguments(simulated=True) == [*method, "--seed", "3", "--pace", "0", "--tissue", "liver"]
     # A rig of devices has no seed, tissue or pace.
     assert chosen.arguments(simulated=False) == method
+
+
+def test_numbers_are_handed_on_without_a_loss():
+    given = PageSettings(snr_db=23.4567891, pace=0.0123456789).arguments(simulated=True)
+    assert given[-4:] == ["--pace", "0.0123456789", "--snr-db", "23.4567891"]
 
 
 def test_change_is_checked():

@@ -226,9 +226,9 @@ def test_models_hold_what_a_snapshot_holds():
     assert source[density["encode"]["y"]] == pytest.approx(snapshot.belief.density_per_deg, abs=1e-5)
     assert [dot["value"][0] for dot in dots["data"]] == [round(point.angle_deg, 3) for point in snapshot.points]
     assert [line["xAxis"] for line in density["markLine"]["data"]] == [session.result().angle_deg, -9.4]
-    assert dict(number_rows(snapshot, pulse_j=1e-3))["light"] == f"{snapshot.pulses:.3g} mJ"
-    assert "light" not in dict(number_rows(snapshot, pulse_j=None))
-    assert "(virtual)" in dict(number_rows(snapshot, pulse_j=None))["time"]
+    assert dict(number_rows(snapshot, name="ternary", pulse_j=1e-3))["light"] == f"{snapshot.pulses:.3g} mJ"
+    assert "light" not in dict(number_rows(snapshot, name="ternary", pulse_j=None))
+    assert "(virtual)" in dict(number_rows(snapshot, name="ternary", pulse_j=None))["time"]
 
 
 def test_truth_is_hidden_until_it_is_revealed():
@@ -377,6 +377,6 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
     fan = fan_model(snapshot, facts, duration_s=0.0, known_deg=None)
     assert fan["others"] == others_deg
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
-    rows = dict(number_rows(snapshot, pulse_j=None))
+    rows = dict(number_rows(snapshot, name="ternary", pulse_j=None))
     assert rows["other sources"] == ("-8.2 dB at -20.00°" if estimate.others else "not looked for")
     assert rows["surveyed"] == ("99.6 % of range" if estimate.surveyed else "–")

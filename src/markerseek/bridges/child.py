@@ -49,6 +49,11 @@ class Outcome:
     answer: dict[str, Any] | None
 
     @property
+    def answered(self) -> bool:
+        """Whether the search came to its end: with a marker, or with any other answer."""
+        return self.exit_code in {0, 3}
+
+    @property
     def failed(self) -> bool:
         """Whether it ended by a fault, neither with an answer nor because somebody stopped it or did not arm it."""
         return self.exit_code not in _NO_FAULT
@@ -93,6 +98,7 @@ class ChildRun:
         self._decoder = StreamDecoder()
         self._outcome: Outcome | None = None
         self._lock = threading.Lock()
+        self._stopped = False
         stream = ["--events", f"/dev/fd/{writing}", "--stop-with-reader", *(["--event-frames"] if frames else [])]
         try:
             # -P: a file in the current folder must not replace a module.
@@ -121,11 +127,14 @@ class ChildRun:
             yield from self._decoder.feed(data)
 
     def stop(self) -> None:
-        """Stop the run; returns at once, and may be called twice, and by any thread.
+        """Stop the run; returns at once, and may be called again, and by any thread.
 
         The child stops the rig, and its stream ends. After `TERMINATE_S` it is sent SIGTERM as well.
         """
-        if self._process.poll() is None:
+        with self._lock:
+            again, self._stopped = self._stopped, True
+        # Once: a second signal would only disturb how it ends.
+        if not again and self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             timer = threading.Timer(TERMINATE_S, self._process.terminate)
             timer.daemon = True
@@ -154,7 +163,11 @@ class ChildRun:
                 text = self._answer.read(_MOST_ANSWER_BYTES)
                 self._answer.close()
                 os.close(self._reading)
-                self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=_object(text))
+                answer = _object(text)
+                if self._stopped and code == 1 and answer is None:
+                    # Stopped while Python itself was starting, which knows no other exit code.
+                    code = -signal.SIGINT
+                self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=answer)
             return self._outcome
 
     def __enter__(self) -> Self:

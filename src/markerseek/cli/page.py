@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from markerseek import drivers, rigs
+from markerseek import rigs, sim
 from markerseek.bridges import page
 from markerseek.cli.options import RigFile
 from markerseek.cli.terminal import quoted, stdout
@@ -45,7 +46,7 @@ def command(
     import webbrowser
 
     address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key)
-    settings = None if rig is None else rigs.read_rig_file(rig)
+    settings = sim.SimulatedSettings() if rig is None else rigs.read_rig_file(rig)
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")
@@ -58,15 +59,16 @@ def command(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
     launcher = page.Launcher()
-    simulated = not isinstance(settings, drivers.BenchSettings)
-    searches = page.PageSearches(launcher, page.PageRig(file=rig, simulated=simulated), recordings or [])
+    simulated = settings if isinstance(settings, sim.SimulatedSettings) else None
+    searches = page.PageSearches(launcher, page.PageRig(file=rig, settings=simulated), recordings or [])
 
     def ready(link: str) -> None:
         launcher.lower_others()
         stdout.print(f"open {link}", markup=False)
         stdout.print("[dim]Ctrl-C ends the page, and stops a search that runs[/]")
         if browser is not None:
-            browser.open(link)
+            # In a thread: one that runs in the terminal ends only with its user, and the page is not yet served.
+            threading.Thread(target=browser.open, args=(link,), daemon=True).start()
 
     page.serve(searches, address, on_ready=ready)
     # Python would wait for threads that form images or draw a report, which nobody needs any more.

@@ -64,9 +64,12 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resu
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Raise `StoppedBySignal` at the first signal, and ignore further ones while the rig is being stopped."""
+    """Raise `StoppedBySignal` at the first signal, and ignore further ones until the process ends."""
+    stopping = False
 
     def stop(number: int, _frame: FrameType | None) -> None:
+        nonlocal stopping
+        stopping = True
         for each in STOPPING:
             # A second Ctrl-C must not interrupt the code that disarms the laser.
             signal.signal(each, signal.SIG_IGN)
@@ -93,8 +96,9 @@ def stopped_by_signals() -> Iterator[None]:
     finally:
         sys.unraisablehook = hook
         signal.setitimer(signal.ITIMER_REAL, 0)
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        # After a stop the devices are still to be closed, which nothing may interrupt.
+        for each in () if stopping else before:
+            signal.signal(each, before[each])
 
 
 @contextmanager

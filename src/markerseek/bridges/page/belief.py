@@ -1,7 +1,7 @@
 """What the search believes of the marker's angle, computed again by telling a policy of the page's own.
 
 A stream of events holds what was measured, not what the policy made of it. The same policy, told the same samples,
-comes to the same posterior bit for bit (3 to 5 ms a sample).
+comes to the same posterior bit for bit (3 to 30 ms a sample).
 """
 
 from __future__ import annotations

@@ -161,4 +161,4 @@ def _pace_text(pace: float) -> str:
 
 def _setting_of(name: str, value: float | None) -> float | int | None:
     """The setting of a field with a number; a whole one where the setting is a count."""
-    return int(value) if value is not None and name != "snr_db" and value == int(value) else value
+    return int(value) if value is not None and name != "snr_db" and float(value).is_integer() else value

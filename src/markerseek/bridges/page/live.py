@@ -12,7 +12,7 @@ from typing import Literal, Protocol, TypeAlias
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import MarkerseekError, Measured
-from markerseek.records.stream import StreamEvent, StreamHead, StreamItem
+from markerseek.records.stream import StreamEnd, StreamEvent, StreamHead, StreamItem
 
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
@@ -52,7 +52,7 @@ class LiveRun:
     journal
         The journal that it keeps, for `resume`; None where it keeps none.
     before
-        The run that it continues, whose images are kept.
+        The run that it continues, whose images are kept; None where it continues none.
     on_change
         Called by a thread of the run whenever there is something new to show.
     """
@@ -92,6 +92,11 @@ class LiveRun:
         return "running" if self.run is not None else "starting"
 
     @property
+    def last_run(self) -> WatchedRun | None:
+        """What is known of the run: also what was known before it was continued, until that has begun."""
+        return self._before if self.run is None else self.run
+
+    @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
         if self._failure is not None:
@@ -121,28 +126,35 @@ class LiveRun:
         return not self._thread.is_alive()
 
     def _follow(self) -> None:
+        followed = False
         try:
-            child = self._child = self._launch(self.arguments)
-            # STOP may have been pressed while the child was being started.
-            if self._stop_wanted.is_set():
-                child.stop()
+            # Before the child, so that none runs on that nobody reads.
             showing = threading.Thread(target=self._show, name="show a child", daemon=True)
             showing.start()
             try:
+                child = self._child = self._launch(self.arguments)
+                # STOP may have been pressed while the child was being started.
+                if self._stop_wanted.is_set():
+                    child.stop()
                 # Only handed on here: a stream that is not read at once loses frames, and then events.
                 for item in child.items():
                     self._arrived.put(self._within_memory(item))
             except BaseException:
                 # A stream that cannot be read must not leave a search running that nobody sees.
-                child.stop()
+                self.stop()
                 raise
             finally:
                 self._arrived.put(None)
                 showing.join()
-                self.outcome = child.outcome()
+                if self._child is not None:
+                    self.outcome = self._child.outcome()
+            followed = True
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
         finally:
+            if not followed:
+                # Whatever went wrong: nobody may believe that it ended as it should.
+                self._failure = self._failure or "the page cannot follow this search; it was stopped"
             if self.run is not None and not self.run.snapshots[-1].over:
                 self.run.cut_off(self.message)
             self._ended.set()
@@ -185,3 +197,5 @@ class LiveRun:
             self.run.add(
                 item.event, clock_s=item.clock_s, pulses=pulses, lost=item.lost_lines, on_change=self._on_change
             )
+        elif isinstance(item, StreamEnd):
+            self.lost += item.lost_lines

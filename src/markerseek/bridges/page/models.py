@@ -125,19 +125,22 @@ def background_model(picture: Picture | None, *, simulated: bool) -> tuple[dict[
     return asdict(drawn), "grey background: drawn, not simulated"
 
 
-def number_rows(snapshot: Snapshot, *, pulse_j: float | None) -> list[tuple[str, str]]:
+def number_rows(snapshot: Snapshot, *, name: str, pulse_j: float | None) -> list[tuple[str, str]]:
     """Names and formatted values, besides the angle.
 
     Parameters
     ----------
     snapshot
         The state to show.
+    name
+        What is run, as `WatchedRun.name`.
     pulse_j
         Energy of one pulse in joules where the rig file names it; None elsewhere.
     """
     belief = snapshot.belief
     virtual = " (virtual)" if snapshot.rig == "simulated" else ""
     rows = [
+        ("search", name),
         ("acquisitions", str(snapshot.acquisitions) + (f", {snapshot.refused} refused" if snapshot.refused else "")),
         ("rotation", f"{snapshot.travel_deg:.1f}°"),
         ("time", "–" if snapshot.rig == "replayed" else f"{snapshot.elapsed_s:.0f} s{virtual}"),

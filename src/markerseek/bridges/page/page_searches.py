@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.bridges.page.live import Launch, LiveRun
@@ -15,6 +15,7 @@ from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.watched import WatchedRun
 from markerseek.core import SearchError
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
+from markerseek.sim import SimulatedSettings
 
 MOST_LISTED = 50
 """Journals of the data folder that are offered for replay, the newest."""
@@ -31,12 +32,17 @@ class PageRig:
     ----------
     file
         Its rig file; None for the simulated rig with its defaults.
-    simulated
-        Whether no hardware is involved.
+    settings
+        Settings of a simulated rig; None where it is one of devices.
     """
 
     file: Path | None = None
-    simulated: bool = True
+    settings: SimulatedSettings | None = field(default_factory=SimulatedSettings)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether no hardware is involved."""
+        return self.settings is not None
 
 
 class PageSearches:
@@ -61,7 +67,9 @@ class PageSearches:
         self.bank: LiveRun | None = None
         self._launch = launch
         self._named = tuple(named)
+        # Held while something starts, so that STOP waits for what it would otherwise miss.
         self._lock = threading.Lock()
+        self._closed = False
 
     @property
     def busy(self) -> bool:
@@ -81,9 +89,9 @@ class PageSearches:
         OSError
             If the folder of journals cannot be made.
         """
+        journal = default_journal(method=settings.method)
+        make_folder(journal.parent)
         with self._idle():
-            journal = default_journal(method=settings.method)
-            make_folder(journal.parent)
             arguments = ["search", *self._rig_arguments(), *settings.arguments(simulated=self.rig.simulated)]
             self.search = self._live([*arguments, "--journal", str(journal)], journal=journal)
 
@@ -101,15 +109,19 @@ class PageSearches:
                 raise SearchError("there is no search to go on with here; start one, or resume it in the terminal")
             # Armed at once: nothing here emits light.
             arguments = ["resume", str(before.journal), "--arm"]
-            self.search = self._live(arguments, journal=before.journal, before=before.run)
+            self.search = self._live(arguments, journal=before.journal, before=before.last_run)
 
     @property
     def paused(self) -> bool:
         """Whether the last search was stopped before its end and can go on here."""
         last = self.search
-        if not self.rig.simulated or last is None or last.status != "ended" or last.run is None or last.journal is None:
+        if not self.rig.simulated or last is None or last.status != "ended" or last.journal is None:
             return False
-        return last.run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
+        answered = last.outcome is not None and last.outcome.answered
+        run = last.last_run
+        if run is None or answered:
+            return False
+        return run.snapshots[-1].phase not in {"finished", "fault"} and last.journal.exists()
 
     def start_race(self, one: PageSettings, other: PageSettings) -> None:
         """Start two searches on the same simulated rig, side by side; they keep no journal.
@@ -142,8 +154,8 @@ class PageSearches:
         SearchError
             If something runs, or there is no such recording.
         """
+        path = self.recordings().get(name)
         with self._idle():
-            path = self.recordings().get(name)
             if path is None:
                 raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
             self.bank = self._live(["replay", str(path), *settings.arguments(simulated=False)])
@@ -151,12 +163,18 @@ class PageSearches:
 
     def stop(self) -> None:
         """Stop whatever runs; allowed at any time, by any thread."""
-        for run in self._runs():
-            if run.status != "ended":
-                run.stop()
+        with self._lock:
+            for run in self._runs():
+                if run.status != "ended":
+                    run.stop()
 
     def close(self) -> None:
-        """Stop whatever runs and wait for its end; what has not ended after `END_S` or `DEVICES_END_S` is killed."""
+        """Stop whatever runs and wait for its end; what has not ended after `END_S` or `DEVICES_END_S` is killed.
+
+        Nothing can be started afterwards.
+        """
+        with self._lock:
+            self._closed = True
         self.stop()
         ends_s = time.monotonic() + (END_S if self.rig.simulated else DEVICES_END_S)
         for run in self._runs():
@@ -180,6 +198,8 @@ class PageSearches:
     def _idle(self) -> Iterator[None]:
         """One start at a time, and none while a search runs."""
         with self._lock:
+            if self._closed:
+                raise SearchError("the page is being closed")
             if self.busy:
                 raise SearchError("a search runs; stop it, or wait for its end")
             yield

@@ -109,7 +109,7 @@ class Panels:
             self._show_curve(curve_options(snapshot, facts.search, known=known))
         self._angle.set_text(angle_text(snapshot))
         self._show_answer(answer_text(snapshot))
-        self._show_rows(number_rows(snapshot, pulse_j=run.pulse_j))
+        self._show_rows(number_rows(snapshot, name=run.name, pulse_j=run.pulse_j))
         self._log.set_text("\n".join(run.lines(snapshot, most=LOG_LINES)))
 
     def _show_curve(self, options: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.panels import FanPanel
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.state import Snapshot
+from markerseek.bridges.page.watched import WatchedRun
 
 RACERS = ("posterior", "ternary")
 """Methods that race where none are chosen: ours, and one of the paper's."""
@@ -46,15 +47,15 @@ class Lane:
             return
         snapshot = live.run.snapshots[-1]
         self._fan.show(live.run, snapshot, reveal=reveal)
-        self._counts.set_text(counts_text(snapshot))
+        self._counts.set_text(counts_text(live.run, snapshot))
         self._angle.set_text(angle_text(snapshot))
-        self._answer.set_text(answer_text(snapshot))
+        self._answer.set_text(live.message if live.failed else answer_text(snapshot))
 
 
-def counts_text(snapshot: Snapshot) -> str:
-    """What counts in a race."""
+def counts_text(run: WatchedRun, snapshot: Snapshot) -> str:
+    """What counts in a race; it names what was run, because the fields may have been changed since."""
     return (
-        f"{snapshot.acquisitions} acquisitions, {snapshot.travel_deg:.0f}° of rotation, "
+        f"{run.name}: {snapshot.acquisitions} acquisitions, {snapshot.travel_deg:.0f}° of rotation, "
         f"{snapshot.elapsed_s:.0f} s (virtual)"
     )
 
@@ -63,6 +64,8 @@ def verdict(runs: tuple[LiveRun, ...]) -> str:
     """Who is through first, by the rigs' own clocks; empty until all are over."""
     if not runs or any(each.status != "ended" for each in runs):
         return ""
+    if any(each.outcome is None or not each.outcome.answered for each in runs):
+        return "no result: stopped, or ended by a fault"
     found = [each.run for each in runs if each.run is not None and each.outcome and each.outcome.exit_code == 0]
     # The paper's form of a method always answers: it claims nothing, and cannot win.
     claimed = [each for each in found if not each.configuration.plan.as_published]
@@ -101,6 +104,7 @@ def build_race_page(searches: PageSearches, settings: PageSettings) -> None:
         for lane, live in zip(lanes, searches.race, strict=False):
             lane.show(live, reveal=over)
         verdict_label.set_text(verdict(searches.race))
-        frame.show_status("ready" if not searches.race else "over" if over else "running")
+        alarms = any(each.failed for each in searches.race)
+        frame.show_status("ready" if not searches.race else "over" if over else "running", alarms=alarms)
 
     frame.run(update)

@@ -39,7 +39,11 @@ class ReplayPage:
         self._message = "choose a recording"
         self._frame = Frame(searches, "/replay")
         # Names only: the browser never sends a path.
-        self._recordings = searches.recordings()
+        self._recordings: dict[str, Path] = {}
+        try:
+            self._recordings = searches.recordings()
+        except (MarkerseekError, OSError) as problem:
+            self._message = str(problem)
         with ui.element("div").classes("ms-controls"):
             self._chosen = ui.select(
                 list(self._recordings), label="recording", with_input=True, on_change=self._choose
@@ -65,7 +69,12 @@ class ReplayPage:
         path = self._recordings.get(self._chosen.value)
         if path is None:
             return
-        is_run = path.is_file() and is_journal(path)
+        try:
+            is_run = path.is_file() and is_journal(path)
+        except OSError as problem:
+            self._show_nothing()
+            self._message = str(problem)
+            return
         self._methods.visible = not is_run
         self._show_nothing()
         self._message = "choose a method, then search" if not is_run else f"reads {path.name}"
@@ -78,7 +87,7 @@ class ReplayPage:
             if read is not None and self._recordings.get(self._chosen.value) == path:
                 self._run, self._answer = read
                 self._journal, self._message = path, self._run.configuration.facts.description
-        except MarkerseekError as problem:
+        except (MarkerseekError, OSError) as problem:
             if self._recordings.get(self._chosen.value) == path:
                 self._message = str(problem)
 

@@ -64,6 +64,7 @@ class ResultRow:
         self._answer: dict[str, Any] | None = None
         self._journal: Path | None = None
         self._reports: dict[Path, dict[str, bytes]] = {}
+        self._drawing = False
         with ui.element("div").classes("ms-foot") as self._bar:
             self._text = ui.label("").mark("result")
             with ui.element("span") as self._pictures:
@@ -97,12 +98,17 @@ class ResultRow:
         if journal is None:
             return
         if journal not in self._reports:
+            if self._drawing:
+                return
+            self._drawing = True
             ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
             try:
                 made = await run.io_bound(make_report, journal)
             except (MarkerseekError, OSError) as problem:
                 ui.notify(str(problem), type="negative", multi_line=True)
                 return
+            finally:
+                self._drawing = False
             # None while the program ends.
             if made is None:
                 return

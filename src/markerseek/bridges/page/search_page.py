@@ -52,7 +52,8 @@ def status_text(live: LiveRun | None, *, simulated: bool) -> str:
     if live is None:
         return "ready: press Start"
     if live.status == "ended":
-        return f"fault: {live.message}" if live.failed else live.message
+        lost = f" ({live.lost} events were lost on their way to this page)" if live.lost else ""
+        return (f"fault: {live.message}" if live.failed else live.message) + lost
     if live.status == "starting" and not simulated:
         return "starting: the terminal where the page was started asks whether to arm"
     if live.status == "running" and live.run is not None:

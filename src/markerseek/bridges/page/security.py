@@ -29,7 +29,7 @@ MESSAGES, PER_S = 400, 10.0
 """Most messages that one WebSocket may send within that many seconds."""
 
 REFUSAL_S = 0.25
-"""Time until a refusal is sent, in seconds: a flood of requests then costs little, and guessing takes for ever."""
+"""Time until a refusal is sent, in seconds: a flood of requests from few connections then costs little."""
 
 TOKEN_PARAMETER = "token"  # noqa: S105  the name of the parameter, not a token
 """Name of the query parameter of the first link that holds the token."""
@@ -121,11 +121,13 @@ class SecurityLayer:
             return
         headers = _headers(scope)
         refusal = self._foreign(scope, headers)
-        if refusal is None and not self._holds_token(headers):
+        if refusal is None and scope["type"] == "http" and scope["method"] == "GET":
             given = dict(parse_qsl(scope["query_string"].decode("latin-1"))).get(TOKEN_PARAMETER, "")
-            if scope["type"] == "http" and scope["method"] == "GET" and self._is_token(given):
+            if self._is_token(given):
+                # Also where the cookie is there already: the token must not stay in the address.
                 await self._set_cookie(scope, send)
                 return
+        if refusal is None and not self._holds_token(headers):
             refusal = "open the link that markerseek page printed in the terminal"
         if refusal is not None:
             await asyncio.sleep(self._refusal_s)

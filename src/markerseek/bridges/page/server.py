@@ -53,6 +53,12 @@ class Address:
     key: Path | None = None
 
     def __post_init__(self) -> None:
+        if self.host in {"", "0.0.0.0"}:  # noqa: S104  refused
+            raise ConfigError(
+                f"host is {self.host!r}: name the one address of this computer that others open, such as 192.168.1.5"
+            )
+        if self.host != self.host.lower():
+            raise ConfigError(f"host is {self.host}: browsers send names in small letters; write {self.host.lower()}")
         if not 0 <= self.port <= 65535:
             raise ConfigError(f"port is {self.port}, it must lie between 0 and 65535; {USUAL_PORT} is usual")
         if (self.certificate is None) != (self.key is None):

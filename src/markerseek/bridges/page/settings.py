@@ -41,7 +41,7 @@ class PageSettings:
     Raises
     ------
     ConfigError
-        If a search with them would be refused.
+        If one of them is outside its limits.
     """
 
     method: str = "posterior"
@@ -79,11 +79,11 @@ class PageSettings:
             given.append("--as-published")
         if not simulated:
             return given
-        given += ["--seed", str(self.seed), "--pace", f"{self.pace:g}"]
+        given += ["--seed", str(self.seed), "--pace", _as_text(self.pace)]
         options = {"--tissue": self.tissue, "--snr-db": self.snr_db, "--readout-s": self.readout_s}
         for name, value in options.items():
             if value is not None:
-                given += [name, value if isinstance(value, str) else f"{value:g}"]
+                given += [name, _as_text(value)]
         return given
 
     def query(self) -> str:
@@ -119,8 +119,13 @@ class PageSettings:
             # Not strict: every value of a link is text.
             return msgspec.convert(dict(query), cls, strict=False)
         except msgspec.ValidationError as problem:
-            raise ConfigError(f"link: {problem}") from problem
+            name = str(problem).rpartition("$.")[2].rstrip("`")
+            text = query.get(name, "")[:40]
+            raise ConfigError(
+                f"link: {name} is {text!r}, which cannot be read; correct it, or leave it out"
+            ) from problem
 
 
 def _as_text(value: object) -> str:
-    return str(int(value)) if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    """A value as it is written, without a loss; a whole number without its zero."""
+    return str(int(value)) if isinstance(value, bool) else str(value).removesuffix(".0")

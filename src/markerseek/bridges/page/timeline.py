@@ -103,4 +103,6 @@ class Timeline:
         self._chosen, self._following = number, number >= last
 
     def _to_newest(self) -> None:
+        if self._playing:
+            self._toggle()
         self._following = True

@@ -15,7 +15,6 @@ from markerseek.bridges.page.panels import Panels
 from markerseek.bridges.page.settings import PageSettings
 from markerseek.bridges.page.turn import Score, Turn
 from markerseek.core import LimitError, MarkerseekError
-from markerseek.rigs import read_rig_file
 from markerseek.sim import SimulatedSettings
 
 HELP = (
@@ -47,8 +46,9 @@ class TurnPage:
             self._measure = ui.button("Measure", icon="bolt", on_click=self._fire).props("dense padding='6px 14px'")
             self._name = ui.button("It is here", icon="flag", on_click=self._name_it)
             self._name.props("dense outline padding='6px 10px'")
-            self._show = ui.button("See the posterior do it", on_click=self._let_search)
+            self._show = ui.button("See the posterior do it")
             self._show.props("dense outline padding='6px 10px'")
+            self._frame.on_click(self._show, self._let_search)
         with ui.element("div").classes("ms-foot"):
             self._target = ui.label("").classes("ms-note").style("min-width: 92px")
             self._slider = Slider(min=limits.low_deg, max=limits.high_deg, step=0.1, value=base.start_deg)
@@ -59,9 +59,9 @@ class TurnPage:
         self._frame.run(self._update)
 
     async def _begin(self) -> Turn | None:
-        self._score = None
         try:
             self._turn = await run.io_bound(Turn, self._base, self._row.settings)
+            self._score = None
         except MarkerseekError as problem:
             ui.notify(str(problem), type="negative", multi_line=True)
         return self._turn
@@ -102,11 +102,7 @@ class TurnPage:
 
     def _let_search(self) -> None:
         chosen = self._row.settings if self._turn is None else self._turn.chosen
-        try:
-            self._frame.searches.start(replace(chosen, method="posterior"))
-        except (MarkerseekError, OSError) as problem:
-            ui.notify(str(problem), type="negative")
-            return
+        self._frame.searches.start(replace(chosen, method="posterior"))
         ui.navigate.to("/?" + chosen.query())
 
     def _update(self) -> None:
@@ -132,9 +128,8 @@ def build_turn_page(searches: PageSearches) -> None:
     searches
         What all viewers share.
     """
-    base = SimulatedSettings() if searches.rig.file is None else read_rig_file(searches.rig.file)
-    if isinstance(base, SimulatedSettings):
-        TurnPage(searches, base)
+    if searches.rig.settings is not None:
+        TurnPage(searches, searches.rig.settings)
         return
     frame = Frame(searches, "/turn")
     ui.label("Turning by hand is for simulated rigs only: start markerseek page without --rig.").classes("ms-help")

@@ -37,6 +37,7 @@ class WatchedRun:
         self.pictures: dict[int, Picture] = {}
         self._imaging = rebuild_image_reader(configuration)
         self._motion, self._pace, self.pulse_j = _rig_settings(configuration)
+        self._believes = believes
 
     def add(
         self,
@@ -100,6 +101,15 @@ class WatchedRun:
         # The clock of a recording that is searched again does not run.
         replayed = self.configuration.facts.kind == "replayed"
         return [each.line if replayed else f"{each.elapsed_s:7.1f} s  {each.line}" for each in reversed(known[-most:])]
+
+    @property
+    def name(self) -> str:
+        """What is run: method, form and seed, which the fields of a viewer need not show."""
+        plan = self.configuration.plan
+        seed = (msgspec.json.decode(self.configuration.recipe) or {}).get("seed")
+        parts = [plan.method if self._believes else "by hand"]
+        parts += ["as published"] if plan.as_published else []
+        return ", ".join(parts if seed is None else [*parts, f"seed {seed}"])
 
     @property
     def known_name(self) -> str:

@@ -4,10 +4,11 @@
 const SILENT_MS = 1000;
 
 export default {
-  template: `<div v-show="silent_s > 0" class="ms-silent" role="alert">
-    No news for {{ silent_s }} s: what you see is old, and only STOP is sent.</div>`,
+  template: `<div v-show="silent_s > 0 || undelivered" class="ms-silent" role="alert">
+    <span v-if="undelivered">STOP was not delivered ({{ undelivered }}): press Ctrl-C in the terminal of the page. </span>
+    <span v-if="silent_s > 0">No news for {{ silent_s }} s: what you see is old, and only STOP is sent.</span></div>`,
   props: { beat: Number },
-  data: () => ({ silent_s: 0 }),
+  data: () => ({ silent_s: 0, undelivered: "" }),
   watch: {
     beat(now) {
       this.last = performance.now();
@@ -19,7 +20,7 @@ export default {
     this.last = performance.now();
     window.markerseekBeat = this.beat;
     this.every = setInterval(() => this.look(), 250);
-    window.markerseekStop = () => fetch("/stop", { method: "POST", keepalive: true });
+    window.markerseekStop = () => this.stop();
     document.addEventListener("keydown", this.key);
   },
   unmounted() {
@@ -32,9 +33,17 @@ export default {
       this.silent_s = silent_ms > SILENT_MS ? Math.round(silent_ms / 1000) : 0;
       document.body.classList.toggle("ms-stale", this.silent_s > 0);
     },
+    async stop() {
+      try {
+        const answer = await fetch("/stop", { method: "POST", keepalive: true });
+        this.undelivered = answer.ok ? "" : `refused with status ${answer.status}`;
+      } catch {
+        this.undelivered = "nothing answers";
+      }
+    },
     key(event) {
-      // Escape stops, wherever the focus is.
-      if (event.key === "Escape") window.markerseekStop();
+      // Escape stops, wherever the focus is; held down, it stops once.
+      if (event.key === "Escape" && !event.repeat) window.markerseekStop();
     },
   },
 };
